@@ -1,0 +1,21 @@
+"""Gravity compensation, identification and diagnosis of the dVRK's master arms."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dvrk_gravity.model import TorqueModel
+    from dvrk_gravity.recording import Recording
+
+__all__ = ["Recording", "TorqueModel"]
+
+_HOMES = {"TorqueModel": "dvrk_gravity.model", "Recording": "dvrk_gravity.recording"}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use, so that ``--help`` need not wait for Pinocchio."""
+    if name in _HOMES:
+        return getattr(importlib.import_module(_HOMES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,28 @@
+"""Command line: ``python -m dvrk_gravity VERB …``; each verb also runs as ``ros2 run``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from dvrk_gravity.cli import VERBS, run
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Dispatch to a verb and return its exit status."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print("usage: python -m dvrk_gravity VERB … (VERB --help shows an example)\n")
+        for verb, (_, summary) in VERBS.items():
+            print(f"  {verb:<14}{summary}")
+        return 0 if arguments else 2
+    verb = arguments[0]
+    if verb not in VERBS:
+        known = ", ".join(VERBS)
+        print(f"dvrk_gravity: no verb {verb!r}, expected one of: {known}", file=sys.stderr)
+        return 2
+    return run(VERBS[verb][0], arguments[1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""What every command line of the package shares: one-line errors and exit statuses.
+
+Status 0: done. 1: the job ran and its answer is "no" (a replay that does not
+match, say). 2: bad input, told in one line on standard error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+from dvrk_gravity.errors import DvrkGravityError
+
+# Verb -> (module, one line for the overview). A module is imported only when
+# its verb is called: rclpy, Pinocchio and matplotlib are slow to load.
+VERBS: dict[str, tuple[str, str]] = {
+    "compensator": ("dvrk_gravity.nodes.compensator", "node: make an MTM weightless"),
+    "simulator": ("dvrk_gravity.nodes.simulator", "node: a dVRK MTM as seen from ROS"),
+    "watchdog": ("dvrk_gravity.nodes.watchdog", "node: hold the arm when commands stop"),
+    "replay": ("dvrk_gravity.commands.replay", "a bag through the real node, checked"),
+    "demo": ("dvrk_gravity.commands.demo", "fall, float, push, kill: the whole in simulation"),
+    "newton-euler": (
+        "dvrk_gravity.commands.newton_euler",
+        "torques and joint reactions of a serial chain",
+    ),
+}
+
+
+def run(module_name: str, argv: Sequence[str] | None = None) -> int:
+    """Run one verb: parse ``argv`` and call the module's ``run``.
+
+    Args:
+        module_name: Module with ``NAME``, ``EXAMPLE``, ``add_arguments(parser)``
+            and ``run(arguments) -> int``; its docstring's first line describes it.
+        argv: Arguments after the verb; ``None`` means ``sys.argv[1:]``.
+
+    Returns:
+        The exit status (see the module docstring).
+    """
+    module = importlib.import_module(module_name)
+    parser = argparse.ArgumentParser(
+        prog=f"dvrk_gravity {module.NAME}",
+        description=(module.__doc__ or "").splitlines()[0],
+        epilog=f"example: {module.EXAMPLE}",
+    )
+    module.add_arguments(parser)
+    # Everything from --ros-args on is for rclpy, as `ros2 run` hands it over.
+    words = list(sys.argv[1:] if argv is None else argv)
+    split = words.index("--ros-args") if "--ros-args" in words else len(words)
+    arguments = parser.parse_args(words[:split])
+    arguments.ros_args = words[split:]
+    try:
+        return module.run(arguments)
+    except (DvrkGravityError, OSError) as error:
+        print(f"dvrk_gravity {module.NAME}: {one_line(error)}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+def one_line(error: Exception) -> str:
+    """Return an error's text on one line, with the file first for an ``OSError``."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror or error}"
+    return " ".join(str(error).split())

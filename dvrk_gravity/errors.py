@@ -1,0 +1,79 @@
+"""The package's errors: one base class, each subclass carrying the value that offended.
+
+Every error's text is one line that names the file (where there is one), the
+field or joint, the value found and what was expected, so that a command line
+can print it unchanged.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class DvrkGravityError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+
+class ConfigError(DvrkGravityError):
+    """A model, arm, mechanism or parameter file that cannot be used.
+
+    Attributes:
+        field: Dotted name of the offending field, or ``""`` for the whole file.
+        value: The value that was found.
+        expected: What would have been accepted.
+        source: File that it came from, if any.
+    """
+
+    def __init__(
+        self, field: str, value: object, expected: str, source: str | Path | None = None
+    ) -> None:
+        """Store the parts and build the one-line message."""
+        self.field = field
+        self.value = value
+        self.expected = expected
+        self.source = source
+        super().__init__()
+
+    def __str__(self) -> str:
+        """Return ``file: field: value (expected …)`` on one line."""
+        where = "".join(f"{part}: " for part in (self.source, self.field) if part)
+        shown = " ".join(repr(self.value).split())
+        if len(shown) > 80:
+            shown = shown[:77] + "..."
+        return f"{where}got {shown}, expected {self.expected}"
+
+    def in_file(self, source: str | Path) -> ConfigError:
+        """Return the same error naming the file that it came from."""
+        return type(self)(self.field, self.value, self.expected, source)
+
+
+class RecordingError(DvrkGravityError):
+    """A recording that cannot be read or cannot serve its purpose.
+
+    Attributes:
+        source: File or folder of the recording.
+        problem: What is wrong with it, and what was expected.
+    """
+
+    def __init__(self, source: str | Path, problem: str) -> None:
+        """Store the parts and build the one-line message."""
+        self.source = source
+        self.problem = problem
+        super().__init__(f"{source}: {' '.join(problem.split())}")
+
+
+class ShapeError(DvrkGravityError, ValueError):
+    """An array whose shape does not fit.
+
+    Attributes:
+        name: Name of the argument.
+        shape: Shape that was given.
+        expected: Shape that was expected, in words.
+    """
+
+    def __init__(self, name: str, shape: tuple[int, ...], expected: str) -> None:
+        """Store the parts and build the one-line message."""
+        self.name = name
+        self.shape = shape
+        self.expected = expected
+        super().__init__(f"{name} has shape {shape}, expected {expected}")

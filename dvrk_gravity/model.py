@@ -1,0 +1,143 @@
+"""A torque model: the sum of named physical terms for one arm, kept in a ROS 2 parameter file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dvrk_gravity import yaml_file
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.node_parameters import NODE_PARAMETERS
+from dvrk_gravity.parameter import Parameter, Value, check_all, flatten, unflatten
+from dvrk_gravity.terms import TERMS, DirectionalCable, State, Term
+
+Array = NDArray[np.float64]
+
+ARM_PARAMETER = Parameter(
+    "arm", "mtmr", "", "arm: mtml, mtmr, or the path of an arm's .yaml file", read_only=True
+)
+MODEL_PARAMETERS: dict[str, Parameter] = {
+    entry.name: entry
+    for entry in (ARM_PARAMETER, *(entry for term in TERMS for entry in term.PARAMETERS))
+}
+ALL_PARAMETERS: dict[str, Parameter] = MODEL_PARAMETERS | NODE_PARAMETERS
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueModel:
+    """The sum of the terms of one arm.
+
+    Attributes:
+        arm: The arm.
+        terms: The terms, each a physical cause of torque.
+        node: Settings of the nodes that came in the same file; kept, not used here.
+    """
+
+    arm: Arm
+    terms: tuple[Term, ...]
+    node: Mapping[str, Value] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, path: str | Path) -> TorqueModel:
+        """Load a model from a ROS 2 parameter file (``/**: ros__parameters:``).
+
+        Raises:
+            ConfigError: Naming the file, the parameter, the value and what was expected.
+        """
+        content = yaml_file.load(path)
+        try:
+            return cls.from_parameters(flatten(_ros_parameters(content)))
+        except ConfigError as error:
+            raise error if error.source else error.in_file(path) from None
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> TorqueModel:
+        """Build a model from dotted parameter names and their values.
+
+        Raises:
+            ConfigError: An unknown name or a value that fails its check.
+        """
+        checked = check_all(ALL_PARAMETERS, values)
+        arm = Arm.load(str(checked.get("arm", ARM_PARAMETER.default)))
+        built = (term.from_parameters(arm, checked) for term in TERMS)
+        node = {name: checked[name] for name in NODE_PARAMETERS if name in checked}
+        return cls(arm, tuple(term for term in built if term is not None), node)
+
+    def parameters(self) -> dict[str, Value]:
+        """Return the values that :meth:`from_parameters` takes."""
+        values: dict[str, Value] = {"arm": self.arm.name}
+        for term in self.terms:
+            values |= term.parameters()
+        return values | dict(self.node)
+
+    def save(self, path: str | Path, comment: str = "") -> None:
+        """Write the model as a ROS 2 parameter file, whole or not at all.
+
+        Args:
+            path: File to write; one that exists is replaced.
+            comment: Lines put on top, without ``#``.
+
+        Raises:
+            OSError: The file cannot be written.
+        """
+        head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
+        body = yaml_file.dump({"/**": {"ros__parameters": unflatten(self.parameters())}})
+        yaml_file.write_text(path, head + body)
+
+    def torque(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        qdd: ArrayLike | None = None,
+        direction: ArrayLike | None = None,
+    ) -> Array:
+        """Return the torque that the actuators apply, in joint space.
+
+        Args:
+            q: (…, 7) joint positions, rad.
+            qd: (…, 7) velocities, rad/s; without them friction is left out.
+            qdd: (…, 7) accelerations, rad/s^2; without them zero.
+            direction: (…, 7) +1/-1 for static poses, the way each was approached.
+
+        Returns:
+            (…, 7) torques, N·m.
+
+        Raises:
+            ShapeError: Arrays that do not fit.
+        """
+        return self.torque_at(State.of(q, qd, qdd, direction))
+
+    def torque_at(self, state: State) -> Array:
+        """Return (…, 7) torques at a state, N·m."""
+        return sum((term.torque(state) for term in self.terms), start=np.zeros(state.q.shape))
+
+    def term(self, name: str) -> Term | None:
+        """Return the term of that effect name, ``None`` if the model has none."""
+        return next((term for term in self.terms if name == term.NAME), None)
+
+    def physical(self) -> TorqueModel:
+        """Return the model of the arm itself: friction whole, not by the console's ratio."""
+        terms = tuple(
+            term.with_full_ratio() if isinstance(term, DirectionalCable) else term
+            for term in self.terms
+        )
+        return TorqueModel(self.arm, terms, self.node)
+
+
+def _ros_parameters(content: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the parameters of the one node, or of all nodes, in a ROS 2 parameter file."""
+    if len(content) != 1:
+        raise ConfigError("", sorted(map(str, content)), "one entry, `/**:` or a node's name")
+    ((name, node),) = content.items()
+    if not isinstance(node, Mapping) or set(node) != {"ros__parameters"}:
+        raise ConfigError(str(name), node, "`ros__parameters:` under it and nothing else")
+    parameters = node["ros__parameters"]
+    if not isinstance(parameters, Mapping):
+        raise ConfigError(f"{name}.ros__parameters", parameters, "a mapping of parameters")
+    return parameters

@@ -1,0 +1,74 @@
+"""Declarations of the compensator's own parameters; the terms declare theirs."""
+
+from __future__ import annotations
+
+from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.parameter import Parameter
+
+_SEVEN = (N_JOINTS,)
+
+NODE_PARAMETERS: dict[str, Parameter] = {
+    entry.name: entry
+    for entry in (
+        Parameter("enabled", True, "", "command the arm; ~/enable starts and stops it too"),
+        Parameter(
+            "effort_limit", (), "N·m", "largest joint effort; not given: the arm's",
+            lower=0.0, upper=10.0, lengths=_SEVEN,
+        ),
+        Parameter(
+            "actuator_effort_limit", (), "N·m", "largest actuator effort; not given: the arm's",
+            lower=0.0, upper=10.0, lengths=_SEVEN,
+        ),
+        Parameter(
+            "slew_limit", (20.0, 20.0, 20.0, 5.0, 2.0, 2.0, 1.0), "N·m/s",
+            "fastest change of a joint's effort; 0 switches the limit off",
+            lower=0.0, upper=1e4, lengths=_SEVEN,
+        ),
+        Parameter(
+            "ramp_time", 1.0, "s",
+            "from the effort the arm holds itself with to the model's, after enabling",
+            lower=0.0, upper=60.0,
+        ),
+        Parameter(
+            "timeout", 0.1, "s", "without valid input for so long: hold, and stop commanding",
+            lower=0.002, upper=10.0,
+        ),
+        Parameter(
+            "max_stamp_age", 0.0, "s",
+            "refuse input whose stamp is older than this by the node's clock; 0: not checked",
+            lower=0.0, upper=10.0,
+        ),
+        Parameter(
+            "friction_compensation.ratio", (1.0,) * N_JOINTS, "",
+            "part of Coulomb and viscous friction that is compensated",
+            lower=0.0, upper=1.0, lengths=_SEVEN,
+        ),
+        Parameter(
+            "friction_compensation.dead_band", (0.0,) * N_JOINTS, "rad/s",
+            "no Coulomb or viscous friction is compensated below this speed",
+            lower=0.0, upper=10.0, lengths=_SEVEN,
+        ),
+        Parameter(
+            "resume", "explicit", "",
+            "after a fault: wait for ~/enable, or go on by itself when input is good again",
+            choices=("explicit", "automatic"),
+        ),
+        Parameter(
+            "disable_builtin", False, "",
+            "switch the arm's own compensation off (use_gravity_compensation false) when it is on",
+        ),
+        Parameter(
+            "output", "servo_jf", "",
+            "servo_jf: sensor_msgs/JointState; array: std_msgs/Float64MultiArray for ros2_control",
+            choices=("servo_jf", "array"), read_only=True,
+        ),
+        Parameter(
+            "output_topic", "", "", "topic of the commands; not given: servo_jf or commands",
+            read_only=True,
+        ),
+        Parameter(
+            "input_depth", 1.0, "", "depth of the measured_js queue: 1 always takes the newest",
+            lower=1.0, upper=10000.0, read_only=True,
+        ),
+    )
+}  # fmt: skip

@@ -1,0 +1,145 @@
+"""A declared parameter: type, unit, default, range and meaning, in one place.
+
+The node declares its ROS parameters, model files are checked, and the README's
+table is written from the same declarations.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from dvrk_gravity.errors import ConfigError
+
+Value = bool | str | float | tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter.
+
+    Attributes:
+        name: Dotted name, as in a ROS 2 parameter file.
+        default: Default value; its type is the parameter's type (bool, str,
+            float or a tuple of floats). An empty tuple means "not given".
+        unit: SI unit, ``""`` if it has none.
+        meaning: What it is, in a few words.
+        lower: Least value allowed (of every entry of an array).
+        upper: Greatest value allowed.
+        lengths: Lengths allowed for a tuple that is given; ``()`` means any.
+        choices: Values allowed for a string; ``()`` means any.
+        read_only: Cannot be changed while the node runs.
+    """
+
+    name: str
+    default: Value
+    unit: str
+    meaning: str
+    lower: float = -math.inf
+    upper: float = math.inf
+    lengths: tuple[int, ...] = ()
+    choices: tuple[str, ...] = ()
+    read_only: bool = False
+
+    @property
+    def kind(self) -> str:
+        """Type in ROS's words."""
+        if isinstance(self.default, bool):
+            return "bool"
+        if isinstance(self.default, str):
+            return "string"
+        return "double[]" if isinstance(self.default, tuple) else "double"
+
+    def check(self, value: Any) -> Value:
+        """Return ``value`` as the parameter's own type.
+
+        Raises:
+            ConfigError: Wrong type, length, range, choice, or not finite.
+        """
+        if isinstance(self.default, bool):
+            if not isinstance(value, bool):
+                raise ConfigError(self.name, value, "true or false")
+            return value
+        if isinstance(self.default, str):
+            if not isinstance(value, str):
+                raise ConfigError(self.name, value, "a text")
+            if self.choices and value not in self.choices:
+                raise ConfigError(self.name, value, f"one of {', '.join(self.choices)}")
+            return value
+        if isinstance(self.default, tuple):
+            return self._check_array(value)
+        return self._check_number(self.name, value)
+
+    def _check_array(self, value: Any) -> tuple[float, ...]:
+        allowed = " or ".join(map(str, self.lengths)) if self.lengths else "any number of"
+        if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+            raise ConfigError(self.name, value, f"a list of {allowed} numbers")
+        values = tuple(value)
+        if not values and self.default == ():
+            return ()
+        if self.lengths and len(values) not in self.lengths:
+            raise ConfigError(self.name, f"{len(values)} numbers", f"{allowed} numbers")
+        return tuple(self._check_number(f"{self.name}[{i}]", item) for i, item in enumerate(values))
+
+    def _check_number(self, field: str, value: Any) -> float:
+        unit = f" {self.unit}" if self.unit else ""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ConfigError(field, value, f"a number{unit}")
+        if not math.isfinite(value):
+            raise ConfigError(field, value, f"a finite number{unit}")
+        if not self.lower <= value <= self.upper:
+            raise ConfigError(field, value, f"{self.range_text()}{unit}")
+        return float(value)
+
+    def range_text(self) -> str:
+        """Return the range in words, ``""`` if there is none."""
+        if self.choices:
+            return ", ".join(self.choices)
+        if math.isinf(self.lower) and math.isinf(self.upper):
+            return ""
+        if math.isinf(self.upper):
+            return f"at least {self.lower:g}"
+        if math.isinf(self.lower):
+            return f"at most {self.upper:g}"
+        return f"{self.lower:g} to {self.upper:g}"
+
+
+def check_all(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> dict[str, Value]:
+    """Return ``values`` checked against ``table``, in the table's order.
+
+    Raises:
+        ConfigError: A name that the table does not have, or a value that fails its check.
+    """
+    for name in values:
+        if name not in table:
+            near = difflib.get_close_matches(str(name), table, n=1, cutoff=0.5)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise ConfigError(str(name), values[name], f"no parameter of that name{hint}")
+    return {name: entry.check(values[name]) for name, entry in table.items() if name in values}
+
+
+def flatten(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return ``{"a": {"b": 1}}`` as ``{"a.b": 1}``."""
+    flat: dict[str, Any] = {}
+    for key, value in nested.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            flat.update(flatten(value, f"{name}."))
+        else:
+            flat[name] = value
+    return flat
+
+
+def unflatten(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``{"a.b": (1.0,)}`` as ``{"a": {"b": [1.0]}}``, ready for YAML."""
+    nested: dict[str, Any] = {}
+    for name, value in flat.items():
+        *parents, leaf = name.split(".")
+        node = nested
+        for parent in parents:
+            node = node.setdefault(parent, {})
+        node[leaf] = list(value) if isinstance(value, tuple) else value
+    return nested

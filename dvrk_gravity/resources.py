@@ -1,0 +1,30 @@
+"""Where the package's configuration files are, installed or in a checkout."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+PACKAGE = "dvrk_gravity"
+
+
+def config_path(name: str) -> Path:
+    """Return the path of a file that the package ships under ``config/``.
+
+    Looked for in the checkout that this module belongs to, then in every
+    prefix of AMENT_PREFIX_PATH, then in the prefix where it is installed.
+
+    Raises:
+        FileNotFoundError: No such file in any of them.
+    """
+    here = Path(__file__).resolve()
+    candidates = [here.parents[1] / "config"]
+    prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
+    # <prefix>/lib/python3.X/site-packages/dvrk_gravity/resources.py
+    prefixes += here.parents[3:5]
+    candidates += [prefix / "share" / PACKAGE / "config" for prefix in prefixes]
+    for folder in candidates:
+        path = (folder / name).resolve()
+        if path.is_file() and path.is_relative_to(folder.resolve()):
+            return path
+    raise FileNotFoundError(name)

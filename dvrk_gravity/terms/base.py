@@ -1,0 +1,108 @@
+"""What every physical term is: parameters with units, and a torque at a state."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.errors import ShapeError
+from dvrk_gravity.parameter import Parameter, Value
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where the arm is and how it moves, in joint space.
+
+    Attributes:
+        q: (…, 7) positions, rad.
+        qd: (…, 7) velocities, rad/s; ``None`` if unknown: friction is then left out.
+        qdd: (…, 7) accelerations, rad/s^2; ``None`` counts as zero.
+        direction: (…, 7) +1/-1, the way in which a static pose was approached;
+            where given, it replaces the sign of the velocity in dry friction.
+    """
+
+    q: Array
+    qd: Array | None = None
+    qdd: Array | None = None
+    direction: Array | None = None
+
+    @classmethod
+    def of(
+        cls,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        qdd: ArrayLike | None = None,
+        direction: ArrayLike | None = None,
+    ) -> State:
+        """Check the shapes and build a state.
+
+        Raises:
+            ShapeError: ``q`` is not (…, 7), or another array's shape differs from it.
+        """
+        position = np.asarray(q, dtype=float)
+        if position.ndim == 0 or position.shape[-1] != N_JOINTS:
+            raise ShapeError("q", position.shape, f"(…, {N_JOINTS})")
+        rest: dict[str, Array | None] = {}
+        for name, given in (("qd", qd), ("qdd", qdd), ("direction", direction)):
+            array = None if given is None else np.asarray(given, dtype=float)
+            if array is not None and array.shape != position.shape:
+                raise ShapeError(name, array.shape, f"{position.shape}, as q")
+            rest[name] = array
+        return cls(position, **rest)
+
+
+class Term(ABC):
+    """One named physical cause of torque.
+
+    Torques are those that the *actuators apply*, expressed in joint space: a
+    static arm reads ``g(q)``, and friction counts positive along the motion.
+
+    Class attributes:
+        NAME: The effect's name in the fixed vocabulary.
+        PARAMETERS: Declarations of every parameter in model files.
+        FRICTION: Dissipative: the compensator scales it by its friction ratio.
+    """
+
+    NAME: ClassVar[str]
+    PARAMETERS: ClassVar[tuple[Parameter, ...]]
+    FRICTION: ClassVar[bool] = False
+
+    @classmethod
+    @abstractmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Term | None:
+        """Build the term from checked values, ``None`` if they do not mention it.
+
+        Raises:
+            ConfigError: Values that do not fit each other.
+        """
+
+    @abstractmethod
+    def parameters(self) -> dict[str, Value]:
+        """Return the values that :meth:`from_parameters` would take."""
+
+    @abstractmethod
+    def torque(self, state: State) -> Array:
+        """Return (…, 7) joint torques, N·m."""
+
+
+def joint_array(name: str, unit: str, meaning: str, lower: float = -np.inf) -> Parameter:
+    """Declare an optional array with a number a joint."""
+    return Parameter(name, (), unit, meaning, lower=lower, lengths=(N_JOINTS,))
+
+
+def as_array(value: Value | None, default: float) -> Array:
+    """Return a parameter's (7,) array, filled with ``default`` where it is not given."""
+    return np.array(value, dtype=float) if value else np.full(N_JOINTS, default)
+
+
+def as_value(array: Array) -> tuple[float, ...]:
+    """Return an array as a parameter's value."""
+    return tuple(array.tolist())

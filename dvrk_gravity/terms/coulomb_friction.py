@@ -1,0 +1,97 @@
+"""Coulomb friction, at the joints and at the motors, possibly different by direction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.parameter import Value
+from dvrk_gravity.terms.base import Array, State, Term, as_array, as_value, joint_array
+
+
+@dataclass(frozen=True, eq=False)
+class CoulombFriction(Term):
+    """Constant torque along the motion of a joint or of a motor.
+
+    Friction at a motor acts on every joint that the motor moves: the elbow's
+    lives at q2 + q3. Below the transition velocity it rises linearly, so that a
+    command does not jump when the motion reverses.
+
+    Attributes:
+        arm: The arm, for its transmission.
+        joint_positive: (7,) N·m while the joint moves up.
+        joint_negative: (7,) N·m while the joint moves down (also counted positive).
+        motor_positive: (7,) N·m at the motor while it turns up.
+        motor_negative: (7,) N·m at the motor while it turns down.
+        transition_velocity: (7,) rad/s; 0 makes it a sign function.
+    """
+
+    NAME = "coulomb_friction"
+    PARAMETERS = (
+        joint_array("coulomb_friction.joint_positive", "N·m", "at the joint, moving up", 0.0),
+        joint_array("coulomb_friction.joint_negative", "N·m", "at the joint, moving down", 0.0),
+        joint_array("coulomb_friction.motor_positive", "N·m", "at the motor, turning up", 0.0),
+        joint_array("coulomb_friction.motor_negative", "N·m", "at the motor, turning down", 0.0),
+        joint_array(
+            "coulomb_friction.transition_velocity", "rad/s", "friction full from there", 0.0
+        ),
+    )
+    FRICTION = True
+
+    arm: Arm
+    joint_positive: Array
+    joint_negative: Array
+    motor_positive: Array
+    motor_negative: Array
+    transition_velocity: Array
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> CoulombFriction | None:
+        """See :meth:`Term.from_parameters`; a direction that is not given equals the other."""
+        levels = {}
+        for place in ("joint", "motor"):
+            up = values.get(f"{cls.NAME}.{place}_positive") or ()
+            down = values.get(f"{cls.NAME}.{place}_negative") or ()
+            levels[f"{place}_positive"] = as_array(up or down, 0.0)
+            levels[f"{place}_negative"] = as_array(down or up, 0.0)
+        if not any(level.any() for level in levels.values()):
+            return None
+        transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), 0.02)
+        return cls(arm, **levels, transition_velocity=transition)
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        names = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
+        levels = {name: getattr(self, name) for name in names}
+        given = {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items() if v.any()}
+        return given | {f"{self.NAME}.transition_velocity": as_value(self.transition_velocity)}
+
+    def torque(self, state: State) -> Array:
+        """Return (…, 7) friction torques, N·m; zero where no motion is known."""
+        if state.qd is None and state.direction is None:
+            return np.zeros(state.q.shape)
+        motion = state.qd if state.direction is None else state.direction
+        torque = self._level(motion, self.joint_positive, self.joint_negative)
+        if self._at_motors:
+            motor = self.arm.actuator_position(motion)
+            torque += self.arm.joint_effort(
+                self._level(motor, self.motor_positive, self.motor_negative)
+            )
+        return torque
+
+    def _level(self, motion: Array, positive: Array, negative: Array) -> Array:
+        blend = np.clip(motion * self._slope, -1.0, 1.0)
+        return np.where(blend > 0, positive, negative) * blend
+
+    @cached_property
+    def _at_motors(self) -> bool:
+        return bool(self.motor_positive.any() or self.motor_negative.any())
+
+    @cached_property
+    def _slope(self) -> Array:
+        # 1e9 turns the ramp into a sign function while 0 * slope stays 0.
+        return 1.0 / np.maximum(self.transition_velocity, 1e-9)

@@ -1,0 +1,123 @@
+"""Cable torque with a set for each direction of motion, as the dVRK console models it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameter import Value
+from dvrk_gravity.terms import polynomial
+from dvrk_gravity.terms.base import Array, State, Term, as_array, as_value, joint_array
+
+
+@dataclass(frozen=True, eq=False)
+class DirectionalCable(Term):
+    """Positive and negative polynomials blended by velocity.
+
+    tau = alpha p_pos(q) + (1 - alpha) p_neg(q), where alpha is 0.5 inside the dead
+    band and goes linearly to 0.5 +- 0.5 ratio at the saturation velocity, odd in
+    the velocity (dVRK console, gravity compensation of an MTM, version 2.0). A
+    static pose approached in a known direction has alpha 1 or 0.
+
+    Attributes:
+        positive: (degree + 1, 7) coefficients while moving up, N·m/rad^k.
+        negative: (degree + 1, 7) coefficients while moving down.
+        valid: Range of positions on which they were fitted.
+        dead_band: (7,) speed below which the two are averaged, rad/s.
+        saturation_velocity: (7,) speed from which on the blend is full, rad/s.
+        ratio: (7,) part of the difference that is applied at full blend, 0 to 1.
+    """
+
+    NAME = "directional_cable"
+    PARAMETERS = (
+        *polynomial.declare_coefficients("directional_cable.positive", "cable torque moving up"),
+        *polynomial.declare_coefficients("directional_cable.negative", "cable torque moving down"),
+        *polynomial.declare_range("directional_cable"),
+        joint_array("directional_cable.dead_band", "rad/s", "both sets averaged below", 0.0),
+        joint_array("directional_cable.saturation_velocity", "rad/s", "blend full from there", 0.0),
+        joint_array("directional_cable.ratio", "", "part of the difference applied", 0.0),
+    )
+
+    positive: Array
+    negative: Array
+    valid: polynomial.Range
+    dead_band: Array
+    saturation_velocity: Array
+    ratio: Array
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> DirectionalCable | None:
+        """See :meth:`Term.from_parameters`."""
+        positive = polynomial.read_coefficients(f"{cls.NAME}.positive", values)
+        negative = polynomial.read_coefficients(f"{cls.NAME}.negative", values)
+        if positive is None and negative is None:
+            return None
+        if positive is None or negative is None or positive.shape != negative.shape:
+            raise ConfigError(
+                f"{cls.NAME}.negative",
+                None if negative is None else f"{len(negative)} coefficients",
+                "as many coefficients as directional_cable.positive",
+            )
+        dead_band = as_array(values.get(f"{cls.NAME}.dead_band"), 0.02)
+        saturation = as_array(values.get(f"{cls.NAME}.saturation_velocity"), 0.2)
+        for joint, low, high in zip(JOINT_NAMES, dead_band, saturation, strict=True):
+            if low >= high:
+                raise ConfigError(
+                    f"{cls.NAME}.dead_band of {joint}", low, f"less than {high:g} rad/s"
+                )
+        ratio = as_array(values.get(f"{cls.NAME}.ratio"), 1.0)
+        if (ratio > 1).any():
+            raise ConfigError(f"{cls.NAME}.ratio", ratio.max(), "0 to 1")
+        valid = polynomial.Range.from_parameters(cls.NAME, values)
+        return cls(positive, negative, valid, dead_band, saturation, ratio)
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        return {
+            **polynomial.write_coefficients(f"{self.NAME}.positive", self.positive),
+            **polynomial.write_coefficients(f"{self.NAME}.negative", self.negative),
+            **self.valid.parameters(self.NAME),
+            f"{self.NAME}.dead_band": as_value(self.dead_band),
+            f"{self.NAME}.saturation_velocity": as_value(self.saturation_velocity),
+            f"{self.NAME}.ratio": as_value(self.ratio),
+        }
+
+    def with_full_ratio(self) -> DirectionalCable:
+        """Return the term as physics rather than as a compensation: the whole difference."""
+        return replace(self, ratio=np.ones_like(self.ratio))
+
+    def blend(self, state: State) -> Array | None:
+        """Return (…, 7) blend 2 alpha - 1 in [-1, 1]; ``None`` where no motion is known."""
+        if state.direction is not None:
+            return state.direction
+        if state.qd is None:
+            return None
+        speed = np.abs(state.qd)
+        rise = (speed - self.dead_band) * self._slope
+        return np.copysign(np.minimum(np.maximum(rise, 0.0), self.ratio), state.qd)
+
+    def torque(self, state: State) -> Array:
+        """Return (…, 7) cable torques, N·m."""
+        q = self.valid.hold(state.q)
+        torque = polynomial.evaluate(self._mean, q)
+        blend = self.blend(state)
+        if blend is not None:
+            torque += blend * polynomial.evaluate(self._half_difference, q)
+        return torque
+
+    @cached_property
+    def _slope(self) -> Array:
+        return self.ratio / (self.saturation_velocity - self.dead_band)
+
+    @cached_property
+    def _mean(self) -> Array:
+        return 0.5 * (self.positive + self.negative)
+
+    @cached_property
+    def _half_difference(self) -> Array:
+        return 0.5 * (self.positive - self.negative)

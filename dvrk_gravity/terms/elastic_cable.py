@@ -1,0 +1,47 @@
+"""Elastic torque of a joint's own position: cable bundle, spring, counterbalance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.parameter import Value
+from dvrk_gravity.terms import polynomial
+from dvrk_gravity.terms.base import Array, State, Term
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticCable(Term):
+    """tau_j = k0 + k1 q_j + k2 q_j^2 + …, q_j held at the edges of the fitted range.
+
+    Attributes:
+        coefficients: (degree + 1, 7), lowest power first, N·m/rad^k.
+        valid: Range of positions on which they were fitted.
+    """
+
+    NAME = "elastic_cable"
+    PARAMETERS = (
+        *polynomial.declare_coefficients("elastic_cable", "elastic torque k0, k1, …"),
+        *polynomial.declare_range("elastic_cable"),
+    )
+
+    coefficients: Array
+    valid: polynomial.Range
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ElasticCable | None:
+        """See :meth:`Term.from_parameters`."""
+        coefficients = polynomial.read_coefficients(cls.NAME, values)
+        if coefficients is None:
+            return None
+        return cls(coefficients, polynomial.Range.from_parameters(cls.NAME, values))
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        coefficients = polynomial.write_coefficients(self.NAME, self.coefficients)
+        return coefficients | self.valid.parameters(self.NAME)
+
+    def torque(self, state: State) -> Array:
+        """Return (…, 7) elastic torques, N·m."""
+        return polynomial.evaluate(self.coefficients, self.valid.hold(state.q))

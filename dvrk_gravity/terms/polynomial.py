@@ -1,0 +1,112 @@
+"""Polynomials of one's own joint's position, held at the edge of their range.
+
+A quartic fitted on +-40 deg is off by hundreds of mN·m beyond it; held at the
+edge it stays within what the data ever showed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.terms.base import Array, as_array, as_value, joint_array
+
+MAX_DEGREE = 12
+
+
+def declare_coefficients(prefix: str, meaning: str) -> Iterator[Parameter]:
+    """Declare ``prefix.JOINT`` for each joint: k0, k1, … of k0 + k1 q + …."""
+    for joint in JOINT_NAMES:
+        yield Parameter(
+            f"{prefix}.{joint}",
+            (),
+            "N·m/rad^k",
+            f"{meaning}, {joint}",
+            lengths=tuple(range(1, MAX_DEGREE + 2)),
+        )
+
+
+def declare_range(prefix: str) -> tuple[Parameter, ...]:
+    """Declare the range of positions outside which the polynomial's argument is held."""
+    return (
+        joint_array(f"{prefix}.valid_lower", "rad", "lower edge of the range it was fitted on"),
+        joint_array(f"{prefix}.valid_upper", "rad", "upper edge of the range it was fitted on"),
+    )
+
+
+def read_coefficients(prefix: str, values: Mapping[str, Value]) -> Array | None:
+    """Return (degree + 1, 7) coefficients, lowest power first; ``None`` if not given."""
+    given = {joint: values.get(f"{prefix}.{joint}", ()) for joint in JOINT_NAMES}
+    length = max(len(value) for value in given.values() if isinstance(value, tuple))
+    if length == 0:
+        return None
+    coefficients = np.zeros((length, N_JOINTS))
+    for column, value in enumerate(given.values()):
+        if isinstance(value, tuple):
+            coefficients[: len(value), column] = value
+    return coefficients
+
+
+def write_coefficients(prefix: str, coefficients: Array) -> dict[str, Value]:
+    """Return the values that :func:`read_coefficients` reads; joints with zeros only left out."""
+    return {
+        f"{prefix}.{joint}": as_value(coefficients[:, column])
+        for column, joint in enumerate(JOINT_NAMES)
+        if coefficients[:, column].any()
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Range:
+    """Positions on which a polynomial was fitted.
+
+    Attributes:
+        lower: (7,) rad; ``-inf`` where there is no edge.
+        upper: (7,) rad.
+    """
+
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def from_parameters(cls, prefix: str, values: Mapping[str, Value]) -> Range:
+        """Read ``prefix.valid_lower`` and ``prefix.valid_upper``.
+
+        Raises:
+            ConfigError: A lower edge above its upper edge.
+        """
+        lower = as_array(values.get(f"{prefix}.valid_lower"), -np.inf)
+        upper = as_array(values.get(f"{prefix}.valid_upper"), np.inf)
+        for joint, low, high in zip(JOINT_NAMES, lower, upper, strict=True):
+            if low > high:
+                raise ConfigError(
+                    f"{prefix}.valid_lower of {joint}", low, f"at most valid_upper ({high:g})"
+                )
+        return cls(lower, upper)
+
+    def parameters(self, prefix: str) -> dict[str, Value]:
+        """Return the values that :meth:`from_parameters` reads."""
+        edges = {"valid_lower": self.lower, "valid_upper": self.upper}
+        return {
+            f"{prefix}.{name}": as_value(edge)
+            for name, edge in edges.items()
+            if np.isfinite(edge).all()
+        }
+
+    def hold(self, q: Array) -> Array:
+        """Return (…, 7) positions with those outside the range at its edge."""
+        return np.minimum(np.maximum(q, self.lower), self.upper)
+
+
+def evaluate(coefficients: Array, q: Array) -> Array:
+    """Return (…, 7) values of (degree + 1, 7) coefficients at (…, 7) positions (Horner)."""
+    result = np.broadcast_to(coefficients[-1], q.shape).copy()
+    for row in coefficients[-2::-1]:
+        result *= q
+        result += row
+    return result

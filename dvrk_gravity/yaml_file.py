@@ -1,0 +1,114 @@
+"""Read and write YAML files safely: one clear line for whatever is wrong with one."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Hashable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from dvrk_gravity.errors import ConfigError
+
+# Model, arm and mechanism files are a few kB; a file far larger is a mistake.
+MAX_BYTES = 1_000_000
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe loader without aliases (anchor bombs) and without duplicate keys."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("anchors and aliases are not used in these files")
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, Any]:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        try:
+            doubles = {key for key in keys if keys.count(key) > 1}
+            mapping = super().construct_mapping(node, deep)
+        except TypeError as error:
+            raise yaml.YAMLError("a mapping key is a list or mapping") from error
+        if doubles:
+            raise yaml.YAMLError(f"key {min(map(str, doubles))!r} appears twice")
+        return mapping
+
+
+def load(path: str | Path) -> dict[str, Any]:
+    """Return the mapping in a YAML file.
+
+    Raises:
+        ConfigError: No such file, too large, not text, not YAML, or not a mapping.
+    """
+    try:
+        size = os.path.getsize(path)
+        if size > MAX_BYTES:
+            raise ConfigError("", f"{size} bytes", f"at most {MAX_BYTES} bytes of YAML", path)
+        text = Path(path).read_text(encoding="utf-8")
+        content = yaml.load(text, Loader=_Loader)
+    except FileNotFoundError as error:
+        raise ConfigError("", "no such file", "an existing YAML file", path) from error
+    except IsADirectoryError as error:
+        raise ConfigError("", "a folder", "a YAML file", path) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError("", "binary data", "YAML text in UTF-8", path) from error
+    except OSError as error:
+        raise ConfigError("", error.strerror, "a readable YAML file", path) from error
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}" if mark else ""
+        problem = getattr(error, "problem", None) or str(error)
+        raise ConfigError(where, problem, "valid YAML", path) from error
+    except (ValueError, RecursionError) as error:  # absurd dates, numbers or nesting
+        raise ConfigError("", str(error), "valid YAML", path) from error
+    if not isinstance(content, dict):
+        raise ConfigError("", type(content).__name__, "a YAML mapping", path)
+    return content
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file whole or not at all: to a temporary name beside it, then moved.
+
+    Raises:
+        OSError: The folder does not exist, is not writable, or is full.
+    """
+    target = Path(path)
+    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, target)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def dump(content: Mapping[str, Any]) -> str:
+    """Return YAML text: keys in their order, number lists on one line, full precision."""
+    return yaml.dump(
+        dict(content), Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=10_000
+    )
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes floats so that ROS reads them as doubles (`1.0e-05`, never `1e-05`)."""
+
+
+def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
+    text = repr(float(value))
+    if "e" in text and "." not in text:
+        text = text.replace("e", ".0e")
+    return dumper.represent_scalar("tag:yaml.org,2002:float", text.replace("inf", ".inf"))
+
+
+def _represent_list(dumper: yaml.SafeDumper, value: list[Any]) -> yaml.SequenceNode:
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=True)
+
+
+_Dumper.add_representer(float, _represent_float)
+_Dumper.add_representer(list, _represent_list)
