@@ -1,4 +1,4 @@
-"""Declarations of the compensator's own parameters; the terms declare theirs."""
+"""Declarations of the nodes' own parameters; the terms declare theirs."""
 
 from __future__ import annotations
 
@@ -64,6 +64,15 @@ NODE_PARAMETERS: dict[str, Parameter] = {
         ),
         Parameter(
             "output_topic", "", "", "topic of the commands; not given: servo_jf or commands",
+            read_only=True,
+        ),
+        Parameter(
+            "watchdog_timeout",
+            0.1,
+            "s",
+            "watchdog: hold when commands stop for so long",
+            lower=0.002,
+            upper=10.0,
             read_only=True,
         ),
         Parameter(

@@ -1,0 +1,56 @@
+# From a bare clone: `make demo` and `make test` set up what they need, once.
+# Needs Python 3.11 or 3.12 with venv; nothing else, not even ROS.
+
+VENV := .venv
+BIN := $(VENV)/bin
+SYSTEM_PYTHON := $(firstword $(foreach p,$(PYTHON) python3 python3.12 python3.11,\
+  $(shell $(p) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' 2>/dev/null && echo $(p))))
+ENVIRONMENT := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
+IN_WORKSPACE := . install/setup.sh && $(ENVIRONMENT)
+SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '*.pyc') setup.py setup.cfg package.xml
+
+# The ROS wheels carry distributions inside (rclpy in ros-rclpy): those are not on the index.
+OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip") line[n] = $$0 } \
+  END { for (n in line) if (!(("ros-" n) in line)) print line[n] }' | sort
+
+.PHONY: demo test lint lock clean help
+
+help:
+	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo)"
+	@echo "make test    the test suite"
+	@echo "make lint    ruff and mypy"
+	@echo "make lock    renew requirements.lock from requirements.in"
+	@echo "make clean   remove what make has made"
+
+$(VENV)/.done: requirements.lock
+	@test -n "$(SYSTEM_PYTHON)" || { echo "make: needs Python 3.11 or 3.12 (PYTHON=… to name one)"; exit 2; }
+	rm -rf $(VENV)
+	$(SYSTEM_PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -r requirements.lock
+	touch $(VENV)/COLCON_IGNORE $@
+
+install/.done: $(VENV)/.done $(SOURCES)
+	$(BIN)/colcon --log-level error build --packages-select dvrk_gravity
+	touch $@
+
+demo: install/.done
+	@$(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity demo --out out/demo
+
+test: install/.done
+	@$(IN_WORKSPACE) $(BIN)/python -m pytest
+
+lint: $(VENV)/.done
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+lock:
+	rm -rf $(VENV)-lock
+	$(SYSTEM_PYTHON) -m venv $(VENV)-lock
+	$(VENV)-lock/bin/python -m pip install --quiet -r requirements.in
+	{ head -1 requirements.lock; $(VENV)-lock/bin/python -m pip freeze --all | $(OF_THE_INDEX); } > requirements.new
+	mv requirements.new requirements.lock
+	rm -rf $(VENV)-lock
+
+clean:
+	rm -rf build install log out $(VENV) $(VENV)-lock

@@ -1,0 +1,1 @@
+"""What the compensator decides, without ROS: limits, settings, and when to command at all."""

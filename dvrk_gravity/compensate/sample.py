@@ -1,0 +1,124 @@
+"""One measured joint state, checked: what may be answered with a command and what may not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dvrk_gravity.errors import DvrkGravityError
+
+Array = NDArray[np.float64]
+
+
+class DroppedSampleError(DvrkGravityError):
+    """A message that gives no command.
+
+    Attributes:
+        cause: Short name under which it is counted.
+    """
+
+    def __init__(self, cause: str, detail: str) -> None:
+        """Store the cause; the text says what was found."""
+        self.cause = cause
+        super().__init__(detail)
+
+
+CAUSES = (
+    "no_stamp",
+    "stamp_backwards",
+    "stamp_repeated",
+    "stamp_too_old",
+    "missing_joint",
+    "duplicate_joint",
+    "wrong_length",
+    "not_finite",
+    "after_gap",
+)
+"""Every cause under which a message is dropped."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A valid reading of the arm's seven joints.
+
+    Attributes:
+        stamp: Stamp of the message, ns.
+        position: (7,) rad.
+        velocity: (7,) rad/s, ``None`` where the message has none.
+        effort: (7,) N·m, ``None`` where the message has no usable one.
+    """
+
+    stamp: int
+    position: Array
+    velocity: Array | None
+    effort: Array | None
+
+
+class SampleReader:
+    """Picks the arm's joints out of messages, by name and in any order."""
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        """Read samples of these joints, in this order."""
+        self._joints = tuple(joint_names)
+        self._names: tuple[str, ...] = self._joints
+        self._index: NDArray[np.intp] | None = None  # None: the message's order is the arm's
+
+    def read(
+        self,
+        stamp: int,
+        names: Sequence[str],
+        position: ArrayLike,
+        velocity: ArrayLike,
+        effort: ArrayLike,
+    ) -> Sample:
+        """Return the sample in a message's fields.
+
+        Raises:
+            DroppedSampleError: It cannot be answered with a command.
+        """
+        if stamp == 0:
+            raise DroppedSampleError("no_stamp", "stamp 0: the console marks invalid data so")
+        self._match(tuple(names))
+        values = self._pick("position", position)
+        if values is None:
+            raise DroppedSampleError("wrong_length", f"no positions for {len(self._names)} names")
+        # The measured effort only sets where the ramp begins: without it the message stands.
+        try:
+            applied = self._pick("effort", effort)
+        except DroppedSampleError:
+            applied = None
+        return Sample(stamp, values, self._pick("velocity", velocity), applied)
+
+    def _match(self, names: tuple[str, ...]) -> None:
+        """Find the joints among the names; remembered, since names hardly ever change."""
+        if names == self._names:
+            return
+        places = []
+        for joint in self._joints:
+            count = names.count(joint)
+            if count == 0:
+                raise DroppedSampleError(
+                    "missing_joint", f"no joint {joint} among {list(names)[:9]}"
+                )
+            if count > 1:
+                raise DroppedSampleError("duplicate_joint", f"joint {joint} appears {count} times")
+            places.append(names.index(joint))
+        self._names = names
+        self._index = None if names == self._joints else np.array(places)
+
+    def _pick(self, field: str, given: ArrayLike) -> Array | None:
+        values = np.asarray(given, dtype=float)
+        if values.size == 0:
+            return None
+        if len(values) != len(self._names):
+            raise DroppedSampleError(
+                "wrong_length", f"{len(values)} numbers of {field} for {len(self._names)} names"
+            )
+        picked = values if self._index is None else values[self._index]
+        if not np.isfinite(picked).all():
+            joint = self._joints[int(np.argmin(np.isfinite(picked)))]
+            raise DroppedSampleError("not_finite", f"{field} of {joint} is not a finite number")
+        return picked

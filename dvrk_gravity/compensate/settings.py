@@ -1,0 +1,101 @@
+"""The compensator's settings, checked as a whole, and the torque that they ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.compensate.limits import EffortLimits
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import ALL_PARAMETERS, TorqueModel
+from dvrk_gravity.parameter import check_all
+from dvrk_gravity.terms import State
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """One complete and consistent set of the compensator's parameters.
+
+    Attributes:
+        model: The torque model.
+        limits: Effort limits in both spaces.
+        slew_limit: (7,) fastest change of a joint's command, N·m/s; ``inf`` where off.
+        ramp_time: Time of the blend from the effort that is there to the model's, s.
+        timeout: Longest time without valid input, s.
+        max_stamp_age: Oldest stamp by the node's clock, s; 0 if not checked.
+        friction_ratio: (7,) part of friction that is compensated.
+        friction_dead_band: (7,) rad/s below which it is not.
+        enabled: Whether to command at all.
+        resume_automatically: Go on by itself after a fault of the input.
+        disable_builtin: Switch the arm's own compensation off when it is on.
+    """
+
+    model: TorqueModel
+    limits: EffortLimits
+    slew_limit: Array
+    ramp_time: float
+    timeout: float
+    max_stamp_age: float
+    friction_ratio: Array
+    friction_dead_band: Array
+    enabled: bool
+    resume_automatically: bool
+    disable_builtin: bool
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> Settings:
+        """Build settings from parameter names and values; absent ones take their defaults.
+
+        Raises:
+            ConfigError: An unknown name, a value that fails its check, or no beta: an
+                arm that is commanded zero torque falls.
+        """
+        model = TorqueModel.from_parameters(values)
+        defaults = {name: entry.default for name, entry in ALL_PARAMETERS.items()}
+        value: dict[str, Any] = defaults | check_all(ALL_PARAMETERS, values)
+        if not value["beta"]:
+            raise ConfigError("beta", [], "10 gravity parameters, from --params-file for instance")
+        arm = model.arm
+        limits = EffortLimits(
+            arm,
+            np.array(value["effort_limit"] or arm.effort_limit),
+            np.array(value["actuator_effort_limit"] or arm.actuator_effort_limit),
+        )
+        slew_limit = np.array(value["slew_limit"])
+        return cls(
+            model,
+            limits,
+            np.where(slew_limit > 0.0, slew_limit, np.inf),
+            value["ramp_time"],
+            value["timeout"],
+            value["max_stamp_age"],
+            np.array(value["friction_compensation.ratio"]),
+            np.array(value["friction_compensation.dead_band"]),
+            value["enabled"],
+            value["resume"] == "automatic",
+            value["disable_builtin"],
+        )
+
+    def torque(self, q: Array, qd: Array | None) -> Array:
+        """Return the (7,) torque to apply at (7,) positions and velocities, before limits, N·m.
+
+        It is the model's torque but for friction, of which only the asked part
+        is compensated: pushing the whole of it makes an arm run away on its own.
+        """
+        state = State(q, qd)
+        slow = state
+        if qd is not None:
+            slow = State(q, np.where(np.abs(qd) < self.friction_dead_band, 0.0, qd))
+        total = np.zeros_like(q)
+        for term in self.model.terms:
+            if term.FRICTION:
+                total += self.friction_ratio * term.torque(slow)
+            else:
+                total += term.torque(state)
+        return total

@@ -1,0 +1,1 @@
+"""Thin rclpy nodes over a library that knows no ROS."""

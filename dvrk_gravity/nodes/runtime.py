@@ -1,0 +1,116 @@
+"""How every node of the package starts, spins, and ends: signals, errors, exit status."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from dvrk_gravity.errors import ConfigError
+
+STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
+"""Timers run on it: a simulated or stepped clock must not stop a watch on the input."""
+
+OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+"""Beginnings of the parameters that rclpy itself declares on every node."""
+
+
+def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
+    """Run one node until SIGINT, SIGTERM or an error.
+
+    Args:
+        make_node: Builds the node, after rclpy is up; the node has ``finish()``.
+        ros_args: ``--ros-args …`` as given on the command line.
+
+    Returns:
+        0 when a signal ended it, 1 when an unexpected error did.
+
+    Raises:
+        ConfigError: ROS arguments or parameters that cannot be used.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        rclpy.init(args=list(ros_args), signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # rcl reports bad arguments and files as several types
+        raise ConfigError("--ros-args", _first_line(error), "arguments that ROS takes") from error
+    try:
+        node = _construct(make_node)
+        try:
+            return _spin(node, stop)
+        finally:
+            node.finish()  # type: ignore[attr-defined]
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
+def given_parameters(node: Node) -> dict[str, Any]:
+    """Return the parameters that files and arguments gave to a node, by dotted name.
+
+    For nodes built with ``automatically_declare_parameters_from_overrides``.
+    """
+    return {
+        name: plain(parameter.value)
+        for name, parameter in node.get_parameters_by_prefix("").items()
+        if not name.startswith(OF_RCLPY)
+    }
+
+
+def plain(value: Any) -> Any:
+    """Return a parameter's value with ROS's arrays as tuples."""
+    if isinstance(value, bool | int | float | str | bytes) or value is None:
+        return value
+    return tuple(value)
+
+
+def declare_missing(node: Node, values: Mapping[str, Any]) -> None:
+    """Declare every parameter that was not given, with its default."""
+    for name, value in values.items():
+        if not node.has_parameter(name):
+            descriptor = ParameterDescriptor(dynamic_typing=True)
+            node.declare_parameter(name, list(value) if isinstance(value, tuple) else value,
+                                   descriptor)  # fmt: skip
+
+
+def _construct(make_node: Callable[[], Node]) -> Node:
+    try:
+        return make_node()
+    except ValueError as error:
+        if "PARAMETER_NOT_SET" in str(error):
+            raise ConfigError(
+                "--params-file", "an empty list", "a list with numbers, or no such line"
+            ) from error
+        raise
+
+
+def _spin(node: Node, stop: threading.Event) -> int:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=0.1)
+    except Exception:  # whatever it was: the arm is held, and the cause is told
+        node.get_logger().fatal(f"unexpected error: {_first_line(sys.exc_info()[1])}")
+        traceback.print_exc()
+        return 1
+    finally:
+        executor.shutdown()
+    return 0
+
+
+def _first_line(error: object) -> str:
+    """Return an error's text without the source locations that rcl appends."""
+    text = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+    return text.split(", at ./src")[0].split(", at /")[0]

@@ -1,0 +1,36 @@
+"""Simulated arm, watchdog and compensator, for those who have ROS 2 Jazzy installed."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
+
+
+def generate_launch_description() -> LaunchDescription:
+    config = PathJoinSubstitution([FindPackageShare("dvrk_gravity"), "config"])
+    model = LaunchConfiguration("model")
+    namespace = LaunchConfiguration("namespace")
+
+    def node(executable: str, *parameters: object) -> Node:
+        return Node(
+            package="dvrk_gravity",
+            executable=executable,
+            namespace=namespace,
+            parameters=list(parameters),
+            output="screen",
+        )
+
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("namespace", default_value="MTMR"),
+            DeclareLaunchArgument(
+                "model",
+                default_value=PathJoinSubstitution([config, "mtmr_28002.yaml"]),
+                description="torque model: a parameter file of the compensator",
+            ),
+            node("simulator"),
+            node("watchdog", model),
+            node("compensator", model, {"disable_builtin": True}),
+        ]
+    )

@@ -1,0 +1,62 @@
+"""Build as an ament_python package: `colcon build`, or `pip install .` without ROS's tools."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "dvrk_gravity"
+
+# `ros2 run dvrk_gravity VERB`; the same verbs as `python -m dvrk_gravity VERB`.
+EXECUTABLES = {
+    "compensator": "nodes.compensator",
+    "simulator": "nodes.simulator",
+    "watchdog": "nodes.watchdog",
+    "replay": "commands.replay",
+    "convert": "commands.convert",
+    "demo": "commands.demo",
+    "newton-euler": "commands.newton_euler",
+}
+
+
+def shared_files():
+    """Install package.xml, the resource marker, launch files and configuration under share/."""
+    files = [
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ]
+    for folder in ("config", "launch"):
+        for path in sorted(Path(folder).rglob("*")):
+            if path.is_file() and path.suffix in (".yaml", ".py"):
+                files.append((f"share/{NAME}/{path.parent}", [str(path)]))
+    return files
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(exclude=["test", "test.*"]),
+    data_files=shared_files(),
+    python_requires=">=3.11",
+    install_requires=[
+        "setuptools",
+        "numpy>=1.26",
+        "scipy>=1.11",
+        "pin>=3.3",
+        "pyyaml>=6.0",
+        "rosbags>=0.10",
+        "matplotlib>=3.6",
+    ],
+    extras_require={
+        "test": ["pytest>=7.4", "hypothesis>=6.90", "mujoco>=3.2", "sympy>=1.12"],
+    },
+    zip_safe=True,
+    maintainer="dvrk_gravity maintainers",
+    maintainer_email="maintainers@example.org",
+    description="Gravity compensation of the dVRK's master arms, and why it is not perfect",
+    license="BSD-3-Clause",
+    entry_points={
+        "console_scripts": [
+            f"{verb} = {NAME}.{module}:main" for verb, module in EXECUTABLES.items()
+        ],
+    },
+)
