@@ -65,3 +65,24 @@ def one_line(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror or error}"
     return " ".join(str(error).split())
+
+
+class Progress:
+    """A line that counts on a terminal; silent where standard error is no terminal."""
+
+    def __init__(self, what: str, total: int) -> None:
+        """Count up to ``total``."""
+        self._what, self._total = what, total
+        self._shown = -1
+
+    def update(self, done: int) -> None:
+        """Show the percentage when it changes."""
+        percent = 100 * done // max(self._total, 1)
+        if percent != self._shown and sys.stderr.isatty():
+            print(f"\r{self._what}: {percent} %", end="", file=sys.stderr, flush=True)
+            self._shown = percent
+
+    def done(self) -> None:
+        """Clear the line."""
+        if self._shown >= 0:
+            print("\r" + " " * 40 + "\r", end="", file=sys.stderr, flush=True)

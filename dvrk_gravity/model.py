@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity import yaml_file
+from dvrk_gravity import json_file, yaml_file
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
@@ -22,9 +22,18 @@ Array = NDArray[np.float64]
 ARM_PARAMETER = Parameter(
     "arm", "mtmr", "", "arm: mtml, mtmr, or the path of an arm's .yaml file", read_only=True
 )
+# What a console file holds beyond the model, so that converting it back loses nothing.
+CONSOLE_PARAMETER = Parameter(
+    "console.document", "", "", "the dVRK console's file that the model came from, as JSON text",
+    read_only=True,
+)  # fmt: skip
 MODEL_PARAMETERS: dict[str, Parameter] = {
     entry.name: entry
-    for entry in (ARM_PARAMETER, *(entry for term in TERMS for entry in term.PARAMETERS))
+    for entry in (
+        ARM_PARAMETER,
+        CONSOLE_PARAMETER,
+        *(entry for term in TERMS for entry in term.PARAMETERS),
+    )
 }
 ALL_PARAMETERS: dict[str, Parameter] = MODEL_PARAMETERS | NODE_PARAMETERS
 
@@ -37,11 +46,13 @@ class TorqueModel:
         arm: The arm.
         terms: The terms, each a physical cause of torque.
         node: Settings of the nodes that came in the same file; kept, not used here.
+        document: The dVRK console's file that the model came from, as JSON text; ``""`` if none.
     """
 
     arm: Arm
     terms: tuple[Term, ...]
     node: Mapping[str, Value] = field(default_factory=dict)
+    document: str = ""
 
     @classmethod
     def load(cls, path: str | Path) -> TorqueModel:
@@ -67,13 +78,23 @@ class TorqueModel:
         arm = Arm.load(str(checked.get("arm", ARM_PARAMETER.default)))
         built = (term.from_parameters(arm, checked) for term in TERMS)
         node = {name: checked[name] for name in NODE_PARAMETERS if name in checked}
-        return cls(arm, tuple(term for term in built if term is not None), node)
+        document = str(checked.get(CONSOLE_PARAMETER.name, ""))
+        if document:
+            try:
+                json_file.loads(document)
+            except ConfigError as error:
+                raise ConfigError(
+                    CONSOLE_PARAMETER.name, document, f"JSON text ({error})"
+                ) from error
+        return cls(arm, tuple(term for term in built if term is not None), node, document)
 
     def parameters(self) -> dict[str, Value]:
         """Return the values that :meth:`from_parameters` takes."""
         values: dict[str, Value] = {"arm": self.arm.name}
         for term in self.terms:
             values |= term.parameters()
+        if self.document:
+            values[CONSOLE_PARAMETER.name] = self.document
         return values | dict(self.node)
 
     def save(self, path: str | Path, comment: str = "") -> None:
@@ -127,7 +148,7 @@ class TorqueModel:
             term.with_full_ratio() if isinstance(term, DirectionalCable) else term
             for term in self.terms
         )
-        return TorqueModel(self.arm, terms, self.node)
+        return replace(self, terms=terms)
 
 
 def _ros_parameters(content: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -7,6 +7,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import rclpy
@@ -16,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from dvrk_gravity import yaml_file
 from dvrk_gravity.errors import ConfigError
 
 STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
@@ -38,6 +40,9 @@ def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
     Raises:
         ConfigError: ROS arguments or parameters that cannot be used.
     """
+    files = _parameter_files(ros_args)
+    for path in files:
+        yaml_file.load(path)  # rcl's own words for a bad file are long and name no cause
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
@@ -46,7 +51,13 @@ def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
     except Exception as error:  # rcl reports bad arguments and files as several types
         raise ConfigError("--ros-args", _first_line(error), "arguments that ROS takes") from error
     try:
-        node = _construct(make_node)
+        try:
+            node = _construct(make_node)
+        except ConfigError as error:
+            on_command_line = any(word.startswith(f"{error.field}:=") for word in ros_args)
+            if len(files) != 1 or error.source or on_command_line:
+                raise
+            raise error.in_file(files[0]) from None
         try:
             return _spin(node, stop)
         finally:
@@ -82,6 +93,10 @@ def declare_missing(node: Node, values: Mapping[str, Any]) -> None:
             descriptor = ParameterDescriptor(dynamic_typing=True)
             node.declare_parameter(name, list(value) if isinstance(value, tuple) else value,
                                    descriptor)  # fmt: skip
+
+
+def _parameter_files(ros_args: Sequence[str]) -> list[str]:
+    return [path for flag, path in pairwise(ros_args) if flag == "--params-file"]
 
 
 def _construct(make_node: Callable[[], Node]) -> Node:

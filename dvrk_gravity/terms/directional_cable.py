@@ -10,7 +10,7 @@ import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Value
+from dvrk_gravity.parameter import Parameter, Value
 from dvrk_gravity.terms import polynomial
 from dvrk_gravity.terms.base import Array, State, Term, as_array, as_value, joint_array
 
@@ -20,9 +20,10 @@ class DirectionalCable(Term):
     """Positive and negative polynomials blended by velocity.
 
     tau = alpha p_pos(q) + (1 - alpha) p_neg(q), where alpha is 0.5 inside the dead
-    band and goes linearly to 0.5 +- 0.5 ratio at the saturation velocity, odd in
-    the velocity (dVRK console, gravity compensation of an MTM, version 2.0). A
-    static pose approached in a known direction has alpha 1 or 0.
+    band and goes to 0.5 +- 0.5 ratio at the saturation velocity, odd about 0.5 in
+    the velocity: linearly (dVRK console, gravity compensation of an MTM, version
+    2.0) or as a quarter of a sine (version 1.0, whose dead band is 0 and whose
+    ratio is 1). A static pose approached in a known direction has alpha 1 or 0.
 
     Attributes:
         positive: (degree + 1, 7) coefficients while moving up, N·m/rad^k.
@@ -31,6 +32,7 @@ class DirectionalCable(Term):
         dead_band: (7,) speed below which the two are averaged, rad/s.
         saturation_velocity: (7,) speed from which on the blend is full, rad/s.
         ratio: (7,) part of the difference that is applied at full blend, 0 to 1.
+        shape: How the blend rises from the dead band on: ``linear`` or ``sine``.
     """
 
     NAME = "directional_cable"
@@ -41,7 +43,12 @@ class DirectionalCable(Term):
         joint_array("directional_cable.dead_band", "rad/s", "both sets averaged below", 0.0),
         joint_array("directional_cable.saturation_velocity", "rad/s", "blend full from there", 0.0),
         joint_array("directional_cable.ratio", "", "part of the difference applied", 0.0),
-    )
+        Parameter(
+            "directional_cable.blend", "linear", "",
+            "how the blend rises between dead band and saturation velocity",
+            choices=("linear", "sine"),
+        ),
+    )  # fmt: skip
 
     positive: Array
     negative: Array
@@ -49,6 +56,7 @@ class DirectionalCable(Term):
     dead_band: Array
     saturation_velocity: Array
     ratio: Array
+    shape: str = "linear"
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> DirectionalCable | None:
@@ -74,17 +82,27 @@ class DirectionalCable(Term):
         if (ratio > 1).any():
             raise ConfigError(f"{cls.NAME}.ratio", ratio.max(), "0 to 1")
         valid = polynomial.Range.from_parameters(cls.NAME, values)
-        return cls(positive, negative, valid, dead_band, saturation, ratio)
+        shape = str(values.get(f"{cls.NAME}.blend", "linear"))
+        return cls(positive, negative, valid, dead_band, saturation, ratio, shape)
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
+        # Zeros too: a set without them would be missing, and with it the whole term.
+        sets = {
+            f"{self.NAME}.{direction}.{joint}": as_value(coefficients[:, column])
+            for direction, coefficients in (
+                ("positive", self.positive),
+                ("negative", self.negative),
+            )
+            for column, joint in enumerate(JOINT_NAMES)
+        }
         return {
-            **polynomial.write_coefficients(f"{self.NAME}.positive", self.positive),
-            **polynomial.write_coefficients(f"{self.NAME}.negative", self.negative),
+            **sets,
             **self.valid.parameters(self.NAME),
             f"{self.NAME}.dead_band": as_value(self.dead_band),
             f"{self.NAME}.saturation_velocity": as_value(self.saturation_velocity),
             f"{self.NAME}.ratio": as_value(self.ratio),
+            f"{self.NAME}.blend": self.shape,
         }
 
     def with_full_ratio(self) -> DirectionalCable:
@@ -98,8 +116,10 @@ class DirectionalCable(Term):
         if state.qd is None:
             return None
         speed = np.abs(state.qd)
-        rise = (speed - self.dead_band) * self._slope
-        return np.copysign(np.minimum(np.maximum(rise, 0.0), self.ratio), state.qd)
+        rise = np.minimum(np.maximum((speed - self.dead_band) * self._slope, 0.0), 1.0)
+        if self.shape == "sine":
+            rise = np.sin(0.5 * np.pi * rise)
+        return np.copysign(self.ratio * rise, state.qd)
 
     def torque(self, state: State) -> Array:
         """Return (…, 7) cable torques, N·m."""
@@ -112,7 +132,7 @@ class DirectionalCable(Term):
 
     @cached_property
     def _slope(self) -> Array:
-        return self.ratio / (self.saturation_velocity - self.dead_band)
+        return 1.0 / (self.saturation_velocity - self.dead_band)
 
     @cached_property
     def _mean(self) -> Array:

@@ -1,0 +1,119 @@
+"""A lab's side of the topics: spins in this process while nodes run in others."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from dvrk_gravity.processes import ProcessError
+
+_LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Client:
+    """A node of this process and the conditions that it waits for (context manager).
+
+    Attributes:
+        node: The node, for publishers and subscriptions.
+        states: What each watched node last said on its ``~/state``, by node name.
+    """
+
+    def __init__(self, namespace: str = "/MTMR") -> None:
+        """Create the node; DDS uses the domain in the environment."""
+        self.context = Context()
+        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node("client", namespace=namespace, context=self.context)
+        self.states: dict[str, list[str]] = {}
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+
+    def __enter__(self) -> Client:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Destroy the node."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def watch_state(self, name: str) -> None:
+        """Collect what the node of that name says on its ``~/state``."""
+        said = self.states.setdefault(name, [])
+        self.node.create_subscription(
+            String, f"{name}/state", lambda message: said.append(message.data), _LATCHED
+        )
+
+    def state(self, name: str) -> str:
+        """Return the last thing said on a watched ``~/state``, ``""`` if nothing yet."""
+        return self.states[name][-1] if self.states[name] else ""
+
+    def spin_once(self, timeout: float = 0.01) -> None:
+        """Handle one callback, or wait for one at most ``timeout`` seconds."""
+        self._executor.spin_once(timeout_sec=timeout)
+
+    def spin(self, duration: float) -> None:
+        """Handle callbacks for ``duration`` seconds."""
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0.0:
+            self.spin_once(min(left, 0.01))
+
+    def wait(self, condition: Callable[[], bool], what: str, timeout: float = 20.0) -> None:
+        """Handle callbacks until a condition holds.
+
+        Raises:
+            ProcessError: It does not within ``timeout`` seconds; ``what`` says what was awaited.
+        """
+        end = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > end:
+                raise ProcessError(f"waited {timeout:g} s in vain for {what}")
+            self.spin_once()
+
+    def connected(self, publisher: Any, *others: Any) -> bool:
+        """Tell whether publishers have a subscriber each."""
+        return all(item.get_subscription_count() > 0 for item in (publisher, *others))
+
+    def enable(self, value: bool, node: str = "compensator") -> SetBool.Response:
+        """Call ``~/enable`` of a compensator and return its answer."""
+        client = self.node.create_client(SetBool, f"{node}/enable")
+        try:
+            self.wait(client.service_is_ready, f"the service {node}/enable")
+            future = client.call_async(SetBool.Request(data=value))
+            self.wait(future.done, f"an answer of {node}/enable")
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def set_parameters(self, values: dict[str, Any], node: str = "compensator") -> tuple[bool, str]:
+        """Set parameters of another node at once; return whether it took them, or why not."""
+        from rcl_interfaces.srv import SetParametersAtomically
+
+        client = self.node.create_client(
+            SetParametersAtomically, f"{node}/set_parameters_atomically"
+        )
+        try:
+            self.wait(client.service_is_ready, f"the parameters of {node}")
+            request = SetParametersAtomically.Request(
+                parameters=[
+                    Parameter(name, value=value).to_parameter_msg()
+                    for name, value in values.items()
+                ]
+            )
+            future = client.call_async(request)
+            self.wait(future.done, f"an answer of {node} about its parameters")
+            result = future.result().result
+            return result.successful, result.reason
+        finally:
+            self.node.destroy_client(client)
