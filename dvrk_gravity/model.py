@@ -90,7 +90,7 @@ class TorqueModel:
 
     def parameters(self) -> dict[str, Value]:
         """Return the values that :meth:`from_parameters` takes."""
-        values: dict[str, Value] = {"arm": self.arm.name}
+        values: dict[str, Value] = {"arm": self.arm.source or self.arm.name}
         for term in self.terms:
             values |= term.parameters()
         if self.document:

@@ -68,7 +68,8 @@ class Term(ABC):
     Class attributes:
         NAME: The effect's name in the fixed vocabulary.
         PARAMETERS: Declarations of every parameter in model files.
-        FRICTION: Dissipative: the compensator scales it by its friction ratio.
+        FRICTION: Dissipative: the compensator scales it by its friction ratio, with
+            :meth:`scaled`.
     """
 
     NAME: ClassVar[str]
@@ -91,6 +92,10 @@ class Term(ABC):
     @abstractmethod
     def torque(self, state: State) -> Array:
         """Return (…, 7) joint torques, N·m."""
+
+    def scaled(self, part: Array) -> Term:
+        """Return the friction of which (7,) parts are left at each joint and its motor."""
+        raise NotImplementedError(f"{self.NAME} is no friction")
 
 
 def joint_array(name: str, unit: str, meaning: str, lower: float = -np.inf) -> Parameter:

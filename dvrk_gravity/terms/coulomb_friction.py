@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.parameter import Value
 from dvrk_gravity.terms.base import Array, State, Term, as_array, as_value, joint_array
+
+# A slope that makes the ramp a sign function, while 0 stays 0.
+_SIGN = np.full(N_JOINTS, 1e9)
+_LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,27 +69,33 @@ class CoulombFriction(Term):
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
-        names = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
-        levels = {name: getattr(self, name) for name in names}
-        given = {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items() if v.any()}
-        return given | {f"{self.NAME}.transition_velocity": as_value(self.transition_velocity)}
+        values: dict[str, Value] = {}
+        for place in ("joint", "motor"):
+            # Both or none: one alone would stand for both.
+            levels = {name: getattr(self, name) for name in _LEVELS if name.startswith(place)}
+            if any(level.any() for level in levels.values()):
+                values |= {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items()}
+        return values | {f"{self.NAME}.transition_velocity": as_value(self.transition_velocity)}
 
     def torque(self, state: State) -> Array:
         """Return (…, 7) friction torques, N·m; zero where no motion is known."""
-        if state.qd is None and state.direction is None:
+        if state.direction is not None:  # no speed: friction is full
+            motion, slope = state.direction, _SIGN
+        elif state.qd is not None:
+            motion, slope = state.qd, self._slope
+        else:
             return np.zeros(state.q.shape)
-        motion = state.qd if state.direction is None else state.direction
-        torque = self._level(motion, self.joint_positive, self.joint_negative)
+        torque = _level(motion, slope, self.joint_positive, self.joint_negative)
         if self._at_motors:
             motor = self.arm.actuator_position(motion)
             torque += self.arm.joint_effort(
-                self._level(motor, self.motor_positive, self.motor_negative)
+                _level(motor, slope, self.motor_positive, self.motor_negative)
             )
         return torque
 
-    def _level(self, motion: Array, positive: Array, negative: Array) -> Array:
-        blend = np.clip(motion * self._slope, -1.0, 1.0)
-        return np.where(blend > 0, positive, negative) * blend
+    def scaled(self, part: Array) -> CoulombFriction:
+        """See :meth:`Term.scaled`."""
+        return replace(self, **{name: part * getattr(self, name) for name in _LEVELS})
 
     @cached_property
     def _at_motors(self) -> bool:
@@ -93,5 +103,9 @@ class CoulombFriction(Term):
 
     @cached_property
     def _slope(self) -> Array:
-        # 1e9 turns the ramp into a sign function while 0 * slope stays 0.
-        return 1.0 / np.maximum(self.transition_velocity, 1e-9)
+        return 1.0 / np.maximum(self.transition_velocity, 1.0 / _SIGN)
+
+
+def _level(motion: Array, slope: Array, positive: Array, negative: Array) -> Array:
+    blend = np.clip(motion * slope, -1.0, 1.0)
+    return np.where(blend > 0, positive, negative) * blend

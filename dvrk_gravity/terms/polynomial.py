@@ -17,6 +17,7 @@ from dvrk_gravity.parameter import Parameter, Value
 from dvrk_gravity.terms.base import Array, as_array, as_value, joint_array
 
 MAX_DEGREE = 12
+_FAR = 1e6  # rad, beyond every joint
 
 
 def declare_coefficients(prefix: str, meaning: str) -> Iterator[Parameter]:
@@ -92,10 +93,11 @@ class Range:
     def parameters(self, prefix: str) -> dict[str, Value]:
         """Return the values that :meth:`from_parameters` reads."""
         edges = {"valid_lower": self.lower, "valid_upper": self.upper}
+        # Parameters are finite: where only some joints have an edge, the others get a far one.
         return {
-            f"{prefix}.{name}": as_value(edge)
+            f"{prefix}.{name}": as_value(np.clip(edge, -_FAR, _FAR))
             for name, edge in edges.items()
-            if np.isfinite(edge).all()
+            if np.isfinite(edge).any()
         }
 
     def hold(self, q: Array) -> Array:

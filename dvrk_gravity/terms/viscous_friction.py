@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -51,6 +51,10 @@ class ViscousFriction(Term):
         if state.qd is None:
             return np.zeros(state.q.shape)
         return state.qd @ self._damping
+
+    def scaled(self, part: Array) -> ViscousFriction:
+        """See :meth:`Term.scaled`."""
+        return replace(self, joint=part * self.joint, motor=part * self.motor)
 
     @cached_property
     def _damping(self) -> Array:

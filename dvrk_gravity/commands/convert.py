@@ -1,0 +1,102 @@
+"""Convert a recording (CSV, rosbag2) or a dVRK console file (gc-*.json) from or to a model."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from dvrk_gravity.commands import convert_console
+from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.recording import Recording, iterate_recording, save_recording
+
+NAME = "convert"
+EXAMPLE = "python -m dvrk_gravity convert sweep.csv sweep_bag --topic /MTMR/measured_js"
+
+RECORDING_SUFFIXES = (".csv", ".db3", ".mcap")
+DEFAULT_TOPIC = "/measured_js"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument(
+        "input",
+        metavar="IN",
+        type=Path,
+        nargs="?",
+        help="CSV file, rosbag2 folder or file; the console's gc-<ARM>-<SN>.json; model .yaml",
+    )
+    parser.add_argument(
+        "output",
+        metavar="OUT",
+        type=Path,
+        nargs="?",
+        help="new .csv file or rosbag2 folder; model .yaml; gc-<ARM>-<SN>.json (version 2.0)",
+    )
+    parser.add_argument(
+        "--check",
+        metavar="FILE",
+        type=Path,
+        nargs="+",
+        help="instead: tell what is wrong with the console's files (status 1: something serious)",
+    )
+    parser.add_argument(
+        "--json", metavar="REPORT", type=Path, help="with --check: also write the findings there"
+    )
+    parser.add_argument(
+        "--topic", help=f"JointState topic of the bag (default: found; written: {DEFAULT_TOPIC})"
+    )
+    parser.add_argument(
+        "--storage", choices=("sqlite3", "mcap"), default="sqlite3", help="of a written bag"
+    )
+    parser.add_argument(
+        "--time-base",
+        choices=("stamp", "receive"),
+        default="stamp",
+        help="time of a bag's samples: header stamp (default) or reception",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Convert by the kind of the input and return 0, or return the check's status."""
+    if arguments.check is not None:
+        if arguments.input is not None:
+            raise ConfigError("--check", str(arguments.input), "no IN or OUT beside it")
+        return convert_console.check(arguments.check, arguments.json)
+    if arguments.json is not None:
+        raise ConfigError("--json", str(arguments.json), "--check beside it")
+    if arguments.output is None:
+        raise ConfigError("OUT", None, "IN and OUT, or --check FILE…")
+    return _converter(arguments.input)(arguments)
+
+
+def _converter(path: Path) -> Callable[[argparse.Namespace], int]:
+    if path.is_dir() or path.suffix.lower() in RECORDING_SUFFIXES:
+        return _convert_recording
+    if path.suffix.lower() in (convert_console.JSON_SUFFIX, *convert_console.MODEL_SUFFIXES):
+        return lambda arguments: convert_console.convert(arguments.input, arguments.output)
+    raise RecordingError(
+        path,
+        "expected a recording (a .csv file, a rosbag2 folder, a .db3 or .mcap file), "
+        "a console's .json or a model's .yaml",
+    )
+
+
+def _convert_recording(arguments: argparse.Namespace) -> int:
+    samples, left_out = 0, 0
+    joints: tuple[str, ...] = ()
+
+    def counted() -> Iterator[Recording]:
+        nonlocal samples, left_out, joints
+        topic = None if arguments.input.suffix.lower() == ".csv" else arguments.topic
+        for part in iterate_recording(arguments.input, topic, time_base=arguments.time_base):
+            samples += len(part)
+            left_out += part.invalid + part.repeated
+            joints = part.joints
+            yield part
+
+    topic = arguments.topic or DEFAULT_TOPIC
+    save_recording(counted(), arguments.output, arguments.storage, topic)
+    note = f", {left_out} invalid or repeated ones left out" if left_out else ""
+    print(f"{arguments.output}: {samples} samples of {', '.join(joints)}{note}")
+    return 0

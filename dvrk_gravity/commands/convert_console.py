@@ -1,0 +1,103 @@
+"""The console's part of ``convert``: gc-<ARM>-<SN>.json to and from a model file, and its check."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from dvrk_gravity import yaml_file
+from dvrk_gravity.cli import one_line
+from dvrk_gravity.console import ConsoleFile
+from dvrk_gravity.console_check import FILE_NAME, check_file
+from dvrk_gravity.console_export import export
+from dvrk_gravity.console_finding import Finding, Severity
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import TorqueModel
+
+JSON_SUFFIX = ".json"
+MODEL_SUFFIXES = (".yaml", ".yml")
+
+_COMMENT = """Torque model from the dVRK console's {name} (version {version}).
+Units: rad, rad/s, N·m; g is inside beta. Outside valid_lower … valid_upper positions are held at
+the edge. The console's safe torque limits are in console.document only: nothing applies them."""
+
+
+def convert(source: Path, target: Path) -> int:
+    """Convert a console file to a model file, or the other way round; return 0.
+
+    Raises:
+        ConfigError: Wrong kinds of files, or content that the other format cannot say.
+        OSError: The output cannot be written.
+    """
+    if source.suffix.lower() == JSON_SUFFIX:
+        _expect_suffix(target, MODEL_SUFFIXES)
+        console = ConsoleFile.load(source)
+        try:
+            model = console.model()
+        except ConfigError as error:
+            raise error.in_file(source) from None
+        model.save(target, _COMMENT.format(name=source.name, version=console.version))
+        print(f"{target}: {model.arm.name}, {' + '.join(term.NAME for term in model.terms)}")
+    else:
+        _expect_suffix(target, (JSON_SUFFIX,))
+        model = TorqueModel.load(source)
+        match = FILE_NAME.fullmatch(target.name)
+        try:
+            result = export(model, match["serial"] if match else "")
+        except ConfigError as error:
+            raise error.in_file(source) from None
+        yaml_file.write_text(target, result.text())
+        for note in result.notes:
+            print(f"{target}: {note}", file=sys.stderr)
+        print(f"{target}: {result.document['ARM_NAME']}, version 2.0")
+    return 0
+
+
+def check(paths: Sequence[Path], report: Path | None = None) -> int:
+    """Print what is wrong with console files.
+
+    Args:
+        paths: The files.
+        report: JSON file to write the findings to, by file.
+
+    Returns:
+        0: nothing serious; 1: serious findings; 2: a file could not be read.
+
+    Raises:
+        OSError: The report cannot be written.
+    """
+    status = 0
+    findings: dict[str, tuple[Finding, ...]] = {}
+    for path in paths:
+        try:
+            found = check_file(path)
+        except ConfigError as error:
+            print(f"dvrk_gravity convert: {one_line(error)}", file=sys.stderr)
+            status = 2
+            continue
+        findings[str(path)] = found
+        if any(finding.severity is Severity.SERIOUS for finding in found):
+            status = max(status, 1)
+        print(f"{path}: {_summary(found)}")
+        width = max((len(finding.subject) for finding in found), default=0)
+        for finding in found:
+            print(f"  {finding.severity:<8} {finding.subject:<{width}}  {finding.text}")
+    if report is not None:
+        content = {name: [asdict(finding) for finding in found] for name, found in findings.items()}
+        yaml_file.write_text(report, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    return status
+
+
+def _summary(found: Sequence[Finding]) -> str:
+    counts = {level: sum(finding.severity is level for finding in found) for level in Severity}
+    return (
+        ", ".join(f"{count} {level}" for level, count in counts.items() if count) or "no findings"
+    )
+
+
+def _expect_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
+    if path.suffix.lower() not in suffixes:
+        raise ConfigError("OUT", str(path), f"a file ending in {' or '.join(suffixes)}")

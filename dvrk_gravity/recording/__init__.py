@@ -1,0 +1,29 @@
+"""Recordings of an arm: rosbag2 and CSV files, filters, and checks of what they hold."""
+
+from dvrk_gravity.recording.bag import BagReader
+from dvrk_gravity.recording.bag_writer import BagWriter
+from dvrk_gravity.recording.checks import check
+from dvrk_gravity.recording.data import Recording
+from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.filters import LowPass, derivative, lowpass
+from dvrk_gravity.recording.joint_states import JointStateSample, read_joint_states
+from dvrk_gravity.recording.prepare import Prepared, Segment, prepare
+from dvrk_gravity.recording.stream import iterate_recording, save_recording
+
+__all__ = [
+    "BagReader",
+    "BagWriter",
+    "DataWarning",
+    "JointStateSample",
+    "LowPass",
+    "Prepared",
+    "Recording",
+    "Segment",
+    "check",
+    "derivative",
+    "iterate_recording",
+    "lowpass",
+    "prepare",
+    "read_joint_states",
+    "save_recording",
+]

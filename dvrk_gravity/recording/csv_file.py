@@ -1,0 +1,261 @@
+"""Recordings as CSV: one header line, one row a sample, SI units.
+
+Columns: ``time`` (s; absent: static poses), ``<joint>.position``,
+``<joint>.velocity``, ``<joint>.effort``, and ``direction`` or
+``<joint>.direction`` (+1/-1), in any order. Numbers are written with the
+fewest digits that read back to the same float64.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.recording.data import CHUNK, LARGEST, QUANTITIES, Array, Coordinates, Recording
+
+LATEST_TIME = 9e9  # s; beyond it ns since 1970 overflow 64 bits: certainly not seconds
+HEADER_LIMIT = 10_000  # characters; a longer first line is not a header
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Where a header's columns are: file column of every array column."""
+
+    header: tuple[str, ...]
+    joints: tuple[str, ...]
+    time: int | None
+    quantities: dict[str, list[int]]
+
+    @classmethod
+    def parse(cls, source: str, line: str) -> _Columns:
+        """Read a header line.
+
+        Raises:
+            RecordingError: If columns are unknown, twice, or missing.
+        """
+        header = tuple(name.strip().strip('"') for name in line.rstrip("\r\n").split(","))
+        where = f"{source}: line 1"
+        place: dict[str, int] = {}
+        for column, name in enumerate(header):
+            joint, _, quantity = name.rpartition(".")
+            known = name in ("time", "direction") or (
+                joint in JOINT_NAMES and quantity in (*QUANTITIES, "direction")
+            )
+            if not known:
+                raise RecordingError(
+                    where,
+                    f"column {column + 1} is {name[:40]!r}, expected time, direction or "
+                    f"<joint>.position/velocity/effort/direction, joints: {', '.join(JOINT_NAMES)}",
+                )
+            if name in place:
+                raise RecordingError(where, f"column {name!r} appears twice")
+            place[name] = column
+        named = {name.rpartition(".")[0] for name in place}
+        joints = tuple(joint for joint in JOINT_NAMES if joint in named)
+        if not joints:
+            raise RecordingError(where, "no <joint>.position column")
+        quantities = {}
+        for quantity in (*QUANTITIES, "direction"):
+            missing = [j for j in joints if f"{j}.{quantity}" not in place]
+            if missing and (quantity == "position" or len(missing) < len(joints)):
+                raise RecordingError(where, f"no column {missing[0]}.{quantity}")
+            if not missing:
+                quantities[quantity] = [place[f"{j}.{quantity}"] for j in joints]
+        if "direction" in place:
+            if "direction" in quantities:
+                raise RecordingError(where, "both direction and <joint>.direction columns")
+            quantities["direction"] = [place["direction"]] * len(joints)
+        return cls(header, joints, place.get("time"), quantities)
+
+    def plausible(self, table: Array) -> bool:
+        """Return whether all of ``(N, columns)`` are finite, and all but times below LARGEST."""
+        largest = np.full(len(self.header), LARGEST)
+        if self.time is not None:
+            largest[self.time] = np.inf
+        return bool(np.all(np.abs(table) < largest))
+
+
+def _locate(source: str, columns: _Columns, lines: list[str], first_line: int) -> RecordingError:
+    """Return the error that names line, column and value of the first row that cannot be used."""
+    for number, line in enumerate(lines, first_line):
+        if not line.strip():
+            continue
+        cells = line.rstrip("\r\n").split(",")
+        where = f"{source}: line {number}"
+        if len(cells) != len(columns.header):
+            return RecordingError(where, f"{len(cells)} values, expected {len(columns.header)}")
+        for name, cell in zip(columns.header, cells, strict=True):
+            try:
+                usable = abs(float(cell)) < (np.inf if name == "time" else LARGEST)
+            except ValueError:
+                usable = False
+            if not usable:
+                return RecordingError(
+                    where,
+                    f"{name} is {cell.strip()[:40]!r}, expected a finite number below {LARGEST:g}",
+                )
+    return RecordingError(source, f"rows from line {first_line} on are not plain numbers")
+
+
+def _parse_rows(source: str, columns: _Columns, lines: list[str], first_line: int) -> Array:
+    """Return the values ``(rows, columns)`` of some lines, blank ones skipped."""
+    with warnings.catch_warnings():
+        # Only blank lines: an empty table is the right answer, not worth a warning.
+        warnings.filterwarnings("ignore", message=".*input contained no data.*")
+        try:
+            table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2, dtype=np.float64)
+        except ValueError as error:
+            raise _locate(source, columns, lines, first_line) from error
+    if table.size and (table.shape[1] != len(columns.header) or not columns.plausible(table)):
+        raise _locate(source, columns, lines, first_line)
+    return table.reshape(-1, len(columns.header))
+
+
+def _to_nanoseconds(source: str, seconds: Array) -> np.ndarray:
+    if np.any(np.abs(seconds) > LATEST_TIME):
+        worst = seconds[np.argmax(np.abs(seconds))]
+        raise RecordingError(source, f"time is {worst:g}, expected seconds")
+    return np.round(seconds * 1e9).astype(np.int64)
+
+
+def iterate_csv(
+    path: str | Path, coordinates: Coordinates = "joint", chunk: int = CHUNK
+) -> Iterator[Recording]:
+    """Yield a CSV file as recordings of at most ``chunk`` samples, times relative to its first row.
+
+    A row with the time of the row before is left out and counted (``repeated``).
+
+    Raises:
+        RecordingError: Naming the line and column that cannot be used.
+    """
+    source = str(path)
+    try:
+        with Path(path).open(encoding="utf-8-sig", newline="") as file:
+            yield from _iterate(source, file, coordinates, chunk)
+    except UnicodeDecodeError as error:
+        raise RecordingError(source, "is not a text file, expected CSV") from error
+    except OSError as error:
+        raise RecordingError(source, f"cannot be read: {error.strerror or error}") from error
+
+
+def _iterate(
+    source: str, file: TextIO, coordinates: Coordinates, chunk: int
+) -> Iterator[Recording]:
+    header = file.readline(HEADER_LIMIT)
+    if not header.strip():
+        raise RecordingError(source, "is empty, expected a CSV header")
+    columns = _Columns.parse(source, header)
+    begin, rows_read, start, previous = 2, 0, None, None
+    while lines := list(islice(file, chunk)):
+        table = _parse_rows(source, columns, lines, begin)
+        rows_read += len(table)
+        time, repeated = None, 0
+        if columns.time is not None and len(table):
+            stamps = _to_nanoseconds(source, table[:, columns.time])
+            if start is None:
+                start = int(stamps[0])
+            steps = np.diff(stamps, prepend=stamps[0] - 1 if previous is None else previous)
+            previous = int(stamps[-1])
+            keep = steps != 0
+            repeated = int(np.count_nonzero(~keep))
+            table, time = table[keep], (stamps[keep] - start) / 1e9
+            back = np.flatnonzero(steps < 0)
+            if len(back):
+                numbers = [n for n, line in enumerate(lines, begin) if line.strip()]
+                raise RecordingError(
+                    f"{source}: line {numbers[back[0]]}",
+                    f"time goes back by {-steps[back[0]] / 1e9:g} s, expected increasing times",
+                )
+        begin += len(lines)
+        if not len(table):
+            continue
+        arrays = {name: table[:, place] for name, place in columns.quantities.items()}
+        for array in (*arrays.values(), time):
+            if array is not None:
+                array.flags.writeable = False
+        yield Recording(
+            columns.joints,
+            time,
+            arrays["position"],
+            arrays.get("velocity"),
+            arrays.get("effort"),
+            arrays.get("direction"),
+            coordinates,
+            source,
+            start or 0,
+            repeated=repeated,
+        )
+    if not rows_read:
+        raise RecordingError(source, "has a header but no rows")
+
+
+@contextmanager
+def new_file(path: str | Path) -> Iterator[TextIO]:
+    """Open a new text file that appears under its name only when complete.
+
+    Raises:
+        RecordingError: If the target exists or cannot be written.
+    """
+    target = Path(path)
+    if target.exists():
+        raise RecordingError(target, "exists already, expected a new name")
+    partial = target.with_name(f"{target.name}.partial-{os.getpid()}")
+    try:
+        with partial.open("x", encoding="utf-8", newline="") as file:
+            yield file
+        partial.replace(target)
+    except OSError as error:
+        raise RecordingError(target, f"cannot be written: {error.strerror or error}") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_csv(chunks: Iterable[Recording], path: str | Path) -> None:
+    """Write consecutive parts of one recording as a CSV file, complete or not at all.
+
+    Raises:
+        RecordingError: If the target exists or cannot be written, or the parts differ in columns.
+    """
+    with new_file(path) as file:
+        header: list[str] = []
+        for part in chunks:
+            names, arrays = _table(part)
+            if not header:
+                header = names
+                file.write(",".join(header) + "\n")
+            elif names != header:
+                raise RecordingError(part.source, "columns change within the recording")
+            table = np.column_stack(arrays)
+            file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
+        if not header:
+            raise RecordingError(path, "nothing to write")
+
+
+def _table(part: Recording) -> tuple[list[str], list[Array]]:
+    names, arrays = [], []
+    if part.time is not None:
+        names.append("time")
+        arrays.append(part.time)
+    for quantity in QUANTITIES:
+        values = getattr(part, quantity)
+        if values is not None:
+            names += [f"{joint}.{quantity}" for joint in part.joints]
+            arrays.append(values)
+    if part.direction is not None:
+        if np.all(part.direction == part.direction[:, :1]):
+            names.append("direction")
+            arrays.append(part.direction[:, 0])
+        else:
+            names += [f"{joint}.direction" for joint in part.joints]
+            arrays.append(part.direction)
+    return names, arrays

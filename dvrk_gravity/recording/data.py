@@ -1,0 +1,250 @@
+"""A recording: time, position, velocity, effort and direction arrays of some joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.errors import RecordingError, ShapeError
+
+Coordinates = Literal["joint", "actuator"]
+TimeBase = Literal["stamp", "receive"]
+Storage = Literal["sqlite3", "mcap"]
+Array = NDArray[np.float64]
+
+QUANTITIES = ("position", "velocity", "effort")
+CHUNK = 10_000  # samples read at a time
+LARGEST = 1e12  # no reading of a robot; keeps squares and sums finite
+
+
+def _frozen(array: Array) -> Array:
+    """Return ``array`` as read-only float64; a writable one is copied, not locked."""
+    result = np.asarray(array, dtype=np.float64)
+    if result.flags.writeable:
+        result = result.copy()
+        result.flags.writeable = False
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What some joints of an arm did: N samples of n joints, all arrays read-only.
+
+    Attributes:
+        joints: Names of the n columns, in the order of ``JOINT_NAMES``; joints that were not
+            recorded are left out.
+        time: ``(N,)`` s, strictly increasing, relative to ``start_ns`` (so the first sample
+            of a file is at 0; a slice keeps its own times). ``None``: static poses.
+        position: ``(N, n)`` rad.
+        velocity: ``(N, n)`` rad/s, or ``None`` where not recorded.
+        effort: ``(N, n)`` N·m that the actuators apply, or ``None`` where not recorded.
+        direction: ``(N, n)``, +1 or -1: how a static pose was approached, or ``None``.
+        coordinates: ``"joint"`` (what measured_js publishes) or ``"actuator"`` (motors).
+        source: File or folder that it came from.
+        start_ns: Absolute stamp of time 0, ns; 0 where the file does not tell.
+        invalid: Number of messages left out because they carried stamp 0, which is how the
+            dVRK marks invalid data.
+        repeated: Number of samples left out because they carried the stamp of the sample before.
+
+    Raises:
+        ShapeError: If an array does not fit ``position``.
+        RecordingError: If there is no sample or joint, a joint is unknown, out of order or
+            twice, a value is not finite or beyond 1e12, time does not increase, or a direction
+            is not +1 or -1.
+    """
+
+    joints: tuple[str, ...]
+    time: Array | None
+    position: Array
+    velocity: Array | None = None
+    effort: Array | None = None
+    direction: Array | None = None
+    coordinates: Coordinates = "joint"
+    source: str = "recording"
+    start_ns: int = 0
+    invalid: int = 0
+    repeated: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the parts against each other and make the arrays read-only."""
+        object.__setattr__(self, "joints", tuple(self.joints))
+        if not self.joints or self.joints != tuple(j for j in JOINT_NAMES if j in self.joints):
+            raise RecordingError(
+                self.source,
+                f"joints are {', '.join(map(str, self.joints)) or 'missing'}, "
+                f"expected some of, in this order: {', '.join(JOINT_NAMES)}",
+            )
+        if self.coordinates not in ("joint", "actuator"):
+            raise RecordingError(
+                self.source, f"coordinates {self.coordinates!r}, expected 'joint' or 'actuator'"
+            )
+        position = np.asarray(self.position)
+        shape = (position.shape[0] if position.ndim else 0, len(self.joints))
+        for name in (*QUANTITIES, "direction"):
+            value = getattr(self, name)
+            if value is None and name != "position":
+                continue
+            array = _frozen(value)
+            if array.shape != shape:
+                raise ShapeError(name, array.shape, f"(N, n) = {shape}")
+            object.__setattr__(self, name, array)
+            self._require_finite(name, array)
+        if shape[0] == 0:
+            raise RecordingError(self.source, "holds no samples")
+        if self.direction is not None and not np.all(np.abs(self.direction) == 1.0):
+            row, column = np.argwhere(np.abs(self.direction) != 1.0)[0]
+            raise RecordingError(
+                self.source,
+                f"sample {row}: {self.joints[column]}.direction is "
+                f"{self.direction[row, column]:g}, expected +1 or -1",
+            )
+        self._check_time(shape[0])
+
+    def _require_finite(self, name: str, array: Array) -> None:
+        usable = np.abs(array) < LARGEST
+        if not usable.all():
+            row, column = np.argwhere(~usable)[0]
+            raise RecordingError(
+                self.source,
+                f"sample {row}: {self.joints[column]}.{name} is {array[row, column]}, "
+                f"expected a finite number below {LARGEST:g}",
+            )
+
+    def _check_time(self, count: int) -> None:
+        if self.time is None:
+            return
+        time = _frozen(self.time)
+        object.__setattr__(self, "time", time)
+        if time.shape != (count,):
+            raise ShapeError("time", time.shape, f"(N,) = ({count},)")
+        if not np.isfinite(time).all():
+            row = int(np.flatnonzero(~np.isfinite(time))[0])
+            raise RecordingError(
+                self.source, f"sample {row}: time is {time[row]}, expected a finite number"
+            )
+        back = np.flatnonzero(np.diff(time) <= 0.0)
+        if len(back):
+            row = int(back[0]) + 1
+            raise RecordingError(
+                self.source,
+                f"sample {row}: time {time[row]:.9g} s after {time[row - 1]:.9g} s, "
+                "expected increasing times",
+            )
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        topic: str | None = None,
+        coordinates: Coordinates = "joint",
+        time_base: TimeBase = "stamp",
+    ) -> Recording:
+        """Read a whole recording.
+
+        Args:
+            path: Folder of a rosbag2 (sqlite3 or mcap), one of its ``.db3`` or ``.mcap`` files, or
+                a ``.csv`` with a header ``time``, ``<joint>.position``, ``<joint>.velocity``,
+                ``<joint>.effort``, ``direction`` or ``<joint>.direction``.
+            topic: JointState topic of a bag; found if there is one candidate.
+            coordinates: What the file's columns are; files do not tell.
+            time_base: For bags: the header's stamp, or the time at which the bag received it.
+
+        Raises:
+            RecordingError: If the file cannot be used; the text says where and why.
+        """
+        from dvrk_gravity.recording.stream import load_recording
+
+        return load_recording(path, topic, coordinates, time_base)
+
+    def save(
+        self, path: str | Path, storage: Storage = "sqlite3", topic: str = "/measured_js"
+    ) -> None:
+        """Write a ``.csv`` file, or else the folder of a rosbag2, complete or not at all.
+
+        Args:
+            path: Target; must not exist yet.
+            storage: For bags.
+            topic: For bags: name of the JointState topic.
+
+        Raises:
+            RecordingError: If the target exists or cannot be written, or if a bag was asked for
+                and the recording has no time or has directions, which JointState cannot carry.
+        """
+        from dvrk_gravity.recording.stream import save_recording
+
+        save_recording([self], path, storage, topic)
+
+    def __len__(self) -> int:
+        """Return the number of samples N."""
+        return self.position.shape[0]
+
+    @property
+    def rate(self) -> float | None:
+        """Sampling rate from the median interval, Hz; ``None`` for static poses or one sample."""
+        if self.time is None or len(self) < 2:
+            return None
+        return float(1.0 / np.median(np.diff(self.time)))
+
+    def joint(self, name: str) -> int:
+        """Return the column of a joint.
+
+        Raises:
+            RecordingError: If the joint was not recorded.
+        """
+        if name not in self.joints:
+            raise RecordingError(
+                self.source, f"has no joint {name!r}, expected one of: {', '.join(self.joints)}"
+            )
+        return self.joints.index(name)
+
+    def rows(self, selection: slice | Sequence[int] | NDArray[np.bool_ | np.integer]) -> Recording:
+        """Return the samples that a slice, index array or mask of length N selects."""
+
+        def pick(array: Array | None) -> Array | None:
+            return None if array is None else array[selection]
+
+        return replace(
+            self,
+            time=pick(self.time),
+            position=self.position[selection],
+            velocity=pick(self.velocity),
+            effort=pick(self.effort),
+            direction=pick(self.direction),
+        )
+
+    def between(self, start: float, stop: float) -> Recording:
+        """Return the samples with ``start <= time < stop``, s.
+
+        Raises:
+            RecordingError: If the recording has no time, or no sample there.
+        """
+        if self.time is None:
+            raise RecordingError(self.source, "static poses have no time to select by")
+        first, last = np.searchsorted(self.time, [start, stop])
+        if first == last:
+            raise RecordingError(
+                self.source,
+                f"no sample between {start:g} and {stop:g} s, "
+                f"expected times within {self.time[0]:g} to {self.time[-1]:g} s",
+            )
+        return self.rows(slice(int(first), int(last)))
+
+    def blocks(self, count: int) -> tuple[Recording, ...]:
+        """Return ``count`` contiguous blocks of equal length (to within one sample).
+
+        Raises:
+            RecordingError: If there are fewer samples than blocks.
+        """
+        if not 1 <= count <= len(self):
+            raise RecordingError(
+                self.source, f"cannot be cut into {count} blocks, expected 1 to {len(self)}"
+            )
+        edges = np.linspace(0, len(self), count + 1).round().astype(int)
+        return tuple(self.rows(slice(int(a), int(b))) for a, b in pairwise(edges))

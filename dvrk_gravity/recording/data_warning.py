@@ -1,0 +1,54 @@
+"""Typed findings about the data of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+Kind = Literal[
+    "invalid_stamps",
+    "repeated_stamps",
+    "stale_samples",
+    "read_jitter",
+    "time_jitter",
+    "gaps",
+    "velocity_mismatch",
+    "effort_saturation",
+    "position_quantisation",
+    "velocity_quantisation",
+    "effort_quantisation",
+    "no_motion",
+    "nothing_moves",
+    "position_unit",
+    "effort_unit",
+    "time_unit",
+]
+
+
+@dataclass(frozen=True)
+class DataWarning:
+    """One thing that is wrong with a recording.
+
+    Attributes:
+        kind: What it is.
+        joint: Name of the joint, or ``None`` if it concerns the whole recording.
+        numbers: Figures by name; the unit ends the name where there is one.
+        text: One line with the figures.
+        unusable: Whether nothing should be fitted to such data.
+    """
+
+    kind: Kind
+    joint: str | None
+    numbers: Mapping[str, float]
+    text: str
+    unusable: bool = False
+
+    def __post_init__(self) -> None:
+        """Make the figures read-only."""
+        object.__setattr__(self, "numbers", MappingProxyType(dict(self.numbers)))
+
+    def __str__(self) -> str:
+        """Return ``joint: text``."""
+        return f"{self.joint}: {self.text}" if self.joint else self.text

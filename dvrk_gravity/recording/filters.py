@@ -1,0 +1,134 @@
+"""Zero-phase low-pass filter and derivatives, with a description of what was done.
+
+Everything works along the first axis of ``(N,)`` or ``(N, k)`` arrays sampled uniformly, so the
+same filter can go over positions, efforts and the columns of a regressor: a linear model stays
+true when both of its sides are filtered alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from dvrk_gravity.errors import RecordingError, ShapeError
+from dvrk_gravity.recording.data import Array
+
+ORDER = 2
+EDGE_LEVEL = 1e-3  # part of an end transient below which it does not count
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """A Butterworth low-pass run forward and backward.
+
+    No phase shift; the amplitude at ``cutoff`` is one half (-6 dB), for either run takes
+    1/sqrt(2). Ends are extended by ``edge`` samples, reflected about the end point.
+
+    Attributes:
+        cutoff: Cut-off frequency of one run, Hz.
+        rate: Sampling rate, Hz.
+        order: Order of one run.
+
+    Raises:
+        RecordingError: If the cut-off is not between 0 and half the rate.
+    """
+
+    cutoff: float
+    rate: float
+    order: int = ORDER
+
+    def __post_init__(self) -> None:
+        """Check the cut-off against the rate."""
+        if not 0.0 < self.cutoff < self.rate / 2.0:
+            raise RecordingError(
+                "filter",
+                f"cut-off {self.cutoff:g} Hz, expected above 0 and below {self.rate / 2:g} Hz, "
+                f"half the sampling rate of {self.rate:g} Hz",
+            )
+
+    @property
+    def edge(self) -> int:
+        """Samples at either end within which one run's transient falls below ``EDGE_LEVEL``."""
+        return _design(self.cutoff, self.rate, self.order)[1]
+
+    def __call__(self, array: Array) -> Array:
+        """Return the filtered array, same shape.
+
+        Args:
+            array: ``(N,)`` or ``(N, k)``.
+
+        Raises:
+            ShapeError: If there are no more than ``edge`` samples.
+        """
+        from scipy.signal import sosfiltfilt
+
+        sections, edge = _design(self.cutoff, self.rate, self.order)
+        array = np.asarray(array, dtype=np.float64)
+        if array.ndim == 0 or len(array) <= edge:
+            raise ShapeError("array", array.shape, f"more than {edge} samples to filter")
+        return np.asarray(sosfiltfilt(sections, array, axis=0, padlen=edge))
+
+    def __str__(self) -> str:
+        """Say what the filter is, for reports."""
+        return (
+            f"zero-phase low-pass: Butterworth of order {self.order}, {self.cutoff:g} Hz, forward "
+            f"and backward (half amplitude there); {self.edge} samples "
+            f"({self.edge / self.rate:.2g} s) affected at either end"
+        )
+
+
+@cache
+def _design(cutoff: float, rate: float, order: int) -> tuple[Array, int]:
+    """Return second-order sections and the length of the transient at an end, in samples."""
+    from scipy.signal import butter
+
+    sections = butter(order, cutoff, fs=rate, output="sos")
+    _, poles, _ = butter(order, cutoff, fs=rate, output="zpk")
+    return sections, int(np.ceil(np.log(EDGE_LEVEL) / np.log(np.max(np.abs(poles)))))
+
+
+def lowpass(array: Array, rate: float, cutoff: float, order: int = ORDER) -> Array:
+    """Return ``LowPass(cutoff, rate, order)(array)``.
+
+    Args:
+        array: ``(N,)`` or ``(N, k)``.
+        rate: Sampling rate, Hz.
+        cutoff: Cut-off frequency, Hz.
+        order: Order of one of the two runs.
+
+    Raises:
+        RecordingError: If the cut-off does not go with the rate.
+        ShapeError: If there are too few samples.
+    """
+    return LowPass(cutoff, rate, order)(array)
+
+
+# Five-point differences: exact for polynomials of degree 4. At a tenth of the sampling rate the
+# first derivative is 0.5 % low, where plain central differences would already be 6.5 % low.
+_FIRST = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
+_SECOND = np.array([-3.0, -10.0, 18.0, -6.0, 1.0]) / 12.0
+
+
+def derivative(array: Array, rate: float) -> Array:
+    """Return the time derivative by five-point differences, one-sided for two samples at the ends.
+
+    It amplifies noise: filter first.
+
+    Args:
+        array: ``(N,)`` or ``(N, k)``.
+        rate: Sampling rate, Hz.
+
+    Raises:
+        ShapeError: If there are fewer than five samples.
+    """
+    array = np.asarray(array, dtype=np.float64)
+    if array.ndim == 0 or len(array) < 5:
+        raise ShapeError("array", array.shape, "at least 5 samples to differentiate")
+    result = np.empty_like(array)
+    result[2:-2] = (array[:-4] - array[4:]) / 12.0 + (array[3:-1] - array[1:-3]) * (8.0 / 12.0)
+    for row, weights in ((0, _FIRST), (1, _SECOND)):
+        result[row] = np.tensordot(weights, array[:5], 1)
+        result[-1 - row] = -np.tensordot(weights, array[:-6:-1], 1)
+    return result * rate

@@ -1,0 +1,114 @@
+"""Bringing a trajectory onto a uniform time grid: stale samples, gaps, jittering stamps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.recording.data import QUANTITIES, Array, Recording
+from dvrk_gravity.recording.filters import LowPass, derivative
+
+GAP = 3.5  # a longer interval, in median intervals, is a gap and not jitter
+UNIFORM = 1e-4  # intervals that differ by less than this part are equal
+QUANTUM_SAMPLES = 20_000
+MOVING = 1e-6  # rad in one sample: below, an unchanged reading proves nothing
+
+
+def quantum(values: Array) -> float:
+    """Return the step of quantised values ``(N,)``, or 0 if they are not multiples of a step.
+
+    The distances between neighbouring distinct values must all but a tenth be whole multiples of
+    a small one of them. Of a long signal, samples spread over its length are looked at.
+    """
+    distinct = np.unique(values[:: 1 + len(values) // QUANTUM_SAMPLES])
+    if len(distinct) < 3:
+        return 0.0
+    gaps = np.diff(distinct)
+    # Distances of rounding size come from arithmetic on quantised values.
+    gaps = gaps[gaps > 1e-9 * max(abs(distinct[0]), abs(distinct[-1]))]
+    if not len(gaps):
+        return 0.0
+    step = float(np.percentile(gaps, 5))
+    multiples = gaps / step
+    whole = np.abs(multiples - np.round(multiples)) < 0.1
+    return step if np.mean(whole) > 0.9 else 0.0
+
+
+def speed(recording: Recording) -> Array:
+    """Return a rough velocity ``(N, n)``, rad/s, from low-passed positions and nominal rate."""
+    rate = recording.rate
+    assert rate is not None
+    return derivative(LowPass(rate / 20.0, rate)(recording.position), rate)
+
+
+def stale(recording: Recording) -> NDArray[np.bool_]:
+    """Return ``(N,)``: samples that repeat the one before, although the arm moves.
+
+    At rest identical samples are what an arm should give. While a joint travels by more than two
+    encoder steps a sample, they are readings that were not renewed.
+    """
+    result = np.zeros(len(recording), dtype=bool)
+    rate = recording.rate
+    if rate is None or len(recording) < 100:
+        return result
+    same = np.ones(len(recording) - 1, dtype=bool)
+    for name in QUANTITIES:
+        values = getattr(recording, name)
+        if values is not None:
+            same &= np.all(values[1:] == values[:-1], axis=1)
+    if not same.any():
+        return result
+    steps = np.array([2.0 * quantum(column) for column in recording.position.T])
+    travel = np.abs(speed(recording)) / rate
+    moving = np.any(travel > np.maximum(steps, MOVING), axis=1)
+    result[1:] = same & moving[1:]
+    return result
+
+
+def split_at_gaps(recording: Recording) -> tuple[Recording, ...]:
+    """Return the parts between intervals of more than ``GAP`` median ones."""
+    if recording.time is None or len(recording) < 3:
+        return (recording,)
+    intervals = np.diff(recording.time)
+    ends = np.flatnonzero(intervals > GAP * np.median(intervals)) + 1
+    edges = [0, *ends.tolist(), len(recording)]
+    return tuple(recording.rows(slice(a, b)) for a, b in pairwise(edges))
+
+
+def resample(recording: Recording, rate: float) -> Recording:
+    """Return the recording on a uniform grid from its first to its last sample.
+
+    A recording whose intervals are uniform already is returned as it is.
+    Values between samples come from Akima's piecewise cubics (Akima 1970): they follow curvature,
+    and a step or an outlier disturbs only its neighbours, where a spline would ring on.
+
+    Args:
+        recording: With time, at least two samples.
+        rate: Samples a second of the grid, Hz.
+    """
+    from scipy.interpolate import Akima1DInterpolator
+
+    time = recording.time
+    assert time is not None
+    if np.all(np.abs(np.diff(time) * rate - 1.0) < UNIFORM):
+        return recording
+    count = int(np.floor((time[-1] - time[0]) * rate + 1e-6)) + 1
+    grid = np.minimum(time[0] + np.arange(count) / rate, time[-1])
+
+    def onto_grid(values: Array) -> Array:
+        return np.asarray(Akima1DInterpolator(time, values, axis=0)(grid))
+
+    direction = recording.direction
+    if direction is not None:
+        direction = direction[np.searchsorted(time, grid, side="right") - 1]
+    return replace(
+        recording,
+        time=grid,
+        position=onto_grid(recording.position),
+        velocity=None if recording.velocity is None else onto_grid(recording.velocity),
+        effort=None if recording.effort is None else onto_grid(recording.effort),
+        direction=direction,
+    )

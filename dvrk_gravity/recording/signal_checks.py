@@ -1,0 +1,155 @@
+"""Checks of the signals: stale and jittering samples, saturation, quantisation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.recording.data import Array, Recording
+from dvrk_gravity.recording.data_warning import DataWarning, Kind
+from dvrk_gravity.recording.filters import LowPass
+from dvrk_gravity.recording.grid import quantum, speed, stale
+
+STALE_SHARE = 0.01
+READ_JITTER = 0.2  # of the sampling interval
+COARSE_POSITION = 0.1  # one encoder step a sample, as part of the joint's RMS velocity
+COARSE = 0.05  # one step, as part of the signal's standard deviation
+PINNED_RUN = 5  # equal extreme readings in a row, while the joint moves
+SLOWEST = 1e-6  # rad/s; a joint that is never faster shows no jitter
+PINNED_SHARE = 0.02  # of static poses with the same extreme effort
+
+
+def _longest_run(mask: NDArray[np.bool_]) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
+def sampling(recording: Recording) -> list[DataWarning]:
+    """Return findings about stale samples and samples taken off their stamps."""
+    findings = []
+    old = stale(recording)
+    if np.mean(old) > STALE_SHARE:
+        longest = _longest_run(old)
+        findings.append(
+            DataWarning(
+                "stale_samples",
+                None,
+                {"samples": int(old.sum()), "share": float(np.mean(old)), "longest": longest},
+                f"{old.sum()} of {len(recording)} samples repeat the one before while the arm "
+                f"moves, up to {longest} in a row",
+            )
+        )
+    jitter = read_jitter(recording)
+    rate = recording.rate
+    if jitter is not None and rate is not None and jitter * rate > READ_JITTER:
+        findings.append(
+            DataWarning(
+                "read_jitter",
+                None,
+                {"jitter_s": jitter, "interval_s": 1.0 / rate},
+                f"samples were taken about {1e3 * jitter:.2g} ms off their stamps, stale ones "
+                f"included (interval {1e3 / rate:.3g} ms)",
+            )
+        )
+    return findings
+
+
+def read_jitter(recording: Recording) -> float | None:
+    """Return how far samples lie off their stamps, RMS in s, or ``None`` if the data cannot tell.
+
+    A sample that is taken ``dt`` off its stamp is wrong by velocity times ``dt``: what the position
+    has above a tenth of the sampling rate grows with speed, while noise and quantisation do not.
+    The slope of its square against squared velocity is the squared jitter; the median over the
+    joints is returned.
+    """
+    rate = recording.rate
+    if rate is None or len(recording) < 200:
+        return None
+    rough = recording.position - LowPass(rate / 10.0, rate)(recording.position)
+    inner = slice(20, -20)
+    squared_speed = speed(recording)[inner] ** 2
+    slopes = []
+    for error, squared in zip((rough[inner] ** 2).T, squared_speed.T, strict=True):
+        if np.ptp(squared) > SLOWEST**2:
+            columns = np.column_stack([np.ones_like(squared), squared / squared.max()])
+            slopes.append(np.linalg.lstsq(columns, error, rcond=None)[0][1] / squared.max())
+    return float(np.sqrt(max(np.median(slopes), 0.0))) if slopes else None
+
+
+def saturation(recording: Recording, limits: Mapping[str, float]) -> list[DataWarning]:
+    """Return findings about efforts that stay at a limit (N·m by joint) or at an extreme."""
+    if recording.effort is None:
+        return []
+    timed = recording.time is not None
+    fresh, velocity = np.ones(len(recording), dtype=bool), None
+    if timed and len(recording) >= 100:
+        fresh = ~stale(recording)
+        velocity = np.abs(speed(recording))
+    findings = []
+    for column, joint in enumerate(recording.joints):
+        effort = recording.effort[fresh, column]
+        if joint in limits:
+            pinned = np.abs(effort) >= 0.999 * limits[joint]
+            reached, enough = limits[joint], bool(pinned.any())
+        else:
+            reached = float(effort[np.argmax(np.abs(effort))])
+            pinned = effort == reached
+            if velocity is None:
+                enough = not timed and np.ptp(effort) > 0.0
+                enough = enough and pinned.sum() > max(PINNED_RUN, PINNED_SHARE * len(effort))
+            else:
+                moving = velocity[fresh, column]
+                pinned &= moving > 0.1 * np.sqrt(np.mean(moving**2))
+                enough = _longest_run(pinned) >= PINNED_RUN
+        if enough:
+            findings.append(
+                DataWarning(
+                    "effort_saturation",
+                    joint,
+                    {"effort_nm": abs(reached), "samples": int(pinned.sum())},
+                    f"effort stays at {reached:.4g} N·m in {pinned.sum()} samples",
+                )
+            )
+    return findings
+
+
+def quantisation(recording: Recording) -> list[DataWarning]:
+    """Return findings about signals whose steps are coarse for the motion."""
+    findings = []
+    rate = recording.rate
+    rough = speed(recording) if rate is not None and len(recording) >= 100 else None
+    for column, joint in enumerate(recording.joints):
+        if rough is not None and rate is not None:
+            typical = float(np.sqrt(np.mean(rough[:, column] ** 2)))
+            step = quantum(recording.position[:, column])
+            if typical > 0.0 and step * rate > COARSE_POSITION * typical:
+                findings.append(
+                    DataWarning(
+                        "position_quantisation",
+                        joint,
+                        {"step_rad": step, "velocity_step": step * rate, "velocity_rms": typical},
+                        f"position has steps of {step:.3g} rad: one a sample is "
+                        f"{step * rate:.2g} rad/s, the joint moves at {typical:.2g}",
+                    )
+                )
+        signals: tuple[tuple[Kind, Array | None, str], ...] = (
+            ("velocity_quantisation", recording.velocity, "rad/s"),
+            ("effort_quantisation", recording.effort, "N·m"),
+        )
+        for kind, values, unit in signals:
+            if values is None:
+                continue
+            step, spread = quantum(values[:, column]), float(np.std(values[:, column]))
+            if spread > 0.0 and step > COARSE * spread:
+                findings.append(
+                    DataWarning(
+                        kind,
+                        joint,
+                        {"step": step, "spread": spread},
+                        f"{kind.split('_')[0]} has steps of {step:.2g} {unit}, its standard "
+                        f"deviation is {spread:.2g}",
+                    )
+                )
+    return findings

@@ -1,0 +1,84 @@
+"""Reading and writing recordings of any kind, whole or in parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.recording.bag import SUFFIXES
+from dvrk_gravity.recording.bag_writer import write_bag
+from dvrk_gravity.recording.csv_file import iterate_csv, write_csv
+from dvrk_gravity.recording.data import CHUNK, Array, Coordinates, Recording, Storage, TimeBase
+from dvrk_gravity.recording.joint_states import iterate_bag
+
+# Names that would promise something else than the folder of a bag.
+FOREIGN_SUFFIXES = (".json", ".yaml", ".yml", ".txt", ".bag")
+
+
+def iterate_recording(
+    path: str | Path,
+    topic: str | None = None,
+    coordinates: Coordinates = "joint",
+    time_base: TimeBase = "stamp",
+    chunk: int = CHUNK,
+) -> Iterator[Recording]:
+    """Yield a recording in consecutive parts of at most ``chunk`` samples.
+
+    Memory stays at a few parts, whatever the length of the file. Times are relative to the first
+    sample of the whole; arguments are those of ``Recording.load``.
+
+    Raises:
+        RecordingError: When the part that cannot be used is reached.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise RecordingError(path, "no such file or folder")
+    if path.is_dir() or path.suffix in SUFFIXES:
+        return iterate_bag(path, topic, coordinates, time_base, chunk)
+    if path.suffix.lower() == ".csv":
+        return iterate_csv(path, coordinates, chunk)
+    raise RecordingError(path, "expected a .csv file, a rosbag2 folder, or a .db3 or .mcap file")
+
+
+def load_recording(
+    path: str | Path, topic: str | None, coordinates: Coordinates, time_base: TimeBase
+) -> Recording:
+    """Read a whole recording; see ``Recording.load``."""
+    parts = list(iterate_recording(path, topic, coordinates, time_base))
+
+    def joined(name: str) -> Array | None:
+        values = [getattr(part, name) for part in parts]
+        if values[0] is None:
+            return None
+        result = np.concatenate(values)
+        result.flags.writeable = False
+        return result
+
+    position = joined("position")
+    assert position is not None
+    return replace(
+        parts[0],
+        time=joined("time"),
+        position=position,
+        velocity=joined("velocity"),
+        effort=joined("effort"),
+        direction=joined("direction"),
+        invalid=sum(part.invalid for part in parts),
+        repeated=sum(part.repeated for part in parts),
+    )
+
+
+def save_recording(
+    parts: Iterable[Recording], path: str | Path, storage: Storage, topic: str
+) -> None:
+    """Write consecutive parts of one recording; see ``Recording.save``."""
+    if Path(path).suffix.lower() == ".csv":
+        write_csv(parts, path)
+    elif Path(path).suffix in (*SUFFIXES, *FOREIGN_SUFFIXES):
+        raise RecordingError(path, "expected a .csv file or the name of a new rosbag2 folder")
+    else:
+        write_bag(parts, path, storage, topic)

@@ -1,0 +1,115 @@
+"""Is a velocity column as good as the derivative of the positions?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dvrk_gravity.recording.data import Recording
+from dvrk_gravity.recording.filters import LowPass, derivative
+from dvrk_gravity.recording.grid import quantum, resample, split_at_gaps, stale
+
+COMPARISON_CUTOFF = 10.0  # Hz, both signals; less for slow recordings
+SLOPE_TOLERANCE = 0.03
+RESIDUAL_TOLERANCE = 0.08
+NOISE_MARGIN = 3.0  # times the error that the derivative itself has from the encoder's steps
+SLOWEST = 1e-6  # rad/s; a joint that varies its velocity less does not move
+DEGREE = np.pi / 180.0
+
+
+@dataclass(frozen=True)
+class VelocityFit:
+    """A joint's velocity column against its differentiated position, both low-passed.
+
+    Attributes:
+        slope: Column over derivative, least squares.
+        lag: How late the column is, s.
+        correlation: Between the two.
+        residual: RMS of what the slope leaves, over the RMS of the derivative.
+        noise: RMS error that encoder steps give the derivative, over its RMS.
+        samples: Independent samples: twice the cut-off times the duration.
+    """
+
+    slope: float
+    lag: float
+    correlation: float
+    residual: float
+    noise: float
+    samples: float
+
+    @property
+    def worse(self) -> bool:
+        """Whether the column disagrees by more than the derivative's own error can explain."""
+        uncertainty = 4.0 * self.residual / np.sqrt(self.samples)
+        scaled = abs(self.slope - 1.0) > max(
+            SLOPE_TOLERANCE, uncertainty, NOISE_MARGIN * self.noise
+        )
+        return scaled or self.residual > max(RESIDUAL_TOLERANCE, NOISE_MARGIN * self.noise)
+
+    @property
+    def position_in_degrees(self) -> bool:
+        """Whether the slope is that of rad/s over degrees a second."""
+        return bool(abs(self.slope / DEGREE - 1.0) < 0.2)
+
+    @property
+    def suspicion(self) -> str:
+        """What the slope looks like, or nothing."""
+        if self.position_in_degrees:
+            return " (positions in degrees?)"
+        if abs(self.slope * DEGREE - 1.0) < 0.2:
+            return " (deg/s?)"
+        return ""
+
+
+def compare_velocity(recording: Recording) -> tuple[VelocityFit | None, ...]:
+    """Compare the velocity column of every joint with its differentiated position.
+
+    Stale samples are interpolated over first; the longest part without gaps is used.
+
+    Args:
+        recording: With time.
+
+    Returns:
+        A fit for every joint; ``None`` where there is no column, too short a recording, or a
+        joint whose motion does not rise above its encoder's steps.
+    """
+    nothing: tuple[None, ...] = (None,) * len(recording.joints)
+    nominal = recording.rate
+    if recording.velocity is None or nominal is None:
+        return nothing
+    longest = max(split_at_gaps(recording), key=len)
+    fresh = longest.rows(~stale(longest))
+    low = LowPass(min(COMPARISON_CUTOFF, nominal / 20.0), nominal)
+    if len(fresh) < 6 * low.edge:
+        return nothing
+    grid = resample(replace(fresh, effort=None, direction=None), nominal)
+    assert grid.velocity is not None
+    inner = slice(low.edge, -low.edge)
+    derived = derivative(low(grid.position), nominal)
+    column, acceleration = low(grid.velocity)[inner], derivative(derived, nominal)[inner]
+    derived = derived[inner]
+    samples = 2.0 * low.cutoff * len(derived) / nominal
+    # White noise of variance step^2/12 through an ideal low-pass and a derivative.
+    gain = 2.0 * np.pi * low.cutoff * np.sqrt(2.0 * low.cutoff / nominal / 3.0)
+    fits: list[VelocityFit | None] = []
+    for j in range(len(recording.joints)):
+        x, y, a = derived[:, j], column[:, j], acceleration[:, j]
+        spread = float(np.std(x))
+        noise = quantum(longest.position[:, j]) / np.sqrt(12.0) * gain
+        if spread <= max(NOISE_MARGIN * noise, SLOWEST):
+            fits.append(None)
+            continue
+        slope = float(x @ y / (x @ x))
+        rest = y - slope * x
+        fits.append(
+            VelocityFit(
+                slope,
+                float(-(rest @ a) / (slope * (a @ a))) if slope else 0.0,
+                float(np.corrcoef(x, y)[0, 1]) if np.std(y) > 0.0 else 0.0,
+                float(np.sqrt(np.mean(rest**2) / np.mean(x**2))),
+                float(noise / spread),
+                samples,
+            )
+        )
+    return tuple(fits)

@@ -1,0 +1,72 @@
+"""Recordings and files that the tests of recordings share."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.recording import BagWriter, Recording
+from dvrk_gravity.recording.bag import JOINT_STATE
+from dvrk_gravity.recording.cdr import encode_joint_state
+
+TOPIC = "/MTMR/measured_js"
+START = 1_530_000_000_000_000_000
+
+
+def shared_data(name):
+    """Return the path of a measured file, or skip."""
+    default = Path(__file__).resolve().parents[1] / "../shared/data"
+    path = Path(os.environ.get("DVRK_GRAVITY_DATA", default)) / name
+    if not path.exists():
+        pytest.skip(f"no measured data at {path} (set DVRK_GRAVITY_DATA)")
+    return path
+
+
+def wave(count=2000, rate=200.0, joints=JOINT_NAMES, seed=0, **changes):
+    """Return a clean trajectory: sines of 0.3-0.9 Hz, exact velocities, efforts with noise."""
+    time = np.arange(count) / rate
+    omega = 2 * np.pi * np.linspace(0.3, 0.9, len(joints))
+    size = np.linspace(0.4, 0.7, len(joints))
+    rng = np.random.default_rng(seed)
+    position = size * np.sin(np.outer(time, omega))
+    fields = {
+        "time": time,
+        "position": position,
+        "velocity": size * omega * np.cos(np.outer(time, omega)),
+        "effort": 0.02 * position + 1e-4 * rng.normal(size=position.shape),
+        "source": "wave",
+    }
+    return Recording(joints, **(fields | changes))
+
+
+def write_messages(path, messages, storage="sqlite3", topic=TOPIC, msgtype=JOINT_STATE):
+    """Write (receive_ns, CDR bytes) pairs."""
+    with BagWriter(path, storage) as bag:
+        bag.add_topic(topic, msgtype)
+        for receive_ns, data in messages:
+            bag.write(topic, msgtype, data, receive_ns)
+
+
+def joint_state(k, names=JOINT_NAMES, **changes):
+    """Return one receive time and message: k ms after START, every number different."""
+    n = len(names)
+    fields = {
+        "stamp_ns": START + k * 1_000_000,
+        "position": [0.1 * j + 0.001 * k for j in range(n)],
+        "velocity": [0.2 * j + 0.001 * k for j in range(n)],
+        "effort": [0.3 * j + 0.001 * k for j in range(n)],
+    }
+    fields |= changes
+    return START + k * 1_000_000 + 500_000, encode_joint_state(names=names, **fields)
+
+
+def same(a, b, start=False):
+    """Assert that two recordings hold the same numbers, bit by bit."""
+    assert a.joints == b.joints
+    for name in ("time", "position", "velocity", "effort", "direction"):
+        left, right = getattr(a, name), getattr(b, name)
+        assert (left is None) == (right is None), name
+        assert left is None or np.array_equal(left, right), name
+    assert not start or a.start_ns == b.start_ns
