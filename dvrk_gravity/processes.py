@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from dvrk_gravity.errors import DvrkGravityError
@@ -67,11 +67,17 @@ class NodeProcess:
         lines: What it has printed so far, standard error included.
     """
 
-    def __init__(self, verb: str, *ros_args: str, namespace: str = "/MTMR") -> None:
-        """Start the process; it lives in this process's ROS domain."""
+    def __init__(
+        self,
+        verb: str,
+        *ros_args: str,
+        namespace: str = "/MTMR",
+        program: Sequence[str] = ("-m", "dvrk_gravity"),
+    ) -> None:
+        """Start ``python PROGRAM VERB --ros-args …``; it lives in this process's ROS domain."""
         self.verb = verb
         self.lines: list[str] = []
-        command = [sys.executable, "-m", "dvrk_gravity", verb]
+        command = [sys.executable, *program, verb]
         command += ["--ros-args", "-r", f"__ns:={namespace}", *ros_args]
         # A group of its own: a Ctrl-C at the terminal reaches us alone, and we end it in order.
         self.process = subprocess.Popen(

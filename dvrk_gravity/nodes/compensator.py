@@ -26,6 +26,7 @@ from dvrk_gravity.compensate.supervisor import Status, Supervisor
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import ALL_PARAMETERS
 from dvrk_gravity.nodes import runtime
+from dvrk_gravity.parameter import check_all
 
 NAME = "compensator"
 EXAMPLE = (
@@ -47,9 +48,8 @@ class Compensator(Node):
         super().__init__("compensator", automatically_declare_parameters_from_overrides=True)
         given = runtime.given_parameters(self)
         settings = Settings.from_parameters(given)
-        runtime.declare_missing(
-            self, {name: entry.default for name, entry in ALL_PARAMETERS.items()}
-        )
+        defaults = {name: entry.default for name, entry in ALL_PARAMETERS.items()}
+        runtime.declare(self, defaults | check_all(ALL_PARAMETERS, given))
         self._supervisor = Supervisor(settings)
         self._reader = SampleReader(settings.model.arm.joint_names)
         self._statistics = Statistics()
@@ -150,19 +150,19 @@ class Compensator(Node):
                 entry = ALL_PARAMETERS.get(change.name)
                 if entry is not None and entry.read_only:
                     raise ConfigError(change.name, change.value, "no change while the node runs")
-            Settings.from_parameters(self._parameters(changes))
+            Settings.from_parameters(self._with_changes(changes))
         except ConfigError as error:
             self.get_logger().error(f"parameter refused: {error}")
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _apply_parameters(self, changes: list[Parameter]) -> None:
-        settings = Settings.from_parameters(self._parameters([]))
+        settings = Settings.from_parameters(self._with_changes([]))
         self._supervisor.configure(settings, time.monotonic())
         self._watch.timer_period_ns = int(settings.timeout / 4 * 1e9)
         self._settle()
 
-    def _parameters(self, changes: list[Parameter]) -> dict[str, Any]:
+    def _with_changes(self, changes: list[Parameter]) -> dict[str, Any]:
         values = runtime.given_parameters(self)
         own = [change for change in changes if not change.name.startswith(runtime.OF_RCLPY)]
         return values | {change.name: runtime.plain(change.value) for change in own}

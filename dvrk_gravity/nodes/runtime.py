@@ -86,13 +86,18 @@ def plain(value: Any) -> Any:
     return tuple(value)
 
 
-def declare_missing(node: Node, values: Mapping[str, Any]) -> None:
-    """Declare every parameter that was not given, with its default."""
+def declare(node: Node, values: Mapping[str, Any]) -> None:
+    """Declare parameters with checked values, so that a later change meets our own check only.
+
+    rclpy fixes the type that a file happened to give (whole numbers, say) and then
+    refuses another one in words of its own.
+    """
+    descriptor = ParameterDescriptor(dynamic_typing=True)
     for name, value in values.items():
-        if not node.has_parameter(name):
-            descriptor = ParameterDescriptor(dynamic_typing=True)
-            node.declare_parameter(name, list(value) if isinstance(value, tuple) else value,
-                                   descriptor)  # fmt: skip
+        if node.has_parameter(name):
+            node.undeclare_parameter(name)
+        plain_value = list(value) if isinstance(value, tuple) else value
+        node.declare_parameter(name, plain_value, descriptor, ignore_override=True)
 
 
 def _parameter_files(ros_args: Sequence[str]) -> list[str]:

@@ -1,0 +1,381 @@
+"""The compensator as a process of its own, over real DDS: each behaviour, seen from outside."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import numpy as np
+import pytest
+from conftest import MODEL_FILE, FakeArm
+
+from dvrk_gravity import TorqueModel
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.processes import NodeProcess
+
+# A loaded machine may stall a test for a while: only tests of the time-out use a short one.
+PATIENT = ("-p", "timeout:=2.0", "-p", "input_depth:=100")
+AT_ONCE = ("-p", "ramp_time:=0.0", "-p", "slew_limit:=[0.,0.,0.,0.,0.,0.,0.]")
+MODEL = TorqueModel.load(MODEL_FILE)
+
+
+@pytest.fixture
+def start(arm: FakeArm):
+    """Start compensators that end with the test."""
+    started: list[NodeProcess] = []
+
+    def begin(*arguments: str, wait: bool = True) -> NodeProcess:
+        node = NodeProcess("compensator", "--params-file", str(MODEL_FILE), *arguments)
+        started.append(node)
+        if wait:
+            output = "commands" if "output:=array" in arguments else "servo_jf"
+            arm.await_compensator(output)
+        return node
+
+    yield begin
+    for node in started:
+        node.stop()
+        assert "Traceback" not in node.output
+
+
+def expected(arm: FakeArm) -> np.ndarray:
+    return MODEL.torque(arm.position, arm.velocity)
+
+
+def test_commands_the_model_s_torque_with_the_input_s_stamp_and_names(arm, start):
+    start(*PATIENT, *AT_ONCE)
+    effort = arm.answer()
+    np.testing.assert_allclose(effort, expected(arm), atol=1e-12)
+    assert list(arm.commands[-1][1].name) == list(JOINT_NAMES)
+
+
+def test_joints_are_matched_by_name_in_any_order_and_extra_ones_ignored(arm, start):
+    start(*PATIENT, *AT_ONCE)
+    order = [6, 2, 0, 5, 1, 4, 3]
+    effort = arm.answer(
+        name=["gripper", *(arm.names[i] for i in order)],
+        position=[9.0, *(arm.position[i] for i in order)],
+        velocity=[9.0, *(arm.velocity[i] for i in order)],
+        effort=[0.0] * 8,
+    )
+    np.testing.assert_allclose(effort, expected(arm), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("cause", "fields"),
+    [
+        ("missing_joint", {"name": ["a", *JOINT_NAMES[1:]]}),
+        ("duplicate_joint", {"name": [JOINT_NAMES[0], *JOINT_NAMES[:6]]}),
+        ("missing_joint", {"name": [], "position": [], "velocity": [], "effort": []}),
+        ("wrong_length", {"position": [0.0] * 6}),
+        ("wrong_length", {"velocity": [0.0] * 8}),
+        ("wrong_length", {"position": []}),
+        ("not_finite", {"position": [0.0] * 6 + [float("nan")]}),
+        ("not_finite", {"position": [float("inf")] + [0.0] * 6}),
+        ("not_finite", {"velocity": [0.0] * 6 + [float("-inf")]}),
+        ("no_stamp", {"stamp": 0}),
+        ("stamp_backwards", {"stamp": 500_000_000}),
+    ],
+)
+def test_a_bad_message_gives_no_command_and_is_reported_by_cause(arm, start, cause, fields):
+    node = start(*PATIENT, *AT_ONCE)
+    assert arm.answer() is not None
+    assert arm.answer(**fields) is None
+    arm.client.wait(lambda: f"({cause})" in node.output, "the cause in the log")
+    assert not arm.holds
+
+
+def test_dropped_messages_are_counted_by_cause_in_diagnostics(arm, start):
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    seen: list[dict[str, str]] = []
+    arm.client.node.create_subscription(
+        DiagnosticArray,
+        "/diagnostics",
+        lambda m: seen.append({item.key: item.value for item in m.status[0].values}),
+        10,
+    )
+    start(*PATIENT)
+    arm.answer()
+    for _ in range(3):
+        arm.send(stamp=0)
+    arm.run_until(lambda: bool(seen) and seen[-1]["dropped no_stamp"] == "3", "the count")
+    arm.run_until(lambda: float(seen[-1]["input rate Hz"]) > 20, "the rate")
+    last = seen[-1]
+    assert last["state"] in ("ramping", "commanding")
+    assert last["dropped not_finite"] == "0"
+    assert last["saturated joints"] == "none"
+    assert 0.0 < float(last["compute p50 us"]) <= float(last["compute p99 us"])
+    assert float(last["input age s"]) < 1.0
+
+
+def test_without_velocity_friction_is_off_and_that_is_said_once(arm, start):
+    node = start(*PATIENT, *AT_ONCE)
+    arm.velocity = [0.5] * 7
+    np.testing.assert_allclose(arm.answer(), expected(arm), atol=1e-12)
+    effort = arm.answer(velocity=[])
+    np.testing.assert_allclose(effort, MODEL.torque(arm.position), atol=1e-12)
+    assert np.abs(effort - expected(arm)).max() > 1e-3
+    arm.answer(velocity=[])
+    arm.client.wait(lambda: "has no velocity" in node.output, "the warning")
+    assert node.output.count("has no velocity") == 1
+
+
+def test_effort_stays_within_joint_and_actuator_limits(arm, start):
+    start(*PATIENT, *AT_ONCE, "-p", "actuator_effort_limit:=[2.,0.3,0.2,0.05,1.,1.,1.]",
+          "-p", "effort_limit:=[1.,1.,1.,1.,0.01,1.,1.]")  # fmt: skip
+    coupling = MODEL.arm.actuator_to_joint
+    arm.position[1] = 0.45
+    effort = arm.answer()
+    unlimited = expected(arm)
+    assert np.any(np.abs(unlimited @ coupling) > [2, 0.3, 0.2, 0.05, 1, 1, 1])
+    assert abs(unlimited[4]) > 0.01
+    assert np.all(np.abs(effort @ coupling) <= np.array([2, 0.3, 0.2, 0.05, 1, 1, 1]) + 1e-9)
+    assert abs(effort[4]) <= 0.01 + 1e-9
+
+
+def test_slew_limit_bounds_the_change_of_every_joint(arm, start):
+    start(*PATIENT, "-p", "ramp_time:=0.0", "-p", "slew_limit:=[1.,1.,1.,1.,1.,1.,1.]")
+    arm.run_until(
+        lambda: len(arm.commands) > 5 and np.allclose(arm.efforts[-1], expected(arm)), "arrival"
+    )
+    steps = np.abs(np.diff(arm.efforts, axis=0))
+    assert steps.max() <= 1.0 * 0.02 + 1e-12  # never more than 20 ms of slew in a step
+    assert steps[:, 1].max() > 0.0
+
+
+def test_after_enabling_it_ramps_from_the_effort_that_holds_the_arm(arm, start):
+    start(*PATIENT, "-p", "ramp_time:=0.4", "-p", "slew_limit:=[0.,0.,0.,0.,0.,0.,0.]")
+    arm.effort = [0.1, -0.1, 0.05, 0.0, 0.01, 0.0, 0.0]
+    arm.run_until(lambda: arm.state.startswith("commanding"), "the end of the ramp")
+    first, last = arm.efforts[0], arm.efforts[-1]
+    np.testing.assert_allclose(first, arm.effort, atol=1e-12)
+    arm.run(0.05)
+    np.testing.assert_allclose(arm.efforts[-1], expected(arm), atol=1e-12)
+    shoulder = arm.efforts[:, 1]
+    assert np.all(np.diff(shoulder) >= -1e-12)  # all the way up, without a jump
+    middle = (shoulder > -0.1 + 0.05) & (shoulder < last[1] - 0.05)
+    assert middle.sum() > 3
+
+
+def test_a_parameter_change_is_taken_and_never_makes_the_torque_jump(arm, start):
+    start(*PATIENT, "-p", "ramp_time:=0.3", "-p", "slew_limit:=[0.,0.,0.,0.,0.,0.,0.]")
+    arm.run_until(lambda: arm.state.startswith("commanding"), "commanding")
+    arm.run(0.05)
+    before = arm.efforts[-1]
+    beta = [2.0 * value for value in MODEL.parameters()["beta"]]
+    mark = len(arm.commands)
+    taken, reason = arm.client.set_parameters({"beta": beta})
+    assert taken, reason
+    arm.run_until(lambda: len(arm.commands) > mark + 1, "commands")
+    arm.run_until(lambda: arm.state.startswith("commanding"), "commanding again")
+    arm.run(0.05)
+    after = arm.efforts[-1]
+    assert np.abs(after - before).max() > 0.1
+    # The first command after the change lies on the ramp: nearer the old torque than the new.
+    first = arm.efforts[mark]
+    assert np.abs(first - before).max() < 0.5 * np.abs(after - before).max()
+    changes = np.abs(np.diff(arm.efforts[mark:], axis=0)).max(axis=1)
+    assert changes.max() < 0.5 * np.abs(after - before).max()
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"beta": [1.0] * 9}, "10 or 12 or 14"),
+        ({"beta": [float("nan")] * 10}, "finite"),
+        ({"effort_limit": [-1.0] * 7}, "effort_limit[0]"),
+        ({"timeout": 1e9}, "timeout"),
+        ({"timeout": 0.5, "ramp_time": -1.0}, "ramp_time"),
+        ({"gravity_vector": [0.0, 0.0]}, "3 numbers"),
+        ({"friction_compensation.ratio": [2.0] * 7}, "0 to 1"),
+        ({"gravity_enabled": 3}, "true or false"),
+        ({"arm": "mtml"}, "no change"),
+    ],
+)
+def test_a_bad_parameter_change_is_refused_whole_with_the_reason(arm, start, values, said):
+    start(*PATIENT, *AT_ONCE)
+    before = arm.answer()
+    taken, reason = arm.client.set_parameters(values)
+    assert not taken
+    assert said in reason
+    np.testing.assert_array_equal(arm.answer(), before)
+
+
+def test_gravity_flag_off_leaves_the_other_terms(arm, start):
+    start(*PATIENT, *AT_ONCE, "-p", "gravity_enabled:=false")
+    cable = MODEL.term("directional_cable")
+    only_cable = TorqueModel(MODEL.arm, (cable,)).torque(arm.position, arm.velocity)
+    assert np.abs(only_cable).max() > 0.01
+    np.testing.assert_allclose(arm.answer(), only_cable, atol=1e-12)
+
+
+def test_gravity_flag_switches_at_run_time(arm, start):
+    start(*PATIENT, *AT_ONCE)
+    with_gravity = arm.answer()
+    assert arm.client.set_parameters({"gravity_enabled": False})[0]
+    without = arm.answer()
+    gravity = MODEL.term("gravity")
+    difference = TorqueModel(MODEL.arm, (gravity,)).torque(arm.position)
+    np.testing.assert_allclose(with_gravity - without, difference, atol=1e-9)
+
+
+def test_enable_false_ends_in_a_hold_and_true_starts_again(arm, start):
+    start(*PATIENT, *AT_ONCE)
+    arm.answer()
+    response = arm.client.enable(False)
+    assert response.success
+    assert "disabled" in response.message
+    arm.client.wait(lambda: len(arm.holds) == 1, "the hold")
+    mark = len(arm.commands)
+    arm.run(0.2)
+    assert len(arm.commands) == mark
+    assert arm.state.startswith("disabled")
+    assert arm.client.enable(True).success
+    arm.run_until(lambda: len(arm.commands) > mark, "commands")
+
+
+def test_started_disabled_it_commands_nothing_and_holds_nothing(arm, start):
+    start(*PATIENT, "-p", "enabled:=false")
+    arm.run(0.3)
+    assert not arm.commands
+    assert not arm.holds
+    assert arm.client.set_parameters({"enabled": True})[0]
+    arm.run_until(lambda: len(arm.commands) > 0, "commands")
+
+
+def test_when_input_stops_it_holds_in_time_and_resumes_only_when_told(arm, start):
+    start("-p", "timeout:=0.2")
+    arm.run_until(lambda: len(arm.commands) > 10, "commands")
+    silence = time.monotonic()
+    arm.client.wait(lambda: bool(arm.holds), "the hold")
+    assert 0.1 < arm.holds[0] - silence < 0.6
+    arm.client.wait(lambda: arm.state.startswith("fault: no valid measured_js"), "the reason")
+    mark = len(arm.commands)
+    arm.run(0.5)
+    assert len(arm.commands) == mark
+    assert len(arm.holds) == 1
+    assert arm.client.enable(True).success
+    arm.run_until(lambda: len(arm.commands) > mark, "commands")
+
+
+def test_invalid_input_does_not_count_as_fresh(arm, start):
+    start("-p", "timeout:=0.2")
+    arm.run_until(lambda: len(arm.commands) > 10, "commands")
+    arm.run_until(lambda: bool(arm.holds), "the hold", position=[float("nan")] * 7)
+    assert arm.state.startswith("fault")
+
+
+def test_a_stamp_that_stands_still_is_stale_input(arm, start):
+    start("-p", "timeout:=0.2")
+    arm.run_until(lambda: len(arm.commands) > 10, "commands")
+    arm.run_until(lambda: bool(arm.holds), "the hold", stamp=arm.stamp)
+    assert "stamp" in arm.state
+
+
+def test_automatic_resume_goes_on_by_itself(arm, start):
+    start("-p", "timeout:=0.2", "-p", "resume:=automatic")
+    arm.run_until(lambda: len(arm.commands) > 10, "commands")
+    arm.client.wait(lambda: bool(arm.holds), "the hold")
+    mark = len(arm.commands)
+    arm.run_until(lambda: len(arm.commands) > mark, "commands")
+
+
+def test_an_internal_error_holds_says_why_and_needs_to_be_enabled_again(arm, start):
+    # A polynomial without a range overflows at an absurd position.
+    start(*PATIENT, *AT_ONCE, "-p", "elastic_cable.wrist_roll:=[0.0, 0.0, 1.0]")
+    arm.answer()
+    arm.run_until(lambda: bool(arm.holds), "the hold", position=[0.0] * 6 + [1e200])
+    assert "wrist_roll" in arm.state
+    assert "not a finite number" in arm.state
+    mark = len(arm.commands)
+    arm.run(0.2)
+    assert len(arm.commands) == mark
+    arm.client.enable(True)
+    arm.run_until(lambda: len(arm.commands) > mark, "commands")
+
+
+def test_refuses_while_the_arm_s_own_compensation_is_on_and_says_how_to_switch_it_off(arm, start):
+    start(*PATIENT)
+    on, off = [0.0, 0.3, 0.1, 0.0, 0.0, 0.0, 0.0], [0.0] * 7
+    arm.builtin.publish(arm.message(effort=on))
+    arm.client.wait(lambda: "use_gravity_compensation" in arm.state, "the refusal")
+    arm.run(0.2)
+    assert not arm.commands
+    assert not arm.switches  # it says so, but leaves the arm's settings alone
+    arm.builtin.publish(arm.message(effort=off))
+    arm.run_until(lambda: len(arm.commands) > 0, "commands")
+    arm.builtin.publish(arm.message(effort=on))
+    arm.run_until(lambda: len(arm.holds) == 1, "the hold")
+    assert arm.state.startswith("fault")
+
+
+def test_switches_the_arm_s_own_compensation_off_if_it_may_and_goes_on(arm, start):
+    start(*PATIENT, "-p", "disable_builtin:=true")
+    on, off = [0.0, 0.3, 0.1, 0.0, 0.0, 0.0, 0.0], [0.0] * 7
+    arm.builtin.publish(arm.message(effort=on))
+    arm.client.wait(lambda: arm.switches == [False], "the switch")
+    assert not arm.commands
+    arm.builtin.publish(arm.message(effort=off))
+    arm.run_until(lambda: len(arm.commands) > 0, "commands")
+    arm.builtin.publish(arm.message(effort=on))  # teleoperation switches it on again
+    arm.run_until(lambda: len(arm.holds) == 1, "the hold")
+    arm.run_until(lambda: len(arm.switches) == 2, "the switch")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_a_hold_and_status_0(arm, start, number):
+    node = start(*PATIENT)
+    arm.run_until(lambda: len(arm.commands) > 5, "commands")
+    node.signal(number)
+    arm.client.wait(lambda: len(arm.holds) == 1, "the hold")
+    assert node.wait() == 0
+    after = [when for when, _ in arm.commands if when > arm.holds[0]]
+    assert not after
+
+
+def test_an_unexpected_exception_ends_it_with_a_hold_and_status_1(arm):
+    broken = """
+import sys
+from dvrk_gravity.__main__ import main
+from dvrk_gravity.compensate.settings import Settings
+whole = Settings.torque
+def torque(self, q, qd):
+    if q[6] > 1.0:
+        raise RuntimeError("a defect")
+    return whole(self, q, qd)
+Settings.torque = torque
+sys.exit(main())
+"""
+    with NodeProcess(
+        "compensator", "--params-file", str(MODEL_FILE), *PATIENT, program=("-c", broken)
+    ) as node:
+        arm.await_compensator()
+        arm.run_until(lambda: len(arm.commands) > 0, "commands")
+        assert not arm.holds
+        arm.run_until(lambda: len(arm.holds) == 1, "the hold", position=[0.0] * 6 + [2.0])
+        assert node.wait() == 1
+        assert "a defect" in node.output
+
+
+def test_output_as_an_array_for_ros2_control(arm, start):
+    from std_msgs.msg import Float64MultiArray
+
+    received: list[np.ndarray] = []
+    arm.client.node.create_subscription(
+        Float64MultiArray, "effort_controller/commands", lambda m: received.append(m.data), 10
+    )
+    start(*PATIENT, *AT_ONCE, "-p", "output:=array",
+          "-p", "output_topic:=effort_controller/commands", wait=False)  # fmt: skip
+    arm.run_until(lambda: len(received) > 0, "an array")
+    np.testing.assert_allclose(received[-1], expected(arm), atol=1e-12)
+    assert not arm.commands
+
+
+def test_a_stamp_older_than_allowed_gives_no_command(arm, start):
+    start(*PATIENT, *AT_ONCE, "-p", "max_stamp_age:=1.5")
+    arm.stamp = time.time_ns() - 3_000_000_000
+    arm.run(0.3)
+    assert not arm.commands
+    arm.stamp = time.time_ns()
+    assert arm.answer() is not None
