@@ -1,96 +1,30 @@
-"""Node: holds the arm when its commands stop (the compensator was killed, its machine vanished)."""
+"""Node: holds the arm when its commands stop (a killed compensator, a vanished machine)."""
 
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Sequence
 
-from rclpy.duration import Duration
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Empty, Float64MultiArray, String
-
 from dvrk_gravity import cli
-from dvrk_gravity.model import ALL_PARAMETERS
-from dvrk_gravity.nodes import runtime
-from dvrk_gravity.parameter import check_all
 
 NAME = "watchdog"
 EXAMPLE = "ros2 run dvrk_gravity watchdog --ros-args -r __ns:=/MTMR -p watchdog_timeout:=0.05"
 
-_PARAMETERS = ("watchdog_timeout", "output", "output_topic")
-
-
-class Watchdog(Node):
-    """Sends `hold` once commands have come and then stopped without one."""
-
-    def __init__(self) -> None:
-        """Read the parameters, connect the topics.
-
-        Raises:
-            ConfigError: A parameter that fails its check.
-        """
-        super().__init__("watchdog", automatically_declare_parameters_from_overrides=True)
-        given = runtime.given_parameters(self)
-        values = {name: ALL_PARAMETERS[name].default for name in _PARAMETERS}
-        values |= check_all(ALL_PARAMETERS, given)
-        self._timeout = float(values["watchdog_timeout"])
-        self._last: float | None = None  # when the last command came; None: the arm is held
-        as_array = values["output"] == "array"
-        topic = str(values["output_topic"]) or ("commands" if as_array else "servo_jf")
-        self._hold = self.create_publisher(Empty, "hold", 10)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._state = self.create_publisher(String, "~/state", latched)
-        self.create_subscription(
-            Float64MultiArray if as_array else JointState, topic, self._on_command, 1
-        )
-        self.create_subscription(Empty, "hold", self._on_hold, 10)
-        self.create_timer(self._timeout / 4, self._on_watch, clock=runtime.STEADY_CLOCK)
-        self._tell(f"watching {topic}: hold after {self._timeout:g} s without a command")
-
-    def _on_command(self, _: object) -> None:
-        if self._last is None:
-            self._tell("the arm is commanded")
-        self._last = time.monotonic()
-
-    def _on_hold(self, _: Empty) -> None:
-        if self._last is not None:
-            self._last = None
-            self._tell("the arm holds: its commands ended with a hold")
-
-    def _on_watch(self) -> None:
-        if self._last is None:
-            return
-        silence = time.monotonic() - self._last
-        if silence > self._timeout:
-            self._last = None
-            self._hold.publish(Empty())
-            text = f"hold sent: no command for {silence:.3f} s and no hold before"
-            self._state.publish(String(data=text))
-            self.get_logger().error(f"{text}; restart the compensator to go on")
-
-    def _tell(self, text: str) -> None:
-        self._state.publish(String(data=text))
-        self.get_logger().info(text)
-
-    def finish(self) -> None:
-        """Hold an arm that nobody would watch from now on."""
-        if self._last is not None:
-            self._hold.publish(Empty())
-            self._hold.wait_for_all_acked(Duration(seconds=1))
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """All options are ROS parameters."""
+    """Declare the verb's arguments: all that there is to set are ROS parameters."""
+    parser.usage = "%(prog)s [-h] [--ros-args …]"
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the node until a signal."""
+    """Run the node until SIGINT or SIGTERM; return the exit status."""
+    # Here and not above: rclpy and Pinocchio are slow to load and --help needs neither.
+    from dvrk_gravity.nodes import runtime
+    from dvrk_gravity.nodes.watchdog_node import Watchdog
+
     return runtime.spin(Watchdog, arguments.ros_args)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of ``ros2 run dvrk_gravity watchdog``."""
-    return cli.run(__name__, argv)
+    return cli.run("dvrk_gravity.nodes.watchdog", argv)

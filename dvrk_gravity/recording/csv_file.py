@@ -22,6 +22,7 @@ import numpy as np
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.data import CHUNK, LARGEST, QUANTITIES, Array, Coordinates, Recording
+from dvrk_gravity.recording.timeline import Timeline, with_counts
 
 LATEST_TIME = 9e9  # s; beyond it ns since 1970 overflow 64 bits: certainly not seconds
 HEADER_LIMIT = 10_000  # characters; a longer first line is not a header
@@ -141,7 +142,7 @@ def iterate_csv(
     source = str(path)
     try:
         with Path(path).open(encoding="utf-8-sig", newline="") as file:
-            yield from _iterate(source, file, coordinates, chunk)
+            yield from with_counts(_iterate(source, file, coordinates, chunk))
     except UnicodeDecodeError as error:
         raise RecordingError(source, "is not a text file, expected CSV") from error
     except OSError as error:
@@ -150,40 +151,31 @@ def iterate_csv(
 
 def _iterate(
     source: str, file: TextIO, coordinates: Coordinates, chunk: int
-) -> Iterator[Recording]:
+) -> Iterator[tuple[Recording | None, int, int]]:
     header = file.readline(HEADER_LIMIT)
     if not header.strip():
         raise RecordingError(source, "is empty, expected a CSV header")
     columns = _Columns.parse(source, header)
-    begin, rows_read, start, previous = 2, 0, None, None
+    timeline = Timeline()
+    begin, rows_read = 2, 0
     while lines := list(islice(file, chunk)):
         table = _parse_rows(source, columns, lines, begin)
-        rows_read += len(table)
-        time, repeated = None, 0
-        if columns.time is not None and len(table):
+        rows, time = len(table), None
+        rows_read += rows
+        if columns.time is not None:
             stamps = _to_nanoseconds(source, table[:, columns.time])
-            if start is None:
-                start = int(stamps[0])
-            steps = np.diff(stamps, prepend=stamps[0] - 1 if previous is None else previous)
-            previous = int(stamps[-1])
-            keep = steps != 0
-            repeated = int(np.count_nonzero(~keep))
-            table, time = table[keep], (stamps[keep] - start) / 1e9
-            back = np.flatnonzero(steps < 0)
-            if len(back):
-                numbers = [n for n, line in enumerate(lines, begin) if line.strip()]
-                raise RecordingError(
-                    f"{source}: line {numbers[back[0]]}",
-                    f"time goes back by {-steps[back[0]] / 1e9:g} s, expected increasing times",
-                )
+            numbers = [n for n, line in enumerate(lines, begin) if line.strip()]
+            later, time = timeline.advance(stamps, numbers, f"{source}: line")
+            table = table[later]
         begin += len(lines)
         if not len(table):
+            yield None, 0, rows
             continue
         arrays = {name: table[:, place] for name, place in columns.quantities.items()}
         for array in (*arrays.values(), time):
             if array is not None:
                 array.flags.writeable = False
-        yield Recording(
+        recording = Recording(
             columns.joints,
             time,
             arrays["position"],
@@ -192,9 +184,9 @@ def _iterate(
             arrays.get("direction"),
             coordinates,
             source,
-            start or 0,
-            repeated=repeated,
+            timeline.start_ns or 0,
         )
+        yield recording, 0, rows - len(table)
     if not rows_read:
         raise RecordingError(source, "has a header but no rows")
 

@@ -15,6 +15,7 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import BagReader
 from dvrk_gravity.recording.cdr import CdrError, JointStateLayout
 from dvrk_gravity.recording.data import CHUNK, QUANTITIES, Array, Coordinates, Recording, TimeBase
+from dvrk_gravity.recording.timeline import Timeline, with_counts
 
 # Layouts tried on all of a chunk's messages; a stranger stream than that is decoded singly.
 SHARED_LAYOUTS = 8
@@ -123,72 +124,83 @@ def iterate_bag(
     Raises:
         RecordingError: If the bag cannot be read, or joints, lengths or times do not fit together.
     """
+    return with_counts(_iterate(Path(path), topic, coordinates, time_base, chunk))
+
+
+def _iterate(
+    path: Path, topic: str | None, coordinates: Coordinates, time_base: TimeBase, chunk: int
+) -> Iterator[tuple[Recording | None, int, int]]:
     source = str(path)
-    shape: tuple[tuple[str, ...], tuple[bool, ...]] | None = None
-    start: int | None = None
-    previous: int | None = None
-    invalid, first = 0, 0
+    table = _Table(source)
+    timeline = Timeline()
+    first = 0
     with BagReader(path) as bag:
         messages = bag.raw(bag.joint_state_topic(topic))
         while part := list(islice(messages, chunk)):
-            stamps = np.empty(len(part), np.int64)
-            table: list[Array] = []
-            for batch in _decode(source, first, [data for _, _, data in part]):
-                number = first + int(batch.places[0])
-                joints, places = _columns(source, number, batch)
-                here = (joints, tuple(v.shape[1] > 0 for v in batch.values))
-                if shape is None:
-                    shape = here
-                elif here != shape:
-                    raise RecordingError(
-                        source,
-                        f"message {number} holds other joints or fields than the ones before: "
-                        f"{', '.join(joints)}",
-                    )
-                if not table:
-                    table = [np.empty((len(part), len(joints))) for has in here[1] if has]
-                filled = (v for v in batch.values if v.shape[1])
-                for target, values in zip(table, filled, strict=True):
-                    target[batch.places] = values[:, places]
-                stamps[batch.places] = batch.stamps
-            keep = stamps != 0
-            invalid += int(np.count_nonzero(~keep))
-            numbers = first + np.flatnonzero(keep)
+            stamps, arrays = table.read(first, [data for _, _, data in part])
+            valid = stamps != 0
+            numbers = (first + np.flatnonzero(valid)).tolist()
+            first += len(part)
             if time_base == "receive":
                 stamps = np.array([receive_ns for _, receive_ns, _ in part], np.int64)
-            first += len(part)
-            stamps = stamps[keep]
-            if not len(stamps):
+            later, time = timeline.advance(
+                stamps[valid], numbers, f"{source}: {time_base} of message"
+            )
+            invalid, repeated = len(part) - len(later), len(later) - len(time)
+            if not len(time):
+                yield None, invalid, repeated
                 continue
-            start = int(stamps[0]) if start is None else start
-            steps = np.diff(stamps, prepend=stamps[0] - 1 if previous is None else previous)
-            previous = int(stamps[-1])
-            back = np.flatnonzero(steps < 0)
-            if len(back):
-                raise RecordingError(
-                    source,
-                    f"message {numbers[back[0]]}: {time_base} time goes back by "
-                    f"{-steps[back[0]] / 1e9:g} s, expected increasing times",
-                )
-            new = steps > 0
-            if not new.any():
-                continue
-            assert shape is not None
-            arrays = iter([values[keep][new] for values in table])
-            fields = {q: next(arrays) for q, has in zip(QUANTITIES, shape[1], strict=True) if has}
-            for array in fields.values():
+            fields = {quantity: values[valid][later] for quantity, values in arrays.items()}
+            for array in (*fields.values(), time):
                 array.flags.writeable = False
-            yield Recording(
-                shape[0],
-                (stamps[new] - start) / 1e9,
+            recording = Recording(
+                table.joints,
+                time,
                 coordinates=coordinates,
                 source=source,
-                start_ns=start,
-                invalid=invalid,
-                repeated=int(np.count_nonzero(~new)),
+                start_ns=timeline.start_ns or 0,
                 **fields,
             )
-            invalid = 0
-    if start is None:
-        counted = f" but {invalid} with stamp 0 (invalid)" if invalid else ""
+            yield recording, invalid, repeated
+    if timeline.start_ns is None:
+        counted = f" but {first} with stamp 0 (invalid)" if first else ""
         raise RecordingError(source, f"holds no JointState messages{counted}")
+
+
+class _Table:
+    """Puts the numbers of JointStates into arrays of the arm's joints.
+
+    Attributes:
+        joints: Known joints of the messages, in the arm's order; empty before the first message.
+    """
+
+    def __init__(self, source: str) -> None:
+        self.joints: tuple[str, ...] = ()
+        self._source = source
+        self._quantities: tuple[str, ...] = ()
+
+    def read(self, first: int, raws: list[bytes]) -> tuple[NDArray[np.int64], dict[str, Array]]:
+        """Return stamps ``(N,)`` ns and arrays ``(N, n)`` of the quantities that are sent.
+
+        Raises:
+            RecordingError: If a message does not fit the ones before.
+        """
+        stamps = np.empty(len(raws), np.int64)
+        arrays: dict[str, Array] = {}
+        for batch in _decode(self._source, first, raws):
+            number = first + int(batch.places[0])
+            joints, columns = _columns(self._source, number, batch)
+            sent = {q: v for q, v in zip(QUANTITIES, batch.values, strict=True) if v.shape[1]}
+            if not self.joints:
+                self.joints, self._quantities = joints, tuple(sent)
+            elif (joints, tuple(sent)) != (self.joints, self._quantities):
+                raise RecordingError(
+                    self._source,
+                    f"message {number} holds other joints or fields than the ones before: "
+                    f"{', '.join(joints)}",
+                )
+            for quantity, values in sent.items():
+                target = arrays.setdefault(quantity, np.empty((len(raws), len(joints))))
+                target[batch.places] = values[:, columns]
+            stamps[batch.places] = batch.stamps
+        return stamps, arrays

@@ -1,0 +1,1 @@
+"""The demonstration: simulator, compensator and watchdog as separate processes."""

@@ -1,0 +1,389 @@
+"""Every check fires on its fault, with the right numbers, and is silent without it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recording_samples import shared_data, wave
+
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.recording import Recording, check, prepare
+from dvrk_gravity.recording.grid import quantum, resample, stale
+from dvrk_gravity.recording.velocity import compare_velocity
+
+CLEAN = wave(6000)
+
+
+def column(recording, quantity, joint, change):
+    values = getattr(recording, quantity).copy()
+    k = recording.joint(joint)
+    values[:, k] = change(values[:, k])
+    return replace(recording, **{quantity: values})
+
+
+def held(recording, rows):
+    """Repeat the sample before at each of the rows."""
+    source = np.arange(len(recording))
+    for row in rows:
+        source[row] = source[row - 1]
+    pick = replace(recording, time=None).rows(source)
+    return replace(pick, time=recording.time)
+
+
+def jittered(recording, spread):
+    """Sample the motion off the stamps by a normal error of ``spread`` s."""
+    true = recording.time + np.random.default_rng(0).normal(0, spread, len(recording))
+    phase = 2 * np.pi * np.outer(true, np.linspace(0.3, 0.9, 7))
+    size = np.linspace(0.4, 0.7, 7)
+    return replace(recording, position=size * np.sin(phase))
+
+
+def steps(size):
+    return lambda values: size * np.round(values / size)
+
+
+def with_gap(recording):
+    late = recording.time + np.where(np.arange(len(recording)) >= 2500, 0.8, 0.0)
+    return replace(recording, time=late)
+
+
+STILL = np.linspace(0.1, 0.101, 6000)
+STATIC = replace(CLEAN, time=None, velocity=None)
+CLIP = 0.005
+
+# kind, joint, faulty recording, {number: expected}, faultless counterpart
+FAULTS = [
+    ("invalid_stamps", None, replace(CLEAN, invalid=7), {"samples": 7}, CLEAN),
+    ("repeated_stamps", None, replace(CLEAN, repeated=4), {"samples": 4}, CLEAN),
+    (
+        "stale_samples",
+        None,
+        held(CLEAN, [*range(100, 5900, 50), 200 + 1, 200 + 2]),
+        {"samples": 118, "longest": 3},
+        held(CLEAN, [100, 200]),
+    ),
+    ("read_jitter", None, jittered(CLEAN, 2e-3), {"jitter_s": 2e-3}, jittered(CLEAN, 5e-4)),
+    (
+        "time_jitter",
+        None,
+        replace(CLEAN, time=CLEAN.time + 5e-4 * (np.arange(6000) % 2)),
+        {"jitter_s": 5e-4},
+        replace(CLEAN, time=CLEAN.time + 5e-5 * (np.arange(6000) % 2)),
+    ),
+    ("gaps", None, with_gap(CLEAN), {"count": 1, "longest_s": 0.805}, CLEAN),
+    (
+        "velocity_mismatch",
+        "wrist_roll",
+        column(CLEAN, "velocity", "wrist_roll", lambda v: 1.18 * v),
+        {"slope": 1.18, "lag_s": 0.0, "correlation": 1.0, "residual": 0.0},
+        column(CLEAN, "velocity", "wrist_roll", lambda v: 1.01 * v),
+    ),
+    (
+        "velocity_mismatch",
+        "elbow_pitch",
+        column(CLEAN, "velocity", "elbow_pitch", lambda v: np.roll(v, 6)),
+        {"slope": 1.0, "lag_s": 0.03},
+        column(CLEAN, "velocity", "elbow_pitch", lambda v: np.roll(v, 1)),
+    ),
+    (
+        "velocity_mismatch",
+        "wrist_yaw",
+        column(CLEAN, "velocity", "wrist_yaw", np.zeros_like),
+        {"slope": 0.0, "residual": 0.0},
+        column(CLEAN, "position", "wrist_yaw", lambda p: 0 * p),
+    ),
+    (
+        "effort_saturation",
+        "outer_yaw",
+        column(CLEAN, "effort", "outer_yaw", lambda e: np.clip(e, -CLIP, CLIP)),
+        {"effort_nm": CLIP},
+        column(CLEAN, "effort", "outer_yaw", steps(1e-4)),
+    ),
+    (
+        "effort_saturation",
+        "outer_yaw",
+        column(STATIC, "effort", "outer_yaw", lambda e: np.minimum(e + 0.02, 0.02)),
+        {"effort_nm": 0.02},
+        column(STATIC, "effort", "outer_yaw", steps(1e-4)),
+    ),
+    (
+        "position_quantisation",
+        "wrist_yaw",
+        column(CLEAN, "position", "wrist_yaw", steps(2.96e-3)),
+        {"step_rad": 2.96e-3, "velocity_step": 0.592},
+        column(CLEAN, "position", "wrist_yaw", steps(1e-4)),
+    ),
+    (
+        "velocity_quantisation",
+        "outer_yaw",
+        column(CLEAN, "velocity", "outer_yaw", steps(0.1)),
+        {"step": 0.1},
+        column(CLEAN, "velocity", "outer_yaw", steps(0.01)),
+    ),
+    (
+        "effort_quantisation",
+        "wrist_roll",
+        column(CLEAN, "effort", "wrist_roll", steps(1e-3)),
+        {"step": 1e-3},
+        column(CLEAN, "effort", "wrist_roll", steps(1e-4)),
+    ),
+    (
+        "no_motion",
+        "shoulder_pitch",
+        column(CLEAN, "position", "shoulder_pitch", lambda p: STILL),
+        {"range_rad": 1e-3},
+        column(CLEAN, "position", "shoulder_pitch", lambda p: 30 * STILL - 3),
+    ),
+    (
+        "nothing_moves",
+        None,
+        replace(CLEAN, position=np.tile(STILL[:, None], 7), velocity=None),
+        {"range_rad": 1e-3},
+        CLEAN,
+    ),
+    (
+        "position_unit",
+        "wrist_roll",
+        replace(CLEAN, position=np.rad2deg(CLEAN.position)),
+        {"largest": np.rad2deg(0.7)},
+        replace(CLEAN, position=2 * CLEAN.position),
+    ),
+    (
+        "effort_unit",
+        "wrist_roll",
+        replace(CLEAN, effort=1000 * CLEAN.effort),
+        {"largest": 14.3, "plausible": 0.023},
+        replace(CLEAN, effort=3 * CLEAN.effort),
+    ),
+    (
+        "time_unit",
+        None,
+        replace(CLEAN, time=1000 * CLEAN.time, velocity=None),
+        {"interval": 5.0},
+        replace(CLEAN, time=20 * CLEAN.time, velocity=None),
+    ),
+]
+UNUSABLE = {"nothing_moves", "position_unit", "effort_unit", "time_unit"}
+
+
+@pytest.mark.parametrize(("kind", "joint", "faulty", "numbers", "faultless"), FAULTS)
+def test_check_fires_on_its_fault_and_is_silent_without(kind, joint, faulty, numbers, faultless):
+    found = [w for w in check(faulty) if w.kind == kind and w.joint == joint]
+    assert len(found) == 1
+    for name, expected in numbers.items():
+        assert found[0].numbers[name] == pytest.approx(expected, rel=0.1, abs=2e-3), name
+    assert found[0].unusable == (kind in UNUSABLE)
+    assert "\n" not in str(found[0])
+    assert [w for w in check(faultless) if w.kind == kind and w.joint == joint] == []
+
+
+def test_a_clean_recording_has_no_findings():
+    assert check(CLEAN) == ()
+    assert check(STATIC) == ()
+    noisy = CLEAN.velocity + 0.02 * np.random.default_rng(0).normal(size=CLEAN.velocity.shape)
+    assert check(replace(CLEAN, velocity=noisy)) == ()
+
+
+def test_every_kind_of_finding_has_a_case():
+    from typing import get_args
+
+    from dvrk_gravity.recording.data_warning import Kind
+
+    assert set(get_args(Kind)) == {fault[0] for fault in FAULTS}
+
+
+def test_known_effort_limits_are_used():
+    limits = dict.fromkeys(JOINT_NAMES, 0.0135)
+    found = [w for w in check(CLEAN, limits) if w.kind == "effort_saturation"]
+    assert [w.joint for w in found] == ["wrist_roll"]
+    assert check(CLEAN, dict.fromkeys(JOINT_NAMES, 0.1)) == ()
+
+
+def test_units_that_only_the_velocity_reveals_are_told():
+    degrees = replace(wave(6000), velocity=np.rad2deg(CLEAN.velocity))
+    assert all("deg/s?" in w.text and not w.unusable for w in check(degrees))
+    small = 0.01 * CLEAN.position
+    both = replace(CLEAN, position=np.rad2deg(small), velocity=0.01 * CLEAN.velocity)
+    found = check(both)
+    assert len(found) == 7
+    assert all("positions in degrees?" in w.text and w.unusable for w in found)
+
+
+def test_identical_samples_at_rest_are_not_stale():
+    """Half a second of smooth motion between two long rests without any noise."""
+    share = np.clip((CLEAN.time - 15.0) / 0.5, 0.0, 1.0)[:, None]
+    smooth = 10 * share**3 - 15 * share**4 + 6 * share**5
+    position = CLEAN.position[2999] + 0.3 * smooth
+    resting = replace(CLEAN, position=position, velocity=None, effort=0.02 * position)
+    assert check(resting) == ()
+    assert (np.diff(position, axis=0) == 0).all(axis=1).sum() > 5000
+    repeated = held(resting, range(3010, 3090, 2))
+    assert 35 <= stale(repeated).sum() <= 80
+
+
+@pytest.mark.parametrize(
+    ("values", "step"),
+    [
+        (0.25 * np.arange(40) ** 2 % 17, 0.25),
+        (np.random.default_rng(0).normal(size=5000), 0.0),
+        (1e-3 * np.random.default_rng(0).integers(-900, 900, 100_000), 1e-3),
+        (np.zeros(9), 0.0),
+        (np.array([1.0, 2.0]), 0.0),
+    ],
+)
+def test_quantum_is_found_only_where_there_is_one(values, step):
+    assert quantum(values) == pytest.approx(step, rel=1e-9)
+
+
+def test_resampling_follows_the_motion_between_jittering_stamps():
+    rng = np.random.default_rng(0)
+    time = np.sort(CLEAN.time + rng.uniform(-2e-3, 2e-3, 6000))
+    omega, size = 2 * np.pi * np.linspace(0.3, 0.9, 7), np.linspace(0.4, 0.7, 7)
+    grid = resample(replace(CLEAN, time=time, position=size * np.sin(np.outer(time, omega))), 200.0)
+    np.testing.assert_allclose(np.diff(grid.time), 0.005, rtol=1e-6)
+    truth = size * np.sin(np.outer(grid.time, omega))
+    assert np.abs(grid.position - truth).max() < 1e-4
+    assert resample(CLEAN, 200.0) is CLEAN
+
+
+def test_prepare_filters_everything_alike_and_says_so():
+    prepared = prepare(CLEAN, cutoff=10.0)
+    (segment,) = prepared.segments
+    assert prepared.warnings == ()
+    assert prepared.handling == (f"{prepared.filter}, over position, velocity and effort",)
+    core = segment.core
+    assert len(CLEAN.position[core]) == 6000 - 2 * segment.edge
+    omega = 2 * np.pi * np.linspace(0.3, 0.9, 7)
+    gain = 1 / (1 + (np.tan(omega / 2 / 200) / np.tan(np.pi * 10 / 200)) ** 4)
+    got = segment.recording
+    np.testing.assert_allclose(got.position[core], gain * CLEAN.position[core], atol=1e-6)
+    np.testing.assert_allclose(got.velocity[core], gain * CLEAN.velocity[core], atol=1e-4)
+    expected = -gain * omega**2 * CLEAN.position[core]
+    np.testing.assert_allclose(segment.acceleration[core], expected, atol=3e-3)
+    assert np.std(got.effort - 0.02 * got.position) < 0.5e-4
+
+
+def test_prepare_derives_the_velocity_only_where_the_column_is_worse():
+    wrong = column(CLEAN, "velocity", "wrist_roll", lambda v: 1.18 * v)
+    offset = column(wrong, "velocity", "outer_yaw", lambda v: v + 1e-3)
+    prepared = prepare(offset, cutoff=10.0)
+    assert "velocity differentiated from position: wrist_roll" in prepared.handling
+    (segment,) = prepared.segments
+    core = segment.core
+    difference = (
+        segment.recording.velocity[core] - prepare(CLEAN, 10.0).segments[0].recording.velocity[core]
+    )
+    np.testing.assert_allclose(difference[:, 6], 0.0, atol=2e-4)
+    np.testing.assert_allclose(difference[:, 0], 1e-3, atol=1e-9)
+    absent = prepare(replace(CLEAN, velocity=None), 10.0)
+    assert f"velocity differentiated from position: {', '.join(JOINT_NAMES)}" in absent.handling
+    got = absent.segments[0].recording.velocity[core]
+    np.testing.assert_allclose(got, CLEAN.velocity[core], atol=2e-2)
+
+
+def test_prepare_replaces_stale_samples():
+    rows = np.random.default_rng(0).choice(np.arange(10, 5990), 800, replace=False)
+    prepared = prepare(held(CLEAN, np.sort(rows)), cutoff=20.0)
+    assert "800 stale samples replaced by interpolation" in prepared.handling
+    assert "interpolated (Akima) onto a uniform grid at 200 Hz" in prepared.handling
+    (segment,) = prepared.segments
+    clean = prepare(CLEAN, cutoff=20.0).segments[0]
+    error = np.abs(segment.recording.position - clean.recording.position)[clean.core]
+    assert error.max() < 2e-4
+    assert np.abs(held(CLEAN, rows).position - CLEAN.position).max() > 5e-3
+    assert len(segment.recording) == 6000
+
+
+def test_prepare_splits_at_gaps_and_drops_what_is_too_short():
+    time = CLEAN.time.copy()
+    time[2000:] += 0.5
+    time[2040:] += 0.5
+    prepared = prepare(replace(CLEAN, time=time), cutoff=10.0)
+    assert [len(s.recording) for s in prepared.segments] == [2000, 3960]
+    assert "split at gaps into 2 parts, 40 samples of short ones left out" in prepared.handling
+    assert [s.recording.time[0] for s in prepared.segments] == [0.0, time[2040]]
+
+
+def test_prepare_replaces_stale_samples_after_a_gap_too():
+    repeated = held(CLEAN, range(4000, 4400, 2))
+    late = replace(repeated, time=with_gap(CLEAN).time)
+    _, second = prepare(late, cutoff=20.0).segments
+    _, clean = prepare(with_gap(CLEAN), cutoff=20.0).segments
+    error = np.abs(second.recording.position - clean.recording.position)[clean.core]
+    assert error.max() < 2e-4
+
+
+def test_stale_samples_are_not_held_against_the_velocity():
+    rows = np.sort(np.random.default_rng(0).choice(np.arange(10, 5990), 2000, replace=False))
+    slow = held(column(CLEAN, "velocity", "outer_yaw", lambda v: np.roll(v, 1)), rows)
+    for fit in compare_velocity(slow):
+        assert abs(fit.slope - 1.0) < 1e-3
+        assert fit.residual < 0.015
+
+
+def test_constant_effort_of_static_poses_is_not_saturation():
+    assert check(column(STATIC, "effort", "wrist_roll", np.zeros_like)) == ()
+
+
+def test_prepare_passes_static_poses_on():
+    prepared = prepare(STATIC)
+    assert prepared.segments[0].recording is STATIC
+    assert (prepared.segments[0].acceleration, prepared.filter) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("recording", "text"),
+    [
+        (replace(CLEAN, position=np.rad2deg(CLEAN.position)), "wave: outer_yaw: position up to"),
+        (replace(CLEAN, position=np.zeros((6000, 7))), "wave: no joint moves"),
+        (CLEAN.rows(slice(0, 60)), "wave: has no 128 samples in a row without a gap"),
+        (replace(CLEAN, time=5 * CLEAN.time, velocity=None), "wave: cut-off 10 Hz"),
+    ],
+)
+def test_prepare_refuses_what_nothing_should_be_fitted_to(recording, text):
+    if "cut-off" in text:
+        recording = replace(recording, time=4 * recording.time)
+    with pytest.raises(RecordingError) as caught:
+        prepare(recording, cutoff=10.0)
+    assert str(caught.value).startswith(text)
+
+
+EXPECTED = {
+    "mtm_dynamic_30s_200hz.csv": {
+        ("stale_samples", None),
+        ("read_jitter", None),
+        *(("velocity_mismatch", joint) for joint in JOINT_NAMES[4:]),
+        *(("position_quantisation", joint) for joint in JOINT_NAMES[4:]),
+    },
+    "mtm_wrist_platform_sweep_200hz.csv": {
+        ("stale_samples", None),
+        ("read_jitter", None),
+        ("velocity_mismatch", "wrist_platform"),
+    },
+    "mtmr28002_static_pos.csv": {("no_motion", "outer_yaw"), ("no_motion", "wrist_roll")},
+    "mtmr28002_static_neg.csv": {("no_motion", "outer_yaw"), ("no_motion", "wrist_roll")},
+}
+EXPECTED["bags/mtm_dynamic_sqlite3"] = EXPECTED["mtm_dynamic_30s_200hz.csv"]
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_findings_on_measured_data_are_few_and_true(name):
+    found = check(Recording.load(shared_data(name)))
+    assert {(w.kind, w.joint) for w in found} == EXPECTED[name]
+    assert not any(w.unusable for w in found)
+
+
+def test_numbers_on_the_measured_trajectory():
+    found = {
+        (w.kind, w.joint): w.numbers
+        for w in check(Recording.load(shared_data("mtm_dynamic_30s_200hz.csv")))
+    }
+    assert found["stale_samples", None]["samples"] == 795
+    assert found["stale_samples", None]["longest"] == 6
+    assert 2.2e-3 < found["read_jitter", None]["jitter_s"] < 3.0e-3
+    assert found["velocity_mismatch", "wrist_roll"]["slope"] == pytest.approx(1.18, abs=0.02)
+    assert found["velocity_mismatch", "wrist_yaw"]["lag_s"] == pytest.approx(7e-3, abs=2e-3)
+    assert found["position_quantisation", "wrist_roll"]["step_rad"] == pytest.approx(
+        5.92e-3, rel=0.01
+    )
