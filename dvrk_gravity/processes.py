@@ -117,6 +117,8 @@ class NodeProcess:
         except subprocess.TimeoutExpired as error:
             raise ProcessError(f"{self.verb} did not end within {timeout:g} s") from error
         self._reader.join(timeout)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
         return status
 
     def stop(self, timeout: float = 10.0) -> int:

@@ -32,7 +32,7 @@ def draw(
             # A part that goes on from another one is drawn on from it.
             going_on = title.startswith("Pushed") and number > 0
             start = phases[0].position[0] if going_on else phase.position[0]
-            shift = phases[0].time[-1] + 1.0 if going_on else 0.0
+            shift = phases[0].time[-1] if going_on else 0.0
             moved = np.degrees(phase.position - start)
             for joint, name in enumerate(JOINT_NAMES):
                 axis.plot(

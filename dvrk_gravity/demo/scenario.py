@@ -32,7 +32,8 @@ POSES = np.radians(
 )
 FALL = 3.0  # s without compensation
 FLOAT = 10.0  # s with it, at each pose
-PUSH = 0.7  # s of a hand's push
+PUSH = 0.5  # s of a hand's push
+COAST = 1.5  # s until it has come to rest
 REST = 3.0  # s of watching afterwards
 # A light hand, N·m.
 PUSH_EFFORT = (0.07, 0.06, 0.08, 0.0, 0.0, 0.0, 0.0)
@@ -161,8 +162,10 @@ class Scenario:
         self._go_to(POSES[0])
         self._start()
         hand = JointState(name=JOINT_NAMES, effort=PUSH_EFFORT)
-        pushed = self._watch("pushed by hand", PUSH, lambda: self._push.publish(hand))
-        self._watch("coming to rest", 1.0)
+        mark, start = len(self._positions), time.monotonic()
+        self._watch("pushed", PUSH, lambda: self._push.publish(hand))
+        self._client.spin(COAST)
+        pushed = self._phase("pushed by hand", mark, start)
         return pushed, self._watch("left alone again", REST)
 
     def kill(self) -> Kill:
@@ -209,6 +212,10 @@ class Scenario:
             if act is not None:
                 act()
             self._client.spin(min(left, 0.02))
+        return self._phase(title, mark, start)
+
+    def _phase(self, title: str, mark: int, start: float) -> Phase:
+        """Return what was measured since there were ``mark`` samples."""
         when = np.array([stamp for stamp, _ in self._positions[mark:]])
         position = np.array([values for _, values in self._positions[mark:]])
         return Phase(title, when - start, position.reshape(-1, N_JOINTS))

@@ -1,0 +1,57 @@
+"""Write the README's table of parameters from their declarations.
+
+``python docs/parameter_table.py`` prints it; ``--write`` puts it into the README.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.model import ALL_PARAMETERS
+from dvrk_gravity.parameter import Parameter
+
+README = Path(__file__).resolve().parents[1] / "README.md"
+BEGIN, END = "<!-- parameters: begin -->", "<!-- parameters: end -->"
+
+
+def table() -> str:
+    """Return the table in Markdown, the seven joints of one parameter in one row."""
+    rows = ["| parameter | type | unit | default | range | meaning |", "|---|---|---|---|---|---|"]
+    for name, entry in ALL_PARAMETERS.items():
+        joint = next((joint for joint in JOINT_NAMES if name.endswith(f".{joint}")), None)
+        if joint == JOINT_NAMES[0]:
+            rows.append(_row(name.replace(joint, "JOINT"), entry, entry.meaning.split(",")[0]))
+        elif joint is None:
+            rows.append(_row(name, entry, entry.meaning))
+    return "\n".join(rows)
+
+
+def _row(name: str, entry: Parameter, meaning: str) -> str:
+    kind = entry.kind
+    if entry.lengths:
+        count = entry.lengths if len(entry.lengths) < 4 else (entry.lengths[0], "…")
+        kind += f" ({', '.join(map(str, count))})" if count else ""
+    default = "" if entry.default in ((), "") else str(entry.default).lower()
+    if isinstance(entry.default, tuple) and entry.default:
+        default = ", ".join(f"{value:g}" for value in entry.default)
+    meaning += " (fixed at start)" if entry.read_only else ""
+    cells = (f"`{name}`", kind, entry.unit, default, entry.range_text(), meaning)
+    return "| " + " | ".join(cells) + " |"
+
+
+def written() -> str:
+    """Return the README with the table put between its marks."""
+    pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
+    return pattern.sub(f"{BEGIN}\n{table()}\n{END}", README.read_text(encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="put it into the README")
+    if parser.parse_args().write:
+        README.write_text(written(), encoding="utf-8")
+    else:
+        print(table())

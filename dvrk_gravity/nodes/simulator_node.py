@@ -1,0 +1,209 @@
+"""The simulator's rclpy node: topics and time around an arm that knows no ROS."""
+
+from __future__ import annotations
+
+import math
+import time
+from array import array
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Empty
+
+from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.errors import DvrkGravityError
+from dvrk_gravity.model import ALL_PARAMETERS
+from dvrk_gravity.nodes import runtime
+from dvrk_gravity.parameter import Parameter, check_all
+from dvrk_gravity.simulate import PlantFile, SimulatedArm
+
+STEP = 1e-3
+"""Length of a simulation step, s."""
+
+# Further behind than this, the simulation lets the time go instead of chasing it, s.
+_MOST_BEHIND = 0.05
+
+SIMULATOR_PARAMETERS: dict[str, Parameter] = {
+    entry.name: entry
+    for entry in (
+        Parameter("plant", "mtmr_28002", "", "plant: a name, or the path of a plant's .yaml file"),
+        Parameter("rate", 1000.0, "Hz", "measured_js", lower=1.0, upper=1000.0),
+        Parameter(
+            "setpoint_rate", 100.0, "Hz", "setpoint_js and gravity_compensation/setpoint_js",
+            lower=1.0, upper=1000.0,
+        ),
+        Parameter("friction_scale", 1.0, "", "factor on every friction", lower=0.0, upper=100.0),
+        Parameter(
+            "initial_position", (0.0, 0.0, 0.0, 0.0, math.pi / 2, 0.0, 0.0), "rad",
+            "where the arm is at first, in hold", lengths=(N_JOINTS,),
+        ),
+        Parameter("seed", 0.0, "", "seed of the sensors' noise", lower=0.0, upper=2.0**53),
+        Parameter("sensor_noise", True, "", "false: perfect sensors"),
+        Parameter(
+            "builtin_gravity_compensation", True, "",
+            "the arm's own compensation at first; on, as on a real console",
+        ),
+        Parameter(
+            "push_timeout", 0.1, "s", "a hand lets go when no simulator/push_jf comes for so long",
+            lower=0.002, upper=60.0,
+        ),
+        Parameter(
+            "realtime_factor", 1.0, "", "simulated seconds in a second", lower=0.01, upper=20.0
+        ),
+    )
+}  # fmt: skip
+
+
+class Simulator(Node):
+    """Moves the arm in real time and speaks the console's topics."""
+
+    def __init__(self) -> None:
+        """Read the parameters, build the arm, connect the topics.
+
+        Raises:
+            ConfigError: A parameter that is unknown or fails its check, or an unusable plant.
+        """
+        super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
+        given = runtime.given_parameters(self)
+        # A file for all nodes (`/**`) holds the compensator's parameters, too.
+        others = [name for name in given if name in ALL_PARAMETERS]
+        mine = {name: value for name, value in given.items() if name not in others}
+        defaults = {name: entry.default for name, entry in SIMULATOR_PARAMETERS.items()}
+        value: dict[str, Any] = defaults | check_all(SIMULATOR_PARAMETERS, mine)
+        runtime.declare(self, value)
+        self.add_on_set_parameters_callback(self._refuse_parameters)
+
+        truth = PlantFile.load(value["plant"])
+        plant = truth.plant(value["friction_scale"])
+        plant.reset(value["initial_position"])
+        self._arm = SimulatedArm(
+            plant,
+            truth.sensors if value["sensor_noise"] else None,
+            int(value["seed"]),
+            value["builtin_gravity_compensation"],
+            STEP,
+        )
+        self._names = truth.model.arm.joint_names
+        self._push_timeout = value["push_timeout"] * value["realtime_factor"]
+        self._steps_per_second = value["realtime_factor"] / STEP
+        self._origin = time.monotonic()
+        self._steps = 0
+        self._connect(value["rate"], value["setpoint_rate"])
+        builtin = "on" if value["builtin_gravity_compensation"] else "off"
+        self.get_logger().info(
+            f"simulating {value['plant']}, in hold; its own gravity compensation is {builtin}"
+        )
+
+    def finish(self) -> None:
+        """Stop the clock."""
+        self._timer.cancel()
+
+    def _connect(self, rate: float, setpoint_rate: float) -> None:
+        def publisher(topic: str) -> Any:
+            return self.create_publisher(JointState, topic, QoSProfile(depth=100))
+
+        self._measured = publisher("measured_js")
+        self._setpoint = publisher("setpoint_js")
+        self._compensation = publisher("gravity_compensation/setpoint_js")
+        self._measured_due = _Due(rate)
+        self._setpoint_due = _Due(setpoint_rate)
+        arm = self._arm
+        self._listen(JointState, "servo_jf", lambda message: arm.servo_jf(message.effort))
+        self._listen(JointState, "servo_jp", self._on_servo_jp)
+        self._listen(JointState, "move_jp", lambda message: arm.move_jp(message.position))
+        self._listen(Empty, "hold", lambda _: arm.hold())
+        self._listen(Empty, "free", lambda _: arm.free())
+        self._listen(
+            Bool,
+            "use_gravity_compensation",
+            lambda message: arm.use_gravity_compensation(message.data),
+        )
+        self._listen(
+            JointState,
+            "simulator/push_jf",
+            lambda message: arm.push(message.effort, self._push_timeout),
+        )
+        self._timer = self.create_timer(STEP, self._on_timer, clock=runtime.STEADY_CLOCK)
+
+    def _listen(self, message_type: Any, topic: str, command: Callable[[Any], None]) -> None:
+        """Subscribe; what the arm refuses is told, and the arm goes on as before."""
+
+        def receive(message: Any) -> None:
+            try:
+                command(message)
+            except DvrkGravityError as error:
+                self.get_logger().error(f"{topic} ignored: {error}", throttle_duration_sec=1.0)
+
+        self.create_subscription(message_type, topic, receive, 1)
+
+    def _on_servo_jp(self, message: JointState) -> None:
+        self._arm.servo_jp(message.position, message.velocity or None)
+
+    def _on_timer(self) -> None:
+        now = time.monotonic()
+        due = int((now - self._origin) * self._steps_per_second) - self._steps
+        most = math.ceil(_MOST_BEHIND * self._steps_per_second)
+        if due > most:
+            late = (due - most) / self._steps_per_second
+            self._origin += late
+            due = most
+            self.get_logger().warning(
+                f"behind real time: {late * 1e3:.0f} ms left out",
+                throttle_duration_sec=1.0,
+            )
+        if due <= 0:
+            return
+        for _ in range(due):
+            self._arm.step()
+        self._steps += due
+        self._publish(now)
+
+    def _publish(self, now: float) -> None:
+        arm = self._arm
+        if self._measured_due.at(now):
+            sample = arm.measure()
+            self._send(self._measured, sample.position, sample.velocity, sample.effort)
+        if self._setpoint_due.at(now):
+            none = np.empty(0)
+            target = none if arm.target is None else arm.target
+            self._send(self._setpoint, target, none, arm.commanded)
+            self._send(self._compensation, none, none, arm.compensation)
+
+    def _send(self, publisher: Any, position: Any, velocity: Any, effort: Any) -> None:
+        message = JointState(
+            name=self._names,
+            # array('d') is taken as it is; of a list or numpy array every entry is checked.
+            position=array("d", position.tobytes()),
+            velocity=array("d", velocity.tobytes()),
+            effort=array("d", effort.tobytes()),
+        )
+        message.header.stamp = self.get_clock().now().to_msg()
+        publisher.publish(message)
+
+    def _refuse_parameters(self, parameters: list[Any]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name in SIMULATOR_PARAMETERS:
+                return SetParametersResult(
+                    successful=False, reason=f"{parameter.name} is read when the node starts"
+                )
+        return SetParametersResult(successful=True)
+
+
+class _Due:
+    """Tells when something at a fixed rate is to be done; what was missed is not made up for."""
+
+    def __init__(self, rate: float) -> None:
+        self._period = 1.0 / rate
+        self._next = 0.0
+
+    def at(self, now: float) -> bool:
+        # Half a step early rather than half a step late: the timer ticks once a step.
+        if now < self._next - 0.5 * STEP:
+            return False
+        self._next = max(self._next + self._period, now)
+        return True

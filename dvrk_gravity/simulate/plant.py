@@ -1,0 +1,181 @@
+"""Forward dynamics of the arm: Pinocchio's tree, the model's terms, friction that sticks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.errors import ConfigError, ShapeError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.simulate.effects import Effects
+from dvrk_gravity.simulate.friction import FrictionSolver
+from dvrk_gravity.tree import LINKS, build_tree
+
+Array = NDArray[np.float64]
+
+# Impulse that a stop can give, N·m·s: more than any motion of the arm can ask for.
+_STOP = 1e6
+
+
+class Plant:
+    """A simulated arm with seven joints, at a position and a velocity.
+
+    A step is semi-implicit Euler: the acceleration from the forces at (q, v), viscous and dry
+    friction at the end of the step, and the position from the new velocity,
+
+        (M + h D) v+ = M v + h (tau - tau_smooth(q, v) - c(q, v)) + J^T lambda,   q+ = q + h v+.
+
+    M and c come from the links' and rotors' inertia with zero gravity: gravity is a term of
+    the model, so that a beta identified on a real arm can meet inertia from CAD. Position
+    limits are stops without rebound.
+
+    Attributes:
+        model: The true terms; their torques are those that the actuators apply.
+        q: (7,) position, rad.
+        v: (7,) velocity, rad/s.
+        time: Since the beginning, s.
+    """
+
+    def __init__(
+        self,
+        model: TorqueModel,
+        links: Mapping[str, pin.Inertia],
+        rotor_inertia: ArrayLike,
+        friction_scale: float = 1.0,
+    ) -> None:
+        """Build the plant at zero position (or the nearest allowed), at rest.
+
+        Args:
+            model: The arm's true terms.
+            links: Inertia of each of :data:`dvrk_gravity.tree.LINKS`, in its distal DH frame;
+                those absent weigh nothing.
+            rotor_inertia: (7,) reflected inertia at the actuators, kg·m^2.
+            friction_scale: Factor on every friction, dry and viscous.
+
+        Raises:
+            ConfigError: An unknown link, or a mass matrix that is not positive definite.
+            ShapeError: ``rotor_inertia`` is not (7,).
+        """
+        rotors = np.asarray(rotor_inertia, dtype=float)
+        if rotors.shape != (N_JOINTS,):
+            raise ShapeError("rotor_inertia", rotors.shape, f"({N_JOINTS},)")
+        for name in links:
+            if name not in LINKS:
+                raise ConfigError(f"links.{name}", name, f"one of {', '.join(LINKS)}")
+        self.model = model
+        self.time = 0.0
+        arm = model.arm
+        self._lower, self._upper = arm.lower, arm.upper
+        self._middle, self._half = (
+            0.5 * (arm.lower + arm.upper),
+            0.5 * (arm.upper - arm.lower) - 1e-9,
+        )
+        self._tree = build_tree(arm, links, np.zeros(3))
+        self._expand = self._tree.expand
+        self._gather = np.ascontiguousarray(self._expand.T)
+        to_motor = arm.joint_to_actuator
+        self._rotors = to_motor.T @ np.diag(rotors) @ to_motor
+        self._effects = Effects(model, friction_scale)
+        self._damping = self._effects.damping if self._effects.damping.any() else None
+        self._dt, self._implicit = 0.0, np.zeros((N_JOINTS, N_JOINTS))
+        self._friction = FrictionSolver(self._effects.rows)
+        self._evaluated: tuple[Array, Array, Array, Array] | None = None
+        self.q = np.clip(np.zeros(N_JOINTS), self._lower, self._upper)
+        self.v = np.zeros(N_JOINTS)
+        self._at_stops = self._reaches_stops()
+        least = np.linalg.eigvalsh(self.mass_matrix()).min()
+        if not least > 0:
+            raise ConfigError("links", f"least eigenvalue {least:g}", "a positive mass matrix")
+
+    def reset(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
+        """Put the arm somewhere, at rest if no velocity is given.
+
+        Args:
+            q: (7,) position, rad.
+            v: (7,) velocity, rad/s.
+
+        Raises:
+            ShapeError: Not (7,).
+            ConfigError: Not finite, or a position beyond the joint's limits.
+        """
+        position = np.array(q, dtype=float)
+        velocity = np.zeros(N_JOINTS) if v is None else np.array(v, dtype=float)
+        for name, array in (("q", position), ("v", velocity)):
+            if array.shape != (N_JOINTS,):
+                raise ShapeError(name, array.shape, f"({N_JOINTS},)")
+            if not np.isfinite(array).all():
+                raise ConfigError(name, array.tolist(), "finite numbers")
+        for joint, value in zip(self.model.arm.joints, position.tolist(), strict=True):
+            if not joint.lower <= value <= joint.upper:
+                raise ConfigError(
+                    f"position of {joint.name}",
+                    value,
+                    f"{joint.lower:.4g} to {joint.upper:.4g} rad",
+                )
+        self.q, self.v = position, velocity
+        self._at_stops = self._reaches_stops()
+        self._friction.reset()
+        self._evaluated = None
+
+    def mass_matrix(self) -> Array:
+        """Return the (7, 7) inertia at the present position, rotors included, kg·m^2."""
+        return self._at_present()[0]
+
+    def smooth_torque(self) -> Array:
+        """Return the (7,) torque that balances the arm at rest but for friction, N·m."""
+        return self._at_present()[1]
+
+    def step(self, effort: Array, push: Array | None = None, dt: float = 1e-3) -> None:
+        """Go one step on.
+
+        Args:
+            effort: (7,) torque of the actuators in joint space, N·m.
+            push: (7,) torque from outside, N·m.
+            dt: Length of the step, s.
+        """
+        mass, smooth, bounds, tree_q = self._at_present()
+        q, v = self.q, self.v
+        force = effort - smooth
+        if push is not None:
+            force += push
+        force *= dt
+        if np.count_nonzero(v):
+            tree = self._tree
+            bias = pin.nonLinearEffects(tree.model, tree.data, tree_q, self._expand.dot(v))
+            force += mass.dot(v) - dt * self._gather.dot(bias)
+        if self._damping is not None:
+            if dt != self._dt:
+                self._dt, self._implicit = dt, dt * self._damping
+            mass = mass + self._implicit
+        impulse = dt * bounds
+        if self._at_stops:
+            impulse[0, :N_JOINTS][q >= self._upper] = -_STOP
+            impulse[1, :N_JOINTS][q <= self._lower] = _STOP
+        self.v = self._friction.solve(mass, force, impulse)
+        self.q = dt * self.v
+        self.q += q
+        self._at_stops = self._reaches_stops()
+        if self._at_stops:
+            self.q = np.minimum(np.maximum(self.q, self._lower), self._upper)
+        self.time += dt
+        self._evaluated = None
+
+    def _reaches_stops(self) -> bool:
+        away = self.q - self._middle
+        np.abs(away, out=away)
+        # To within round-off: where it matters, the exact limits are compared.
+        return bool(np.count_nonzero(away >= self._half))
+
+    def _at_present(self) -> tuple[Array, Array, Array, Array]:
+        """Return mass matrix, smooth torque, friction bounds and tree joints, once a step."""
+        if self._evaluated is None:
+            tree = self._tree
+            tree_q = self._expand.dot(self.q)
+            mass = self._gather.dot(pin.crba(tree.model, tree.data, tree_q)).dot(self._expand)
+            mass += self._rotors
+            self._evaluated = (mass, *self._effects.smooth(self.q, self.v), tree_q)
+        return self._evaluated

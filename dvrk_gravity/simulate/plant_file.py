@@ -1,0 +1,145 @@
+"""A plant's truth as a YAML file: torques, inertia and sensors of one simulated arm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from dvrk_gravity import yaml_file
+from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.parameter import flatten
+from dvrk_gravity.resources import config_path
+from dvrk_gravity.simulate.plant import Plant
+from dvrk_gravity.simulate.sensors import Sensors
+from dvrk_gravity.tree import LINKS
+
+Array = NDArray[np.float64]
+
+_SECTIONS = ("parameters", "links", "rotor_inertia", "sensors")
+_STEPS = ("position_step", "velocity_noise", "effort_step", "effort_noise")
+
+
+@dataclass(frozen=True, eq=False)
+class PlantFile:
+    """What a plant file holds.
+
+    Attributes:
+        model: The true terms.
+        links: Inertia of the links in their distal DH frames.
+        rotor_inertia: (7,) reflected inertia at the actuators, kg·m^2.
+        sensors: The sensors; perfect ones if the file has none.
+    """
+
+    model: TorqueModel
+    links: Mapping[str, pin.Inertia]
+    rotor_inertia: Array
+    sensors: Sensors
+
+    @classmethod
+    def load(cls, name_or_path: str | Path) -> PlantFile:
+        """Load a plant by name (``mtmr_28002``) or from a YAML file.
+
+        Raises:
+            ConfigError: Unknown name, or a file with a wrong, missing or unknown field.
+        """
+        text = str(name_or_path)
+        path = Path(text)
+        if not text.endswith((".yaml", ".yml")):
+            try:
+                path = config_path(f"plants/{text}.yaml")
+            except FileNotFoundError as error:
+                raise ConfigError(
+                    "plant", text, "mtmr_28002, or the path of a plant's .yaml file"
+                ) from error
+        content = yaml_file.load(path)
+        try:
+            return _parse(content)
+        except ConfigError as error:
+            raise error if error.source else error.in_file(path) from None
+
+    def plant(self, friction_scale: float = 1.0) -> Plant:
+        """Build the plant.
+
+        Raises:
+            ConfigError: Inertias without a positive mass matrix.
+        """
+        return Plant(self.model, self.links, self.rotor_inertia, friction_scale)
+
+
+def _parse(content: Mapping[str, Any]) -> PlantFile:
+    _only("", content, _SECTIONS)
+    for key in _SECTIONS[:3]:
+        if key not in content:
+            raise ConfigError(key, None, "a value")
+    model = TorqueModel.from_parameters(flatten(_mapping("parameters", content["parameters"])))
+    links = {
+        str(name): _inertia(f"links.{name}", row)
+        for name, row in _mapping("links", content["links"]).items()
+    }
+    _only("links", links, LINKS)
+    rotors = _numbers("rotor_inertia", content["rotor_inertia"], N_JOINTS, least=0.0)
+    return PlantFile(model, links, rotors, _sensors(content.get("sensors", {})))
+
+
+def _inertia(where: str, row: Any) -> pin.Inertia:
+    fields = ("mass", "com", "inertia")
+    _only(where, _mapping(where, row), fields)
+    for key in fields:
+        if key not in row:
+            raise ConfigError(f"{where}.{key}", None, "a value")
+    mass = _number(f"{where}.mass", row["mass"], least=0.0)
+    com = _numbers(f"{where}.com", row["com"], 3)
+    xx, yy, zz, xy, xz, yz = _numbers(f"{where}.inertia", row["inertia"], 6).tolist()
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    least, middle, most = np.linalg.eigvalsh(tensor)
+    # Pinocchio takes any numbers; a body's principal moments obey the triangle inequality.
+    if least < 0 or least + middle < most * (1 - 1e-9):
+        raise ConfigError(f"{where}.inertia", row["inertia"], "an inertia that a body can have")
+    return pin.Inertia(mass, com, tensor)
+
+
+def _sensors(content: Any) -> Sensors:
+    _only("sensors", _mapping("sensors", content), (*_STEPS, "effort_delay"))
+    arrays = {
+        key: _numbers(f"sensors.{key}", content[key], N_JOINTS, least=0.0)
+        for key in _STEPS
+        if key in content
+    }
+    delay = _number("sensors.effort_delay", content.get("effort_delay", 0.0), least=0.0)
+    return Sensors(**arrays, effort_delay=delay)
+
+
+def _mapping(field: str, value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise ConfigError(field, value, "a mapping")
+    return value
+
+
+def _only(field: str, content: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    for key in content:
+        if key not in known:
+            name = f"{field}.{key}" if field else str(key)
+            raise ConfigError(name, key, f"one of {', '.join(known)}")
+
+
+def _number(field: str, value: Any, least: float = -math.inf) -> float:
+    bad = isinstance(value, bool) or not isinstance(value, int | float)
+    if bad or not math.isfinite(value) or value < least:
+        at_least = f" of at least {least:g}" if math.isfinite(least) else ""
+        raise ConfigError(field, value, f"a finite number{at_least}")
+    return float(value)
+
+
+def _numbers(field: str, value: Any, length: int, least: float = -math.inf) -> Array:
+    if not isinstance(value, list) or len(value) != length:
+        raise ConfigError(field, value, f"a list of {length} numbers")
+    return np.array([_number(f"{field}[{i}]", item, least) for i, item in enumerate(value)])

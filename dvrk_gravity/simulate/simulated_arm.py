@@ -1,0 +1,226 @@
+"""The arm as its console presents it: modes, position servo, compensation, efforts that last."""
+
+from __future__ import annotations
+
+import enum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.errors import ConfigError, ShapeError
+from dvrk_gravity.simulate.move import Move
+from dvrk_gravity.simulate.plant import Plant
+from dvrk_gravity.simulate.sensors import SensorReader, Sensors
+
+Array = NDArray[np.float64]
+
+# The servo's closed loop is critically damped with this natural frequency, rad/s.
+_SERVO_FREQUENCY = 100.0
+
+_ZERO = np.zeros(N_JOINTS)
+_ZERO.setflags(write=False)
+
+
+class Mode(enum.Enum):
+    """What drives the motors."""
+
+    HOLD = "hold"
+    POSITION = "position"
+    EFFORT = "effort"
+
+
+class Measurement(NamedTuple):
+    """One reading of the sensors.
+
+    Attributes:
+        time: Simulated time, s.
+        position: (7,) rad.
+        velocity: (7,) rad/s.
+        effort: (7,) torque of the actuators in joint space, N·m.
+    """
+
+    time: float
+    position: Array
+    velocity: Array
+    effort: Array
+
+
+class SimulatedArm:
+    """A dVRK MTM: what one may command it, and what it does about it.
+
+    Starts in hold. In effort mode the last effort stays applied for ever: nothing here watches
+    how old it is. The built-in compensation adds its torque to commanded efforts while it is
+    on. The position servo always carries the arm's weight, whether or not the compensation of
+    effort commands is on. Motor torques saturate at the actuators' limits.
+
+    Attributes:
+        plant: The arm.
+        mode: What drives the motors.
+        dt: Length of a step, s.
+        effort: (7,) torque that the actuators applied in the last step, N·m.
+        commanded: (7,) the same before saturation, N·m.
+        compensation: (7,) part of it that the built-in compensation added; zero while off.
+        target: (7,) position that the servo goes for, rad; ``None`` in effort mode.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        sensors: Sensors | None = None,
+        seed: int = 0,
+        builtin_compensation: bool = True,
+        dt: float = 1e-3,
+    ) -> None:
+        """Switch the arm on.
+
+        Args:
+            plant: The arm.
+            sensors: Its sensors; ``None``: perfect ones.
+            seed: Seed of the sensors' noise.
+            builtin_compensation: As on a real console, on unless switched off.
+            dt: Length of a step, s.
+        """
+        self.plant = plant
+        self.dt = dt
+        self.effort = np.zeros(N_JOINTS)
+        self.commanded = np.zeros(N_JOINTS)
+        self.compensation = np.zeros(N_JOINTS)
+        self._builtin = builtin_compensation
+        arm = plant.model.arm
+        self._reader = SensorReader(sensors or Sensors(), arm, seed, dt)
+        self._limit, self._least = arm.actuator_effort_limit, -arm.actuator_effort_limit
+        self._to_motor = np.ascontiguousarray(arm.actuator_to_joint.T)
+        self._from_motor = np.ascontiguousarray(arm.joint_to_actuator.T)
+        self._request = np.zeros(N_JOINTS)
+        self._push = np.zeros(N_JOINTS)
+        self._push_until = -np.inf
+        self._velocity = np.zeros(N_JOINTS)
+        self._move: Move | None = None
+        self.mode = Mode.HOLD
+        self.target: Array | None = plant.q
+
+    def servo_jf(self, effort: ArrayLike) -> None:
+        """Apply joint efforts from now on, for ever.
+
+        Args:
+            effort: (7,) N·m by index.
+
+        Raises:
+            ShapeError: Not seven; the arm goes on as before.
+            ConfigError: Not finite; the arm goes on as before.
+        """
+        self._request = _seven("effort", effort)
+        self.mode, self.target, self._move = Mode.EFFORT, None, None
+
+    def free(self) -> None:
+        """Command zero effort: with the compensation on the arm floats, without it falls."""
+        self.servo_jf(np.zeros(N_JOINTS))
+
+    def hold(self) -> None:
+        """Servo to the present position."""
+        self._servo(Mode.HOLD, self.plant.q)
+
+    def servo_jp(self, position: ArrayLike, velocity: ArrayLike | None = None) -> None:
+        """Servo to a position at once, as one of a stream of set points.
+
+        Args:
+            position: (7,) rad; held within the joints' limits.
+            velocity: (7,) velocity of the stream, rad/s.
+
+        Raises:
+            ShapeError: Not seven.
+            ConfigError: Not finite.
+        """
+        target = self._within(position)
+        feed = np.zeros(N_JOINTS) if velocity is None else _seven("velocity", velocity)
+        self._servo(Mode.POSITION, target)
+        self._velocity = feed
+
+    def move_jp(self, position: ArrayLike) -> None:
+        """Go to a position on a smooth path, and stay there.
+
+        Args:
+            position: (7,) rad; held within the joints' limits.
+
+        Raises:
+            ShapeError: Not seven.
+            ConfigError: Not finite.
+        """
+        goal = self._within(position)
+        start = self.plant.q if self.target is None else self.target
+        self._servo(Mode.POSITION, start)
+        self._move = Move(start, goal, self.plant.time)
+
+    def use_gravity_compensation(self, on: bool) -> None:
+        """Switch the built-in compensation of effort commands."""
+        self._builtin = on
+
+    def push(self, effort: ArrayLike, duration: float) -> None:
+        """Push the arm by hand; a push replaces the one before.
+
+        Args:
+            effort: (7,) N·m at the joints; no sensor sees it.
+            duration: s.
+
+        Raises:
+            ShapeError: Not seven.
+            ConfigError: Not finite.
+        """
+        self._push = _seven("effort", effort)
+        self._push_until = self.plant.time + duration
+
+    def step(self) -> None:
+        """Go one step on."""
+        plant = self.plant
+        weight = plant.smooth_torque()
+        self.compensation = weight if self._builtin else _ZERO
+        if self.target is None:
+            self.commanded = self._request + self.compensation
+        else:
+            self.commanded = weight + self._servo_effort(self.target)
+        motor = self._to_motor.dot(self.commanded)
+        np.minimum(motor, self._limit, out=motor)
+        np.maximum(motor, self._least, out=motor)
+        self.effort = self._from_motor.dot(motor)
+        push = self._push if plant.time < self._push_until else None
+        plant.step(self.effort, push, self.dt)
+
+    def measure(self) -> Measurement:
+        """Read the sensors; once a step, since noise and delay go on with every reading.
+
+        The reading is that of the middle of the last step: a step's effort and velocity are
+        its mean ones, and with the position at its end they would seem to be delayed.
+        """
+        plant = self.plant
+        position = plant.q - (0.5 * self.dt) * plant.v
+        return Measurement(plant.time, *self._reader.read(position, plant.v, self.effort))
+
+    def _servo_effort(self, target: Array) -> Array:
+        """Return M (w^2 (target - q) + 2 w (velocity - v)), alike stiff in every pose."""
+        plant = self.plant
+        if self._move is not None:
+            target, self._velocity = self._move.at(plant.time)
+            self.target = target
+        error = target - plant.q
+        error *= _SERVO_FREQUENCY**2
+        error += (2 * _SERVO_FREQUENCY) * (self._velocity - plant.v)
+        return plant.mass_matrix().dot(error)
+
+    def _servo(self, mode: Mode, target: Array) -> None:
+        self.mode, self.target, self._move = mode, target, None
+        self._velocity = np.zeros(N_JOINTS)
+
+    def _within(self, position: ArrayLike) -> Array:
+        arm = self.plant.model.arm
+        return np.minimum(np.maximum(_seven("position", position), arm.lower), arm.upper)
+
+
+def _seven(name: str, values: ArrayLike) -> Array:
+    array = np.array(values, dtype=float)
+    if array.shape != (N_JOINTS,):
+        raise ShapeError(name, array.shape, f"({N_JOINTS},)")
+    if np.count_nonzero(np.isfinite(array)) < N_JOINTS:
+        raise ConfigError(name, array.tolist(), "finite numbers")
+    return array

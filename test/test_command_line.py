@@ -1,0 +1,135 @@
+"""Bad input on the command line: one clear line, status 2, nothing half-written."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+from conftest import CONFIG, MODEL_FILE, REPOSITORY
+
+from dvrk_gravity.cli import VERBS
+
+
+def call(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "dvrk_gravity", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=REPOSITORY,
+        env=os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
+        check=False,
+    )
+
+
+def refused(*arguments: str) -> str:
+    """Run a command that has to be refused; return its one line."""
+    result = call(*arguments)
+    assert result.returncode == 2, result.stderr
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, result.stderr
+    return lines[0]
+
+
+@pytest.fixture
+def model_with(tmp_path):
+    def write(find: str, replacement: str):
+        text = MODEL_FILE.read_text()
+        assert find in text
+        path = tmp_path / "changed.yaml"
+        path.write_text(text.replace(find, replacement, 1))
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("verb", sorted(VERBS))
+def test_help_shows_an_example(verb):
+    result = call(verb, "--help")
+    assert result.returncode == 0
+    assert "example:" in result.stdout
+
+
+def test_an_unknown_verb_names_those_that_exist():
+    line = refused("compensate")
+    assert "compensator" in line
+
+
+NODE = ("compensator", "--ros-args", "--params-file")
+
+
+def test_an_unknown_key_is_named_with_the_one_that_was_meant(model_with):
+    path = model_with("gravity_enabled:", "gravity_enable:")
+    line = refused(*NODE, str(path))
+    assert str(path) in line
+    assert "gravity_enable" in line
+    assert "did you mean gravity_enabled?" in line
+
+
+def test_beta_of_nine_numbers_is_refused(domain, tmp_path):
+    path = tmp_path / "nine.yaml"
+    path.write_text("/**:\n  ros__parameters:\n    beta: [1.0, 2., 3., 4., 5., 6., 7., 8., 9.]\n")
+    line = refused(*NODE, str(path))
+    assert f"{path}: beta: got '9 numbers', expected 10" in line
+
+
+def test_a_negative_limit_is_refused_with_its_joint_s_index(domain, model_with):
+    path = model_with("arm: mtmr", "arm: mtmr\n    effort_limit: [1., 1., -1., 1., 1., 1., 1.]")
+    line = refused(*NODE, str(path))
+    assert f"{path}: effort_limit[2]: got -1.0" in line
+
+
+def test_a_missing_parameter_file_is_named(domain):
+    assert "/no/such/model.yaml: got 'no such file'" in refused(*NODE, "/no/such/model.yaml")
+
+
+def test_a_tab_in_a_parameter_file_is_found_with_its_line(domain, tmp_path):
+    path = tmp_path / "tab.yaml"
+    path.write_text("/**:\n\tros__parameters:\n")
+    assert f"{path}: line 2" in refused(*NODE, str(path))
+
+
+def test_a_compensator_without_beta_says_where_it_comes_from(domain):
+    assert "--params-file" in refused("compensator")
+
+
+def test_an_unknown_arm_is_refused(domain):
+    line = refused("compensator", "--ros-args", "-p", "arm:=mtmx", "-p", f"beta:={[0.1] * 10}")
+    assert "mtmr" in line
+
+
+def test_a_watchdog_with_a_negative_time_is_refused(domain):
+    line = refused("watchdog", "--ros-args", "-p", "watchdog_timeout:=-1.0")
+    assert "watchdog_timeout: got -1.0" in line
+
+
+@pytest.mark.parametrize(
+    ("bag", "said"), [("missing", "no such file"), ("empty", ""), ("text.csv", "")]
+)
+def test_a_bag_that_is_none_is_refused_and_no_answer_is_written(tmp_path, bag, said):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "text.csv").write_text("time\n1\n")
+    out = tmp_path / "answers"
+    line = refused("replay", str(tmp_path / bag), "--model", str(MODEL_FILE), "--out", str(out))
+    assert str(tmp_path / bag) in line
+    assert said in line
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["empty", "text.csv"]
+
+
+def test_a_replay_does_not_touch_a_bag_that_exists(tmp_path):
+    (tmp_path / "answers").mkdir()
+    line = refused("replay", str(tmp_path), "--model", str(MODEL_FILE), "--out",
+                   str(tmp_path / "answers"))  # fmt: skip
+    assert "exists already" in line
+
+
+def test_the_arm_files_and_the_example_model_are_installed_and_found():
+    from dvrk_gravity import TorqueModel
+    from dvrk_gravity.resources import config_path
+
+    assert TorqueModel.load(config_path("mtmr_28002.yaml")).arm.name == "mtmr"
+    assert config_path("arms/mtml.yaml").read_text() == (CONFIG / "arms/mtml.yaml").read_text()
+    with pytest.raises(FileNotFoundError):
+        config_path("../setup.py")

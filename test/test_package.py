@@ -1,0 +1,82 @@
+"""The package as others see it: what is declared, what is installed, what the README says."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+from conftest import REPOSITORY
+
+from dvrk_gravity.cli import VERBS
+
+
+def test_the_readme_s_table_of_parameters_is_that_of_the_declarations():
+    path = REPOSITORY / "docs" / "parameter_table.py"
+    spec = importlib.util.spec_from_file_location("parameter_table", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert "`slew_limit`" in module.table()
+    assert module.written() == (REPOSITORY / "README.md").read_text(encoding="utf-8")
+
+
+def test_every_verb_is_an_executable_and_the_other_way_round():
+    tree = ast.parse((REPOSITORY / "setup.py").read_text())
+    executables = next(
+        ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and node.targets[0].id == "EXECUTABLES"
+    )
+    assert {verb: f"dvrk_gravity.{module}" for verb, module in executables.items()} == {
+        verb: module for verb, (module, _) in VERBS.items()
+    }
+
+
+def test_package_xml_is_format_3_and_of_type_ament_python():
+    root = ElementTree.parse(REPOSITORY / "package.xml").getroot()
+    assert root.get("format") == "3"
+    assert root.findtext("export/build_type") == "ament_python"
+
+
+def test_colcon_takes_it_for_an_ament_python_package():
+    pytest.importorskip("colcon_core")
+    result = subprocess.run(
+        [sys.executable, "-m", "colcon", "list", "--paths", str(REPOSITORY)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "(ros.ament_python)" in result.stdout, result.stderr
+
+
+def test_the_public_names_import_without_rclpy():
+    code = (
+        "import sys; from dvrk_gravity import TorqueModel, Recording; import dvrk_gravity.gravity; "
+        "sys.exit('rclpy' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=False).returncode == 0
+
+
+def test_what_lies_above_the_nodes_does_not_import_rclpy():
+    package = REPOSITORY / "dvrk_gravity"
+    with_ros = {package / "nodes", package / "demo"}
+    for path in package.rglob("*.py"):
+        if with_ros & set(path.parents):
+            continue
+        top_level = [
+            node for node in ast.parse(path.read_text()).body
+            if isinstance(node, ast.Import | ast.ImportFrom)
+        ]  # fmt: skip
+        names = [
+            name.split(".")[0]
+            for node in top_level
+            for name in (
+                [alias.name for alias in node.names]
+                if isinstance(node, ast.Import)
+                else [node.module or ""]
+            )
+        ]
+        assert not {"rclpy", "sensor_msgs", "std_msgs"} & set(names), path
