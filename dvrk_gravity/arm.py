@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import yaml_file
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameter import is_finite
 from dvrk_gravity.resources import config_path
 
 Array = NDArray[np.float64]
@@ -66,6 +67,7 @@ class Arm:
         actuator_effort_limit: (7,) largest actuator torques, N·m.
         parallelogram: Length of the parallelogram's short sides, m.
         base_rpy: Roll, pitch, yaw of the base frame in a world with z up, rad.
+        source: What :meth:`load` loads it from: a name or a path; ``""`` if not from there.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Arm:
     actuator_effort_limit: Array
     parallelogram: float
     base_rpy: tuple[float, float, float]
+    source: str = ""
     joint_names: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -94,12 +97,12 @@ class Arm:
         if path is None:
             try:
                 path = config_path(f"arms/{text}.yaml")
-            except FileNotFoundError as error:
+            except (OSError, ValueError) as error:  # not there, or nothing a path can be
                 raise ConfigError(
                     "arm", text, "mtml, mtmr, or the path of an arm's .yaml file"
                 ) from error
         try:
-            return _parse(yaml_file.load(path))
+            return replace(_parse(yaml_file.load(path)), source=text)
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
 
@@ -211,7 +214,7 @@ def _parse_joint(row: Any, name: str) -> Joint:
 
 
 def _number(field_name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not is_finite(value):
         raise ConfigError(field_name, value, "a finite number")
     return float(value)
 

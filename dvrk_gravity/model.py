@@ -95,7 +95,8 @@ class TorqueModel:
             values |= term.parameters()
         if self.document:
             values[CONSOLE_PARAMETER.name] = self.document
-        return values | dict(self.node)
+        # An empty array means "not given", and ROS cannot read one.
+        return values | {name: value for name, value in self.node.items() if value != ()}
 
     def save(self, path: str | Path, comment: str = "") -> None:
         """Write the model as a ROS 2 parameter file, whole or not at all.

@@ -88,7 +88,7 @@ class Parameter:
         unit = f" {self.unit}" if self.unit else ""
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ConfigError(field, value, f"a number{unit}")
-        if not math.isfinite(value):
+        if not is_finite(value):
             raise ConfigError(field, value, f"a finite number{unit}")
         if not self.lower <= value <= self.upper:
             raise ConfigError(field, value, f"{self.range_text()}{unit}")
@@ -107,6 +107,14 @@ class Parameter:
         return f"{self.lower:g} to {self.upper:g}"
 
 
+def is_finite(value: float) -> bool:
+    """Tell whether a number is finite; an integer too large for a float is not."""
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
 def check_all(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> dict[str, Value]:
     """Return ``values`` checked against ``table``, in the table's order.
 
@@ -117,19 +125,25 @@ def check_all(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> dict
         if name not in table:
             near = difflib.get_close_matches(str(name), table, n=1, cutoff=0.5)
             hint = f"; did you mean {near[0]}?" if near else ""
-            raise ConfigError(str(name), values[name], f"no parameter of that name{hint}")
+            raise ConfigError(str(name), values[name], f"the name of a parameter{hint}")
     return {name: entry.check(values[name]) for name, entry in table.items() if name in values}
 
 
 def flatten(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return ``{"a": {"b": 1}}`` as ``{"a.b": 1}``."""
+    """Return ``{"a": {"b": 1}}`` as ``{"a.b": 1}``.
+
+    Raises:
+        ConfigError: A name given twice, as ``a: {b: 1}`` and as ``a.b: 1``.
+    """
     flat: dict[str, Any] = {}
     for key, value in nested.items():
         name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            flat.update(flatten(value, f"{name}."))
-        else:
-            flat[name] = value
+        # An empty mapping stays: dropped, a misspelt name above it would go unnoticed.
+        nesting = isinstance(value, Mapping) and len(value) > 0
+        inner = flatten(value, f"{name}.") if nesting else {name: value}
+        for double in flat.keys() & inner.keys():
+            raise ConfigError(double, inner[double], "each parameter once")
+        flat |= inner
     return flat
 
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
+import re
+import sys
 import tempfile
+from collections import Counter
 from collections.abc import Hashable, Mapping
 from pathlib import Path
 from typing import Any
@@ -27,13 +31,19 @@ class _Loader(yaml.SafeLoader):
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, Any]:
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
         try:
-            doubles = {key for key in keys if keys.count(key) > 1}
+            doubles = [key for key, count in Counter(keys).items() if count > 1]
             mapping = super().construct_mapping(node, deep)
         except TypeError as error:
             raise yaml.YAMLError("a mapping key is a list or mapping") from error
         if doubles:
             raise yaml.YAMLError(f"key {min(map(str, doubles))!r} appears twice")
         return mapping
+
+
+# YAML 1.1 wants a point in a float, ROS's own reader does not: `1e-3` is a number to both.
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
+)
 
 
 def load(path: str | Path) -> dict[str, Any]:
@@ -43,11 +53,11 @@ def load(path: str | Path) -> dict[str, Any]:
         ConfigError: No such file, too large, not text, not YAML, or not a mapping.
     """
     try:
-        size = os.path.getsize(path)
-        if size > MAX_BYTES:
-            raise ConfigError("", f"{size} bytes", f"at most {MAX_BYTES} bytes of YAML", path)
-        text = Path(path).read_text(encoding="utf-8")
-        content = yaml.load(text, Loader=_Loader)
+        with open(path, "rb") as stream:
+            raw = stream.read(MAX_BYTES + 1)  # a pipe or device does not tell its size
+        if len(raw) > MAX_BYTES:
+            raise ConfigError("", "a larger file", f"at most {MAX_BYTES} bytes of YAML", path)
+        content = yaml.load(raw.decode("utf-8"), Loader=_Loader)
     except FileNotFoundError as error:
         raise ConfigError("", "no such file", "an existing YAML file", path) from error
     except IsADirectoryError as error:
@@ -61,8 +71,9 @@ def load(path: str | Path) -> dict[str, Any]:
         where = f"line {mark.line + 1}" if mark else ""
         problem = getattr(error, "problem", None) or str(error)
         raise ConfigError(where, problem, "valid YAML", path) from error
-    except (ValueError, RecursionError) as error:  # absurd dates, numbers or nesting
-        raise ConfigError("", str(error), "valid YAML", path) from error
+    except (ValueError, RecursionError, LookupError, AttributeError, TypeError) as error:
+        # Absurd dates, numbers or nesting, and tags that do not fit (`!!int ""`): PyYAML's own.
+        raise ConfigError("", str(error) or type(error).__name__, "valid YAML", path) from error
     if not isinstance(content, dict):
         raise ConfigError("", type(content).__name__, "a YAML mapping", path)
     return content
@@ -100,7 +111,8 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
-    text = repr(float(value))
+    # ROS's reader takes a number below the smallest normal one for a text.
+    text = repr(float(value) if abs(value) >= sys.float_info.min else math.copysign(0.0, value))
     if "e" in text and "." not in text:
         text = text.replace("e", ".0e")
     return dumper.represent_scalar("tag:yaml.org,2002:float", text.replace("inf", ".inf"))

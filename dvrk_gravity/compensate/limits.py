@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from dvrk_gravity.arm import Arm
 
 Array = NDArray[np.float64]
+
+# N·m that stand for a limit of zero: what rounding leaves of zero in the other space is less.
+_NOTHING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +41,20 @@ class EffortLimits:
         if (np.abs(motor) <= self.actuator).all():
             return within
         motor = np.minimum(np.maximum(motor, -self.actuator), self.actuator)
-        return self.shrink(self.arm.joint_effort(motor))
+        return self._shrink(self.arm.joint_effort(motor))
 
-    def shrink(self, torque: Array) -> Array:
-        """Return ``torque`` scaled towards zero, all joints alike, until within both boxes."""
-        motor = self.arm.actuator_effort(torque)
-        excess = max(_largest(torque, self.joint), _largest(motor, self.actuator))
-        return torque if excess <= 1.0 else torque / excess
+    def _shrink(self, torque: Array) -> Array:
+        """Return ``torque``, coupled joints scaled towards zero alike, until within both boxes."""
+        joint = np.abs(torque) / np.maximum(self.joint, _NOTHING)
+        motor = np.abs(self.arm.actuator_effort(torque)) / np.maximum(self.actuator, _NOTHING)
+        excess = np.maximum(joint, motor)[self.coupled].max(initial=1.0)
+        return np.where(self.coupled, torque / excess, torque)
+
+    @cached_property
+    def coupled(self) -> NDArray[np.bool_]:
+        """(7,) whether a joint shares a motor; the others' boxes are their own affair."""
+        mixed = self.arm.actuator_to_joint != np.diag(np.diag(self.arm.actuator_to_joint))
+        return mixed.any(axis=0) | mixed.any(axis=1)
 
     def contains(self, torque: Array, tolerance: float = 1e-9) -> bool:
         """Tell whether (7,) joint torques are within both boxes."""
@@ -57,27 +68,23 @@ class EffortLimits:
 def slew(previous: Array, target: Array, step: Array, limits: EffortLimits) -> Array:
     """Return the command that follows ``previous`` on the way to ``target``.
 
+    No joint takes longer than the slowest alone would: ``target`` is reached in as many
+    steps as the joint with the longest way needs.
+
     Args:
         previous: (7,) last command, N·m.
         target: (7,) wanted command, within ``limits``.
         step: (7,) largest change of each joint, N·m; ``inf`` where it is not limited.
-        limits: Boxes that hold for the result as soon as they hold for ``previous``.
+        limits: Boxes that hold for the result as soon as they hold for ``previous``; outside
+            them (they have been lowered) no coupled joint gets further out.
     """
     change = target - previous
     if (np.abs(change) <= step).all():
         return target
     command = previous + np.minimum(np.maximum(change, -step), step)
-    if limits.contains(command) or not limits.contains(previous):
+    if limits.contains(command):
         return command
-    # Joint by joint it would leave the actuators' box: go along the segment instead.
-    moving = change != 0.0
-    return previous + min(1.0, float((step[moving] / np.abs(change[moving])).min())) * change
-
-
-def _largest(values: Array, limits: Array) -> float:
-    """Return the largest |value| / limit; a zero limit allows only zero."""
-    magnitude = np.abs(values)
-    if (magnitude[limits == 0.0] > 0.0).any():
-        return np.inf
-    allowed = limits > 0.0
-    return float((magnitude[allowed] / limits[allowed]).max(initial=0.0))
+    # Joint by joint it would leave the actuators' box: coupled joints go along the segment.
+    held_back = limits.coupled & (np.abs(change) > step)
+    part = (step[held_back] / np.abs(change[held_back])).min(initial=1.0)
+    return np.where(limits.coupled, previous + part * change, command)

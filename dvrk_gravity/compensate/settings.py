@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import ALL_PARAMETERS, TorqueModel
 from dvrk_gravity.parameter import check_all
-from dvrk_gravity.terms import State
+from dvrk_gravity.terms import State, Term
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ class Settings:
         ramp_time: Time of the blend from the effort that is there to the model's, s.
         timeout: Longest time without valid input, s.
         max_stamp_age: Oldest stamp by the node's clock, s; 0 if not checked.
-        friction_ratio: (7,) part of friction that is compensated.
+        friction_ratio: (7,) part of friction that is compensated, at each joint and motor.
         friction_dead_band: (7,) rad/s below which it is not.
         enabled: Whether to command at all.
         resume_automatically: Go on by itself after a fault of the input.
@@ -93,9 +94,19 @@ class Settings:
         if qd is not None:
             slow = State(q, np.where(np.abs(qd) < self.friction_dead_band, 0.0, qd))
         total = np.zeros_like(q)
-        for term in self.model.terms:
-            if term.FRICTION:
-                total += self.friction_ratio * term.torque(slow)
-            else:
-                total += term.torque(state)
+        for term in self._conservative:
+            total += term.torque(state)
+        for term in self._friction:
+            total += term.torque(slow)
         return total
+
+    @cached_property
+    def _conservative(self) -> tuple[Term, ...]:
+        return tuple(term for term in self.model.terms if not term.FRICTION)
+
+    @cached_property
+    def _friction(self) -> tuple[Term, ...]:
+        # Scaled where it lives: parts of a motor's friction that differ by joint would put
+        # more power into the arm than the friction takes out.
+        terms = (term for term in self.model.terms if term.FRICTION)
+        return tuple(term.scaled(self.friction_ratio) for term in terms)

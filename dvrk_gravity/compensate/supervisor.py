@@ -23,8 +23,11 @@ BUILTIN_HELP = (
     "the arm's own gravity compensation is on and would add to ours: publish false (std_msgs/Bool) "
     "on use_gravity_compensation, or set disable_builtin to true"
 )
-# A longer step than this is a hiccup of the input, not time in which torque may run on.
-_LONGEST_STEP = 0.02
+# A longer step than this is a hiccup of the input, not time in which torque may run on; two
+# messages at one time still leave a slew limit that is off (infinite) without effect.
+_SHORTEST_STEP, _LONGEST_STEP = 1e-6, 0.02
+# N·m; less than this is rounding, not a limit.
+_CUT = 1e-9
 
 
 class Status(Enum):
@@ -102,7 +105,7 @@ class Supervisor:
         self.settings = settings
         if self._command is not None and self.active:
             self._ramp = _Ramp(now, self._command)
-            self.status = Status.RAMPING
+            self.status, self.reason = Status.RAMPING, "blending to the changed settings' torque"
         if settings.enabled and not was_enabled:
             self.enable()
         elif was_enabled and not settings.enabled:
@@ -146,7 +149,8 @@ class Supervisor:
             DroppedSampleError: Its stamp disqualifies it.
         """
         self.check_input(now)
-        gap = now - self._last_valid
+        # Not since the last message: one that repeats a stamp brings nothing new.
+        gap = now - self._last_advance
         self._check_stamp(sample.stamp, now, clock)
         # Times count for messages that pass; a message that waited in a queue while the
         # process or the arm stood still is the first after a gap, and is not answered.
@@ -207,17 +211,15 @@ class Supervisor:
                 part = (now - self._ramp.start) / settings.ramp_time
                 target = (1.0 - part) * self._ramp.origin + part * target
         within = settings.limits.clip(target)
-        self.saturated = within != target
+        self.saturated = np.abs(within - target) > _CUT
         assert self._command is not None  # set by _begin, before anything is active
-        largest = settings.slew_limit * min(step, _LONGEST_STEP)
+        largest = settings.slew_limit * min(max(step, _SHORTEST_STEP), _LONGEST_STEP)
         self._command = slew(self._command, within, largest, settings.limits)
         return self._command
 
     def _wait(self) -> None:
         self.status = Status.WAITING
         self.reason = BUILTIN_HELP if self.builtin_active else "waiting for valid measured_js"
-        # The clock may have been stepped; what counts from here on is what comes next.
-        self._last_stamp = 0
 
     def _input_lost(self, reason: str) -> None:
         self._input_fault = True

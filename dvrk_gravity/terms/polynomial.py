@@ -83,7 +83,7 @@ class Range:
         """
         lower = as_array(values.get(f"{prefix}.valid_lower"), -np.inf)
         upper = as_array(values.get(f"{prefix}.valid_upper"), np.inf)
-        for joint, low, high in zip(JOINT_NAMES, lower, upper, strict=True):
+        for joint, low, high in zip(JOINT_NAMES, lower.tolist(), upper.tolist(), strict=True):
             if low > high:
                 raise ConfigError(
                     f"{prefix}.valid_lower of {joint}", low, f"at most valid_upper ({high:g})"

@@ -1,0 +1,232 @@
+"""The tables of parameters, and what their checks let through."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import ALL_PARAMETERS, ARM_PARAMETER, CONSOLE_PARAMETER, MODEL_PARAMETERS
+from dvrk_gravity.node_parameters import NODE_PARAMETERS
+from dvrk_gravity.parameter import Parameter, check_all, flatten, unflatten
+from dvrk_gravity.terms import TERMS
+
+EVERY = [pytest.param(entry, id=name) for name, entry in ALL_PARAMETERS.items()]
+NUMBERS = [e for e in ALL_PARAMETERS.values() if e.kind in ("double", "double[]")]
+ARRAYS = [e for e in NUMBERS if e.kind == "double[]"]
+
+
+def by_name(entries):
+    return [pytest.param(entry, id=entry.name) for entry in entries]
+
+
+def inside(entry: Parameter) -> float:
+    """A number that the parameter allows."""
+    return min(max(0.5, entry.lower), entry.upper)
+
+
+def lengths(entry: Parameter) -> tuple[int, ...]:
+    return entry.lengths or (3,)
+
+
+def with_one(entry: Parameter, bad: object) -> object:
+    """A value of the right shape with one bad number: alone, or last of an array."""
+    if entry.kind == "double":
+        return bad
+    return [inside(entry)] * (lengths(entry)[0] - 1) + [bad]
+
+
+def test_no_name_is_declared_twice():
+    declared = [ARM_PARAMETER, CONSOLE_PARAMETER, *NODE_PARAMETERS.values()]
+    declared += [entry for term in TERMS for entry in term.PARAMETERS]
+    names = [entry.name for entry in declared]
+    assert sorted(names) == sorted(set(names))
+    assert set(names) == set(ALL_PARAMETERS)
+
+
+def test_no_name_is_also_the_beginning_of_another():
+    for name in ALL_PARAMETERS:
+        assert not any(other.startswith(f"{name}.") for other in ALL_PARAMETERS)
+
+
+def test_terms_name_their_parameters_after_themselves():
+    short = {"beta", "gravity_enabled", "gravity_vector"}
+    for term in TERMS:
+        for entry in term.PARAMETERS:
+            assert entry.name in short or entry.name.startswith(f"{term.NAME}.")
+
+
+@pytest.mark.parametrize("entry", EVERY)
+def test_default_passes_its_own_check_and_is_documented(entry):
+    checked = entry.check(entry.default)
+    assert checked == entry.default
+    assert type(checked) is type(entry.default)
+    assert entry.meaning
+    assert entry.lower <= entry.upper
+    # An arm under a person's hand: no number goes without a unit by oversight.
+    if entry.kind.startswith("double") and not entry.unit:
+        assert entry.name.endswith(("ratio", "depth"))
+
+
+@pytest.mark.parametrize("entry", by_name(NUMBERS))
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 10**400], ids=str)
+def test_numbers_that_are_not_finite_are_refused(entry, bad):
+    with pytest.raises(ConfigError, match="a finite number") as caught:
+        entry.check(with_one(entry, bad))
+    assert caught.value.field.startswith(entry.name)
+
+
+@pytest.mark.parametrize("entry", by_name(NUMBERS))
+@pytest.mark.parametrize("bad", [True, False, "1.0", None, [], {}, 1j], ids=repr)
+def test_only_numbers_count_as_numbers(entry, bad):
+    with pytest.raises(ConfigError, match=r"expected a number|expected a list of|numbers"):
+        entry.check(with_one(entry, bad))
+
+
+@pytest.mark.parametrize("entry", by_name(e for e in NUMBERS if math.isfinite(e.lower)))
+def test_every_number_is_held_to_its_lower_bound(entry):
+    assert entry.check(with_one(entry, entry.lower)) is not None
+    with pytest.raises(ConfigError, match=r"at least|to") as caught:
+        entry.check(with_one(entry, entry.lower - 1e-6))
+    if entry.kind == "double[]":
+        assert caught.value.field == f"{entry.name}[{lengths(entry)[0] - 1}]"
+
+
+@pytest.mark.parametrize("entry", by_name(e for e in NUMBERS if math.isfinite(e.upper)))
+def test_every_number_is_held_to_its_upper_bound(entry):
+    assert entry.check(with_one(entry, entry.upper)) is not None
+    with pytest.raises(ConfigError, match=r"at most|to"):
+        entry.check(with_one(entry, math.nextafter(entry.upper, math.inf)))
+
+
+@pytest.mark.parametrize("entry", by_name(ARRAYS))
+def test_arrays_have_one_of_their_lengths(entry):
+    assert entry.lengths
+    for length in range(1, 16):
+        value = [inside(entry)] * length
+        if length in entry.lengths:
+            assert entry.check(value) == tuple(value)
+        else:
+            with pytest.raises(ConfigError, match=f"got '{length} numbers', expected .* numbers"):
+                entry.check(value)
+
+
+@pytest.mark.parametrize("entry", by_name(ARRAYS))
+def test_an_empty_array_means_not_given_only_where_that_is_the_default(entry):
+    if entry.default == ():
+        assert entry.check([]) == ()
+    else:
+        with pytest.raises(ConfigError, match="0 numbers"):
+            entry.check([])
+
+
+@pytest.mark.parametrize("entry", by_name(ARRAYS))
+@pytest.mark.parametrize("bad", [1.0, "1234567", b"1234567", {"a": 1.0}, None], ids=repr)
+def test_only_lists_count_as_arrays(entry, bad):
+    with pytest.raises(ConfigError, match="a list of"):
+        entry.check(bad)
+
+
+@pytest.mark.parametrize("entry", by_name(e for e in ALL_PARAMETERS.values() if e.kind == "bool"))
+@pytest.mark.parametrize("bad", [0, 1, 0.0, "true", None, [True]], ids=repr)
+def test_only_true_and_false_are_truth_values(entry, bad):
+    assert entry.check(not entry.default) is not entry.default
+    with pytest.raises(ConfigError, match="expected true or false"):
+        entry.check(bad)
+
+
+@pytest.mark.parametrize("entry", by_name(e for e in ALL_PARAMETERS.values() if e.choices))
+def test_a_choice_is_one_of_those_listed(entry):
+    for choice in entry.choices:
+        assert entry.check(choice) == choice
+    for bad in ("", entry.choices[0].upper(), "none of them", 1, None, True):
+        with pytest.raises(ConfigError):
+            entry.check(bad)
+
+
+def test_whole_numbers_become_floats():
+    """ROS hands `[1, 2]` over as integers; a model compares and saves floats."""
+    assert [type(x) for x in ALL_PARAMETERS["gravity_vector"].check([0, 0, -9])] == [float] * 3
+    assert type(ALL_PARAMETERS["timeout"].check(1)) is float
+
+
+@pytest.mark.parametrize(
+    ("given_name", "meant"),
+    [
+        ("betta", "beta"),
+        ("slew_limits", "slew_limit"),
+        ("gravity_enable", "gravity_enabled"),
+        ("elastic_cable.elbow", "elastic_cable.elbow_pitch"),
+        ("friction_compensation.deadband", "friction_compensation.dead_band"),
+        ("time_out", "timeout"),
+    ],
+)
+def test_an_unknown_name_is_refused_with_the_nearest_one(given_name, meant):
+    with pytest.raises(ConfigError, match=rf"^{given_name}: .*; did you mean {meant}\?$"):
+        check_all(ALL_PARAMETERS, {given_name: 1.0})
+
+
+def test_a_name_like_no_other_is_refused_without_a_guess():
+    with pytest.raises(ConfigError, match=r"the name of a parameter$"):
+        check_all(ALL_PARAMETERS, {"zzzz": 1.0})
+
+
+def test_checked_values_come_in_the_table_s_order():
+    values = {"timeout": 1, "beta": [1] * 10, "arm": "mtml"}
+    assert list(check_all(ALL_PARAMETERS, values)) == ["arm", "beta", "timeout"]
+
+
+NAMES = st.from_regex(r"[a-z]{1,3}", fullmatch=True)
+TREES = st.recursive(
+    st.dictionaries(NAMES, st.floats(allow_nan=False), min_size=1, max_size=4),
+    lambda inner: st.dictionaries(NAMES, inner | st.booleans(), min_size=1, max_size=4),
+    max_leaves=12,
+)
+
+
+@given(TREES)
+def test_flattening_and_nesting_undo_each_other(tree):
+    assert unflatten(flatten(tree)) == tree
+
+
+def test_a_parameter_given_in_both_spellings_is_refused():
+    for nested in ({"a": {"b": 1}, "a.b": 2}, {"a.b": 2, "a": {"b": 1}}):
+        with pytest.raises(ConfigError, match=r"a\.b: .*each parameter once"):
+            flatten(nested)
+
+
+def test_a_misspelt_group_is_refused_even_if_nothing_is_in_it():
+    with pytest.raises(ConfigError, match=r"elastic_cabel"):
+        check_all(ALL_PARAMETERS, flatten({"elastic_cabel": {}}))
+
+
+def test_a_compensator_without_beta_is_refused():
+    """Its arm would be commanded zero torque, and fall."""
+    for values in ({}, {"beta": []}, {"viscous_friction.joint": [1.0] * 7}):
+        with pytest.raises(ConfigError, match=r"^beta: got \[\]"):
+            Settings.from_parameters(values)
+
+
+def test_settings_that_are_not_given_are_the_table_s_and_the_arm_s():
+    settings = Settings.from_parameters({"beta": [0.1] * 10})
+    assert settings.limits.joint.tolist() == [1.861, 3.217, 1.96, 0.309, 0.097, 0.097, 0.023]
+    assert settings.limits.actuator.tolist() == [1.861, 1.464, 1.753, 0.309, 0.097, 0.097, 0.023]
+    assert settings.slew_limit.tolist() == [20, 20, 20, 5, 2, 2, 1]
+    assert (settings.ramp_time, settings.timeout, settings.max_stamp_age) == (1.0, 0.1, 0.0)
+    assert settings.enabled
+    assert not settings.resume_automatically
+    assert not settings.disable_builtin
+
+
+def test_a_slew_limit_of_zero_is_switched_off():
+    slew = [0.0, 1, 1, 1, 1, 1, 1]
+    settings = Settings.from_parameters({"beta": [0.1] * 10, "slew_limit": slew})
+    assert settings.slew_limit.tolist() == [math.inf, 1, 1, 1, 1, 1, 1]
+
+
+def test_model_and_node_parameters_are_apart():
+    assert not MODEL_PARAMETERS.keys() & NODE_PARAMETERS.keys()

@@ -1,0 +1,324 @@
+"""Whatever comes in, in whatever order: what the compensator may never do.
+
+A sequence is any mixture of messages (good and bad), silences, changes of parameters, switching
+on and off, and the arm's own compensation. The judge keeps its own books on what was sent and
+knows nothing of the supervisor's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from conftest import MODEL_FILE
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dvrk_gravity import TorqueModel
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, SampleReader
+from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.compensate.supervisor import Status, Supervisor
+
+TOLERANCE = 1e-9  # N·m
+HICCUP = 0.02  # s; the longest time in which a command may change at its slew rate
+
+
+# --- what may come ---------------------------------------------------------------------------
+
+
+def some_settings(count: int = 24) -> list[Settings]:
+    """Settings of every kind, tight and wide, with a model of all terms."""
+    rng = np.random.default_rng(7)
+    base = TorqueModel.load(MODEL_FILE).parameters() | {
+        "elastic_cable.wrist_yaw": [0.0, 0.1, 0.0, 0.3],  # without a range: overflows far out
+        "coulomb_friction.motor_positive": [0.05] * 7,
+        "viscous_friction.motor": [0.02] * 7,
+    }
+    found = []
+    for number in range(count):
+
+        def seven(upper: float, zeros: float = 0.2) -> list[float]:
+            return (rng.uniform(0, upper, 7) * (rng.random(7) > zeros)).tolist()
+
+        values = {
+            "enabled": number % 8 != 7,
+            "effort_limit": [] if number % 3 == 0 else seven(3.0),
+            "actuator_effort_limit": [] if number % 4 == 0 else seven(2.0),
+            "slew_limit": [[0.0] * 7, seven(20.0), seven(1.0, 0.0)][number % 3],
+            "ramp_time": float(rng.choice([0.0, 0.01, 0.2])),
+            "timeout": float(rng.choice([0.01, 0.1])),
+            "friction_compensation.ratio": rng.uniform(0, 1, 7).tolist(),
+            "resume": "automatic" if number % 2 else "explicit",
+            "disable_builtin": number % 5 == 0,
+            "gravity_enabled": number % 6 != 5,
+        }
+        found.append(Settings.from_parameters(base | values))
+    return found
+
+
+SETTINGS = some_settings()
+NAN, INF = math.nan, math.inf
+NORMAL = (0.05, 0.2, 0.1, 0.3, 1.0, 0.1, 0.2)
+POSITIONS = [
+    NORMAL, (0.0,) * 7, (-0.3, 0.5, -0.2, -1.0, 2.0, -0.4, 3.0), (9.0,) * 7, (5e-324,) * 7,
+    (1e200,) * 7, (NAN,) * 7, (*NORMAL[:6], INF), (*NORMAL[:2], -INF, *NORMAL[3:]), NORMAL[:6],
+    (*NORMAL, 0.0), (),
+]  # fmt: skip
+VELOCITIES = [
+    (0.0,) * 7, (0.3, -0.5, 0.2, 1.0, -1.0, 0.1, 3.0), (-30.0,) * 7, (1e-310,) * 7, (1e300,) * 7,
+    (), (NAN,) * 7, (0.0,) * 6 + (-INF,), (0.0,) * 3,
+]  # fmt: skip
+EFFORTS = [
+    (0.1, 0.3, -0.2, 0.05, 0.02, -0.01, 0.0), (), (NAN,) * 7, (1e300,) * 7, (-9.0,) * 7, (0.0,) * 8,
+]  # fmt: skip
+NAMES = [
+    JOINT_NAMES, JOINT_NAMES[::-1], JOINT_NAMES[:6], (*JOINT_NAMES[:6], "gripper"),
+    (*JOINT_NAMES[:6], JOINT_NAMES[0]), ("gripper", *JOINT_NAMES), (),
+]  # fmt: skip
+GAPS = [0.001, 0.002, 0.0, 1e-9, 0.004, 0.009, 0.03, 0.09, 0.15, 20.0]
+# Stamps: how they go on from the last one, ns; "clock" as time does, None for a zero.
+STAMPS = ["clock", 0, None, -1, -50_000_000, 10**15, -(10**15)]
+BUILTIN = [(0.0,) * 7, (0.1,) * 7, (NAN,) * 7, ()]
+
+
+def mostly(values: list) -> st.SearchStrategy:
+    """The first value half the time: only good messages get anywhere."""
+    return st.one_of(st.just(values[0]), st.just(values[0]), st.sampled_from(values))
+
+
+MESSAGES = st.tuples(
+    st.just("message"), st.sampled_from(GAPS[:3]) | st.sampled_from(GAPS), mostly(STAMPS),
+    mostly(NAMES), mostly(POSITIONS), mostly(VELOCITIES), mostly(EFFORTS),
+)  # fmt: skip
+GOOD = st.tuples(
+    st.just("message"), st.sampled_from([0.001, 0.002, 0.008]), st.just("clock"),
+    st.just(JOINT_NAMES), st.sampled_from(POSITIONS[:3]), st.sampled_from(VELOCITIES[:3]),
+    st.sampled_from(EFFORTS[:3]),
+)  # fmt: skip
+OTHERS = st.one_of(
+    st.tuples(st.just("configure"), st.integers(0, len(SETTINGS) - 1)),
+    st.tuples(st.just("look"), st.sampled_from(GAPS)),
+    st.tuples(st.just("builtin"), st.sampled_from(BUILTIN)),
+    st.tuples(st.sampled_from(["enable", "enable", "disable", "fail"])),
+)
+SEQUENCES = st.lists(st.one_of(GOOD, GOOD, MESSAGES, OTHERS), min_size=1, max_size=60)
+
+
+# --- the judge -------------------------------------------------------------------------------
+
+
+@dataclass
+class Judge:
+    """Plays a sequence into a supervisor and checks every answer.
+
+    Attributes:
+        supervisor: The one that is judged.
+        messages: Messages played.
+        commands: Commands that came.
+        holds: Holds that were due.
+    """
+
+    supervisor: Supervisor
+    messages: int = 0
+    commands: int = 0
+    holds: int = 0
+    now: float = 50.0
+    stamp: int = 10**17
+    last: np.ndarray | None = None  # last command of an uninterrupted run of commands
+    last_time: float = -INF
+    good_time: float = -INF  # when the last message came that was answered
+    fresh_time: float = -INF  # when the stamp of the last readable message was first seen
+    good_stamp: int | None = None
+    builtin: bool = False
+    enabled: bool = True
+    fault: str = ""  # "input" or "own": what has to end before commands may come again
+    reader: SampleReader = field(default_factory=lambda: SampleReader(JOINT_NAMES))
+
+    def play(self, sequence: list[tuple]) -> None:
+        self.enabled = self.supervisor.settings.enabled
+        for action, *arguments in sequence:
+            before = self.supervisor.active, self.supervisor.reason
+            command = getattr(self, f"_{action}")(*arguments)
+            self._after(before, command)
+
+    def _message(self, gap, step, names, position, velocity, effort) -> np.ndarray | None:
+        self.messages += 1
+        self.now += gap
+        if step == "clock":
+            self.stamp += int(gap * 1e9)
+        elif step is not None:
+            self.stamp += step
+        stamp = 0 if step is None else self.stamp
+        good = stamp != 0 and self._readable(names, position, velocity)
+        if good and stamp != self.good_stamp:
+            self.good_stamp, self.fresh_time = stamp, self.now
+        command, dropped = None, CAUSES[0]
+        try:
+            sample = self.reader.read(stamp, names, position, velocity, effort)
+            command = self.supervisor.command(sample, self.now, clock=0)
+        except DroppedSampleError as error:
+            dropped = error.cause
+            self.supervisor.drop(error)
+        assert dropped in CAUSES
+        if command is not None:
+            assert good, "a message that cannot be used was answered"
+            self._check(command, effort)
+            self.good_time = self.now
+        return command
+
+    def _readable(self, names, position, velocity) -> bool:
+        counts = [names.count(joint) for joint in JOINT_NAMES]
+        if counts != [1] * 7 or len(position) != len(names):
+            return False
+        if len(velocity) not in (0, len(names)):
+            return False
+        at = [names.index(joint) for joint in JOINT_NAMES]
+        values = [position[i] for i in at] + [velocity[i] for i in at if velocity]
+        return bool(np.isfinite(values).all())
+
+    def _check(self, command: np.ndarray, effort) -> None:
+        self.commands += 1
+        chosen = self.supervisor.settings
+        assert command.shape == (7,)
+        assert np.isfinite(command).all()
+        assert self.supervisor.active
+        assert not self.supervisor.hold_due, "a command and a hold at once"
+        assert not self.builtin, "commanded on top of the arm's own compensation"
+        assert self.enabled, "commanded while switched off"
+        assert self.fault != "own", "commanded after an error"
+        assert not self.fault or chosen.resume_automatically, "resumed by itself"
+        assert self.now - self.fresh_time <= chosen.timeout, "answered a stamp that stands still"
+        above = beyond(command, chosen)
+        if self.last is None:
+            previous, elapsed = self._origin(effort), HICCUP
+            assert above <= TOLERANCE
+        else:
+            previous, elapsed = self.last, self.now - self.last_time
+            # Limits may have been lowered below the last command: then nothing gets worse.
+            assert above <= max(TOLERANCE, beyond(previous, chosen))
+            assert self.now - self.good_time <= chosen.timeout, "answered after a silence"
+        largest = chosen.slew_limit * max(elapsed, 1e-6)
+        assert (np.abs(command - previous) <= largest + TOLERANCE).all(), "faster than slew"
+        if self.last is None and chosen.ramp_time > 0.0:
+            np.testing.assert_allclose(command, previous, atol=TOLERANCE)
+        self.last, self.last_time = command.copy(), self.now
+
+    def _origin(self, effort) -> np.ndarray:
+        """What the first command starts from; names other than in order start from nothing."""
+        sample_effort = np.zeros(7)
+        names = self.reader._names
+        if len(effort) == len(names):
+            picked = np.array([effort[names.index(joint)] for joint in JOINT_NAMES])
+            if np.isfinite(picked).all():
+                sample_effort = picked
+        return self.supervisor.settings.limits.clip(sample_effort)
+
+    def _configure(self, index: int) -> None:
+        before = self.supervisor.settings.enabled
+        self.supervisor.configure(SETTINGS[index], self.now)
+        if SETTINGS[index].enabled != before:
+            self.enabled, self.fault = SETTINGS[index].enabled, ""
+
+    def _look(self, gap: float) -> None:
+        self.now += gap
+        limit = self.supervisor.settings.timeout
+        self.supervisor.check_input(self.now)
+        if self.last is not None and self.now - self.good_time > limit:
+            assert not self.supervisor.active, "a silence went unnoticed"
+
+    def _builtin(self, effort) -> None:
+        self.supervisor.observe_builtin(np.array(effort))
+        self.builtin = any(value != 0.0 for value in effort)
+
+    def _enable(self) -> None:
+        self.supervisor.enable()
+        self.enabled, self.fault = True, ""
+
+    def _disable(self) -> None:
+        self.supervisor.disable()
+        self.enabled, self.fault = False, ""
+
+    def _fail(self) -> None:
+        self.supervisor.fail("made up")
+
+    def _after(self, before: tuple[bool, str], command: np.ndarray | None) -> None:
+        supervisor = self.supervisor
+        assert supervisor.reason
+        was_active, reason = before
+        ended = was_active and not supervisor.active
+        # An error in the very first command asks for a hold, too.
+        failed_at_once = "internal error" in supervisor.reason and supervisor.reason != reason
+        assert supervisor.hold_due == (ended or failed_at_once), "hold"
+        self.holds += supervisor.hold_due
+        supervisor.hold_due = False
+        self.fault = ""
+        if supervisor.status is Status.FAULT:
+            self.fault = "input" if "measured_js" in supervisor.reason else "own"
+        if not supervisor.active:
+            assert command is None
+            self.last = None
+
+
+def beyond(torque: np.ndarray, chosen: Settings) -> float:
+    """How far the worst joint or motor is above its limit, N·m; the coupling written out."""
+    motor = torque.copy()
+    motor[1] = torque[1] - torque[2] + 0.6697 * torque[3]
+    motor[2] = torque[2] - 0.6697 * torque[3]
+    joint_excess = np.abs(torque) - chosen.limits.joint
+    return max(0.0, joint_excess.max(), (np.abs(motor) - chosen.limits.actuator).max())
+
+
+def judge(start: int, sequence: list[tuple]) -> Judge:
+    """Play a sequence into a new supervisor and return the judge, content."""
+    result = Judge(Supervisor(SETTINGS[start]))
+    result.play(sequence)
+    return result
+
+
+# --- the claims ------------------------------------------------------------------------------
+
+
+@settings(
+    max_examples=500, deadline=None, derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)  # fmt: skip
+@given(st.integers(0, len(SETTINGS) - 1), SEQUENCES)
+def test_no_sequence_of_events_leads_to_a_command_that_must_not_be(start, sequence):
+    judge(start, sequence)
+
+
+@pytest.mark.parametrize("start", range(0, len(SETTINGS), 5))
+def test_long_random_sequences_with_good_input_in_between_are_survived(start):
+    """Hypothesis rarely keeps input good for long: here commands are the rule."""
+    result = judge(start, random_sequence(np.random.default_rng(start), 1500))
+    assert result.commands > 100
+    assert result.holds > 5
+
+
+def random_sequence(rng: np.random.Generator, length: int) -> list[tuple]:
+    """Events of every kind, one in twelve of them a nuisance; all is switched on again soon."""
+    sequence: list[tuple] = []
+
+    def one(values):
+        return values[rng.integers(len(values))]
+
+    while len(sequence) < length:
+        draw = rng.random()
+        if draw < 0.92:
+            event = ("message", one([0.001, 0.002, 0.004]), "clock", one(NAMES[:2]),
+                     one(POSITIONS[:3]), one(VELOCITIES[:3]), one(EFFORTS))  # fmt: skip
+        elif draw < 0.96:
+            event = ("message", one(GAPS), one(STAMPS), one(NAMES), one(POSITIONS),
+                     one(VELOCITIES), one(EFFORTS))  # fmt: skip
+        elif draw < 0.98:
+            event = ("configure", int(rng.integers(len(SETTINGS))))
+        else:
+            event = one([("look", one(GAPS)), ("builtin", one(BUILTIN)), ("disable",), ("fail",),
+                         ("enable",)])  # fmt: skip
+        sequence.append(event)
+        if rng.random() < 0.02:
+            sequence += [("builtin", (0.0,) * 7), ("enable",)]
+    return sequence[:length]
