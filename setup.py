@@ -47,7 +47,7 @@ setup(
         "matplotlib>=3.6",
     ],
     extras_require={
-        "test": ["pytest>=7.4", "hypothesis>=6.90", "mujoco>=3.2", "sympy>=1.12"],
+        "test": ["pytest>=7.4", "hypothesis>=6.90", "mujoco>=4.0", "sympy>=1.12"],
     },
     zip_safe=True,
     maintainer="dvrk_gravity maintainers",

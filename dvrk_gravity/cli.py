@@ -19,7 +19,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "compensator": ("dvrk_gravity.nodes.compensator", "node: make an MTM weightless"),
     "simulator": ("dvrk_gravity.nodes.simulator", "node: a dVRK MTM as seen from ROS"),
     "watchdog": ("dvrk_gravity.nodes.watchdog", "node: hold the arm when commands stop"),
-    "convert": ("dvrk_gravity.commands.convert", "console JSON <-> model; CSV <-> rosbag2; --check"),
+    "convert": ("dvrk_gravity.commands.convert", "console JSON <-> model, CSV <-> rosbag2"),
     "replay": ("dvrk_gravity.commands.replay", "a bag through the real node, checked"),
     "demo": ("dvrk_gravity.commands.demo", "fall, float, push, kill: the whole in simulation"),
     "newton-euler": (

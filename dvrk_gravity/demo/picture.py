@@ -20,7 +20,7 @@ def draw(
 ) -> None:
     """Draw how far the joints go from where they are let go of, each part in a panel."""
     figure, axes = plt.subplots(1, 4, figsize=(15, 4.6), sharey=True, layout="constrained")
-    colours = plt.get_cmap("tab10").colors
+    colours = [f"C{joint}" for joint in range(len(JOINT_NAMES))]
     parts = (
         ("Without compensation", (fall,)),
         (f"With it, at {len(floats)} poses", floats),

@@ -51,9 +51,11 @@ class Client:
     def watch_state(self, name: str) -> None:
         """Collect what the node of that name says on its ``~/state``."""
         said = self.states.setdefault(name, [])
-        self.node.create_subscription(
-            String, f"{name}/state", lambda message: said.append(message.data), _LATCHED
-        )
+
+        def hear(message: String) -> None:
+            said.append(message.data)
+
+        self.node.create_subscription(String, f"{name}/state", hear, _LATCHED)
 
     def state(self, name: str) -> str:
         """Return the last thing said on a watched ``~/state``, ``""`` if nothing yet."""
