@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity import yaml_file
+from dvrk_gravity import text_file
 from dvrk_gravity.simulate import Measurement, PlantFile, SimulatedArm, simulate
 
 POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
@@ -98,7 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"target {TARGET:g} times real time: {'reached' if reached else 'MISSED'}")
     if args.json is not None:
         content = {"addition_us": unit * 1e6, "target": TARGET, "situations": rows}
-        yaml_file.write_text(args.json, json.dumps(content, indent=1) + "\n")
+        text_file.write(args.json, json.dumps(content, indent=1) + "\n")
     return 0 if reached else 1
 
 

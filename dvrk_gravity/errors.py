@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 
 class DvrkGravityError(Exception):
     """Base of every error that this package raises on purpose."""
@@ -37,10 +39,12 @@ class ConfigError(DvrkGravityError):
     def __str__(self) -> str:
         """Return ``file: field: value (expected …)`` on one line."""
         where = "".join(f"{part}: " for part in (self.source, self.field) if part)
-        shown = " ".join(repr(self.value).split())
+        # NumPy's numbers would show their type.
+        value = self.value.item() if isinstance(self.value, np.generic) else self.value
+        shown = " ".join(repr(value).split())
         if len(shown) > 80:
             shown = shown[:77] + "..."
-        return f"{where}got {shown}, expected {self.expected}"
+        return " ".join(f"{where}got {shown}, expected {self.expected}".split())
 
     def in_file(self, source: str | Path) -> ConfigError:
         """Return the same error naming the file that it came from."""

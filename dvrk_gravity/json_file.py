@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from pathlib import Path
 from typing import Any, NoReturn
 
+from dvrk_gravity import text_file
 from dvrk_gravity.errors import ConfigError
 
-# The files read here are a few kB; a file far larger is a mistake.
-MAX_BYTES = 1_000_000
 MAX_DEPTH = 20
 
 
@@ -25,19 +23,7 @@ def load(path: str | Path, finite: bool = True) -> dict[str, Any]:
     Raises:
         ConfigError: No such file, too large, not text, or not as :func:`loads` wants it.
     """
-    try:
-        size = os.path.getsize(path)
-        if size > MAX_BYTES:
-            raise ConfigError("", f"{size} bytes", f"at most {MAX_BYTES} bytes of JSON", path)
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except FileNotFoundError as error:
-        raise ConfigError("", "no such file", "an existing JSON file", path) from error
-    except IsADirectoryError as error:
-        raise ConfigError("", "a folder", "a JSON file", path) from error
-    except UnicodeDecodeError as error:
-        raise ConfigError("", "binary data", "JSON text in UTF-8", path) from error
-    except OSError as error:
-        raise ConfigError("", error.strerror, "a readable JSON file", path) from error
+    text = text_file.read(path, "JSON")
     try:
         return loads(text, finite)
     except ConfigError as error:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity import json_file, yaml_file
+from dvrk_gravity import json_file, text_file, yaml_file
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
@@ -110,7 +110,7 @@ class TorqueModel:
         """
         head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
         body = yaml_file.dump({"/**": {"ros__parameters": unflatten(self.parameters())}})
-        yaml_file.write_text(path, head + body)
+        text_file.write(path, head + body)
 
     def torque(
         self,

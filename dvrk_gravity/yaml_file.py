@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Hashable, Mapping
 from pathlib import Path
@@ -14,10 +12,8 @@ from typing import Any
 
 import yaml
 
+from dvrk_gravity import text_file
 from dvrk_gravity.errors import ConfigError
-
-# Model, arm and mechanism files are a few kB; a file far larger is a mistake.
-MAX_BYTES = 1_000_000
 
 
 class _Loader(yaml.SafeLoader):
@@ -52,20 +48,9 @@ def load(path: str | Path) -> dict[str, Any]:
     Raises:
         ConfigError: No such file, too large, not text, not YAML, or not a mapping.
     """
+    text = text_file.read(path, "YAML")
     try:
-        with open(path, "rb") as stream:
-            raw = stream.read(MAX_BYTES + 1)  # a pipe or device does not tell its size
-        if len(raw) > MAX_BYTES:
-            raise ConfigError("", "a larger file", f"at most {MAX_BYTES} bytes of YAML", path)
-        content = yaml.load(raw.decode("utf-8"), Loader=_Loader)
-    except FileNotFoundError as error:
-        raise ConfigError("", "no such file", "an existing YAML file", path) from error
-    except IsADirectoryError as error:
-        raise ConfigError("", "a folder", "a YAML file", path) from error
-    except UnicodeDecodeError as error:
-        raise ConfigError("", "binary data", "YAML text in UTF-8", path) from error
-    except OSError as error:
-        raise ConfigError("", error.strerror, "a readable YAML file", path) from error
+        content = yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}" if mark else ""
@@ -77,26 +62,6 @@ def load(path: str | Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ConfigError("", type(content).__name__, "a YAML mapping", path)
     return content
-
-
-def write_text(path: str | Path, text: str) -> None:
-    """Write a file whole or not at all: to a temporary name beside it, then moved.
-
-    Raises:
-        OSError: The folder does not exist, is not writable, or is full.
-    """
-    target = Path(path)
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def dump(content: Mapping[str, Any]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvrk_gravity.compensate.settings import Settings
@@ -14,6 +14,9 @@ from dvrk_gravity.model import ALL_PARAMETERS, ARM_PARAMETER, CONSOLE_PARAMETER,
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.parameter import Parameter, check_all, flatten, unflatten
 from dvrk_gravity.terms import TERMS
+
+settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
+settings.load_profile("repeatable")
 
 EVERY = [pytest.param(entry, id=name) for name, entry in ALL_PARAMETERS.items()]
 NUMBERS = [e for e in ALL_PARAMETERS.values() if e.kind in ("double", "double[]")]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from dvrk_gravity import yaml_file
+from dvrk_gravity import text_file
 from dvrk_gravity.cli import one_line
 from dvrk_gravity.console import ConsoleFile
 from dvrk_gravity.console_check import FILE_NAME, check_file
@@ -49,7 +49,7 @@ def convert(source: Path, target: Path) -> int:
             result = export(model, match["serial"] if match else "")
         except ConfigError as error:
             raise error.in_file(source) from None
-        yaml_file.write_text(target, result.text())
+        text_file.write(target, result.text())
         for note in result.notes:
             print(f"{target}: {note}", file=sys.stderr)
         print(f"{target}: {result.document['ARM_NAME']}, version 2.0")
@@ -87,7 +87,7 @@ def check(paths: Sequence[Path], report: Path | None = None) -> int:
             print(f"  {finding.severity:<8} {finding.subject:<{width}}  {finding.text}")
     if report is not None:
         content = {name: [asdict(finding) for finding in found] for name, found in findings.items()}
-        yaml_file.write_text(report, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+        text_file.write(report, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return status
 
 

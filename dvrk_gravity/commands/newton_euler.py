@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity import cli, yaml_file
+from dvrk_gravity import cli, text_file
 from dvrk_gravity.errors import ConfigError
 
 NAME = "newton-euler"
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
             "reactions": loads.reactions.tolist(),
         }
         text = json.dumps(content, indent=1, ensure_ascii=False)
-        yaml_file.write_text(args.json, text + "\n")
+        text_file.write(args.json, text + "\n")
 
     components = zip(_COMPONENTS, _UNITS, strict=True)
     rows = [["sample", "joint", "type", "tau", *(f"{name} [{unit}]" for name, unit in components)]]

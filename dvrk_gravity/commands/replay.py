@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity import cli, yaml_file
+from dvrk_gravity import cli, text_file
 from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample, SampleReader
 from dvrk_gravity.errors import RecordingError
@@ -36,6 +36,7 @@ _BARE: dict[str, Any] = {
     "ramp_time": 0.0,
     "timeout": 10.0,
     "max_stamp_age": 0.0,
+    "position_margin": 1e9,
     "friction_compensation.ratio": [1.0] * N_JOINTS,
     "friction_compensation.dead_band": [0.0] * N_JOINTS,
     "output": "servo_jf",
@@ -266,7 +267,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"  largest difference to the model offline: {shown} (allowed {TOLERANCE:g})")
     if arguments.json is not None:
         content = asdict(result) | {"passed": result.passed}
-        yaml_file.write_text(arguments.json, json.dumps(content, indent=1) + "\n")
+        text_file.write(arguments.json, json.dumps(content, indent=1) + "\n")
     return 0 if result.passed else 1
 
 

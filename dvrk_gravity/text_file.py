@@ -1,0 +1,64 @@
+"""Small text files, read and written whole: one clear line for whatever is wrong with one."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from dvrk_gravity.errors import ConfigError
+
+# Model, arm, mechanism and calibration files are a few kB; a file far larger is a mistake.
+MAX_BYTES = 1_000_000
+
+
+def read(path: str | Path, kind: str) -> str:
+    """Return the text in a file.
+
+    Args:
+        path: The file.
+        kind: What it should hold (``YAML``, ``JSON``), for the messages.
+
+    Raises:
+        ConfigError: No such file, not readable, too large, or not text in UTF-8.
+    """
+    try:
+        with open(path, "rb") as stream:
+            raw = stream.read(MAX_BYTES + 1)  # a pipe or device does not tell its size
+        if len(raw) > MAX_BYTES:
+            raise ConfigError("", "a larger file", f"at most {MAX_BYTES} bytes of {kind}", path)
+        return raw.decode("utf-8-sig")
+    except FileNotFoundError as error:
+        raise ConfigError("", "no such file", f"an existing {kind} file", path) from error
+    except IsADirectoryError as error:
+        raise ConfigError("", "a folder", f"a {kind} file", path) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError("", "binary data", f"{kind} text in UTF-8", path) from error
+    except OSError as error:
+        raise ConfigError("", error.strerror, f"a readable {kind} file", path) from error
+    except ValueError as error:  # a name that no file can have
+        raise ConfigError("", str(error), f"the name of a {kind} file", path) from error
+
+
+def write(path: str | Path, text: str) -> None:
+    """Write a file whole or not at all: to a temporary name beside it, then moved.
+
+    Raises:
+        OSError: The folder does not exist, is not writable, or is full; it names ``path``.
+    """
+    target = Path(path)
+    temporary = ""
+    try:
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, target)
+    except BaseException as error:
+        if temporary:
+            Path(temporary).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            error.filename, error.filename2 = str(target), None
+        raise
