@@ -13,12 +13,14 @@ SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '
 OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip") line[n] = $$0 } \
   END { for (n in line) if (!(("ros-" n) in line)) print line[n] }' | sort
 
-.PHONY: demo test lint lock clean help
+.PHONY: bench demo test trials lint lock clean help
 
 help:
 	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo)"
 	@echo "make test    the test suite"
+	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
 	@echo "make lint    ruff and mypy"
+	@echo "make trials  hide and find: hundreds of trials of the diagnosis (SEEDS=\"0 12\")"
 	@echo "make lock    renew requirements.lock from requirements.in"
 	@echo "make clean   remove what make has made"
 
@@ -43,6 +45,24 @@ lint: $(VENV)/.done
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+SEEDS ?= 0 12
+trials: $(VENV)/.done
+	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/trials.py --seeds $(SEEDS) --jobs 2
+
+# Each prints a table and leaves its figures in out/bench; the last line names what missed a target.
+BENCHMARKS ?= torque startup latency faults simulator gravity_regressor supervisor_properties fuzz soak
+bench: $(VENV)/.done
+	@mkdir -p out/bench; missed=""; \
+	for name in $(BENCHMARKS); do \
+	  echo; echo "--- $$name"; \
+	  case $$name in supervisor_properties) flags="--cases 1500";; fuzz) flags="--cases 300";; \
+	    soak) flags="--minutes $(MINUTES)";; *) flags="";; esac; \
+	  PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/$$name.py $$flags \
+	    --json out/bench/$$name.json || missed="$$missed $$name"; \
+	done; \
+	echo; echo "targets missed:$${missed:- none}"; test -z "$$missed"
+MINUTES ?= 2
 
 lock:
 	rm -rf $(VENV)-lock

@@ -13,6 +13,9 @@ EXECUTABLES = {
     "watchdog": "nodes.watchdog",
     "replay": "commands.replay",
     "convert": "commands.convert",
+    "identify": "commands.identify",
+    "evaluate": "commands.evaluate",
+    "diagnose": "commands.diagnose",
     "demo": "commands.demo",
     "newton-euler": "commands.newton_euler",
 }
@@ -26,7 +29,7 @@ def shared_files():
     ]
     for folder in ("config", "launch"):
         for path in sorted(Path(folder).rglob("*")):
-            if path.is_file() and path.suffix in (".yaml", ".py"):
+            if path.is_file() and path.suffix in (".yaml", ".py", ".xml"):
                 files.append((f"share/{NAME}/{path.parent}", [str(path)]))
     return files
 
@@ -45,6 +48,7 @@ setup(
         "pyyaml>=6.0",
         "rosbags>=0.10",
         "matplotlib>=3.6",
+        "jinja2>=3.0",
     ],
     extras_require={
         "test": ["pytest>=7.4", "hypothesis>=6.90", "mujoco>=4.0", "sympy>=1.12"],

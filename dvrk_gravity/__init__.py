@@ -6,12 +6,17 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dvrk_gravity.diagnosis import diagnose
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.recording import Recording
 
-__all__ = ["Recording", "TorqueModel"]
+__all__ = ["Recording", "TorqueModel", "diagnose"]
 
-_HOMES = {"TorqueModel": "dvrk_gravity.model", "Recording": "dvrk_gravity.recording"}
+_HOMES = {
+    "TorqueModel": "dvrk_gravity.model",
+    "Recording": "dvrk_gravity.recording",
+    "diagnose": "dvrk_gravity.diagnosis",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Sequence
 
-from dvrk_gravity.cli import VERBS, run
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # no traceback from the imports that follow
+
+from dvrk_gravity.cli import VERBS, run  # noqa: E402
 
 
 def main(argv: Sequence[str] | None = None) -> int:

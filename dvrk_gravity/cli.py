@@ -1,13 +1,14 @@
 """What every command line of the package shares: one-line errors and exit statuses.
 
 Status 0: done. 1: the job ran and its answer is "no" (a replay that does not
-match, say). 2: bad input, told in one line on standard error.
+match, say). 2: bad input, told in one line on standard error. 130: Ctrl-C.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import signal
 import sys
 from collections.abc import Sequence
 
@@ -21,6 +22,9 @@ VERBS: dict[str, tuple[str, str]] = {
     "watchdog": ("dvrk_gravity.nodes.watchdog", "node: hold the arm when commands stop"),
     "convert": ("dvrk_gravity.commands.convert", "console JSON <-> model, CSV <-> rosbag2"),
     "replay": ("dvrk_gravity.commands.replay", "a bag through the real node, checked"),
+    "identify": ("dvrk_gravity.commands.identify", "recordings -> torque model"),
+    "evaluate": ("dvrk_gravity.commands.evaluate", "error of a model on recordings"),
+    "diagnose": ("dvrk_gravity.commands.diagnose", "what a model gets wrong, and the proof"),
     "demo": ("dvrk_gravity.commands.demo", "fall, float, push, kill: the whole in simulation"),
     "newton-euler": (
         "dvrk_gravity.commands.newton_euler",
@@ -40,6 +44,10 @@ def run(module_name: str, argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit status (see the module docstring).
     """
+    # A node takes signals in hand when there is something to leave in order (nodes/runtime.py).
+    # Before that Ctrl-C just ends it: an exception would come out of some half-done import.
+    is_node = module_name.startswith(f"{__package__}.nodes.")
+    signal.signal(signal.SIGINT, signal.SIG_DFL if is_node else signal.default_int_handler)
     module = importlib.import_module(module_name)
     parser = argparse.ArgumentParser(
         prog=f"dvrk_gravity {module.NAME}",

@@ -39,6 +39,11 @@ NODE_PARAMETERS: dict[str, Parameter] = {
             lower=0.0, upper=10.0,
         ),
         Parameter(
+            "position_margin", 0.35, "rad",
+            "refuse input with a joint further than this outside the arm's position limits",
+            lower=0.0, read_only=True,
+        ),
+        Parameter(
             "friction_compensation.ratio", (1.0,) * N_JOINTS, "",
             "part of Coulomb and viscous friction that is compensated",
             lower=0.0, upper=1.0, lengths=_SEVEN,

@@ -144,6 +144,8 @@ class FakeArm:
 
         A good message follows it: once that is answered, this one was passed over.
         """
+        # A reader may not yet know a writer that knows it: what is sent then is lost.
+        self.run_until(lambda: len(self.commands) > 0, "a first command")
         message = self.message(**fields)
         stamp = stamp_of(message)
         self.measured.publish(message)

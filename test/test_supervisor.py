@@ -382,6 +382,17 @@ def test_enabling_does_not_make_a_stamp_that_stands_still_good():
 
 
 @pytest.mark.parametrize("resume", ["explicit", "automatic"])
+def test_a_stamp_that_steps_back_and_then_stands_still_is_never_answered(resume):
+    bench = Bench(timeout=0.1, resume=resume, **AT_ONCE)
+    bench.run(0.1)
+    frozen = bench.stamp - 1000 * MS
+    assert bench.run(0.5, stamp=frozen) == [None] * 250
+    bench.supervisor.enable()
+    assert bench.run(0.5, stamp=frozen) == [None] * 250
+    assert bench.holds == 1
+
+
+@pytest.mark.parametrize("resume", ["explicit", "automatic"])
 def test_a_stamp_that_moves_on_after_standing_still_ends_in_a_hold_all_the_same(resume):
     """A fault found by the very message that would end it: it gets no command."""
     bench = Bench(timeout=0.1, resume=resume, **AT_ONCE)
@@ -548,6 +559,17 @@ def test_a_builtin_compensation_that_is_switched_on_while_commanding_ends_in_a_f
     assert bench.holds == 1
     bench.supervisor.enable()
     assert bench.send() is not None
+
+
+def test_the_builtin_compensation_s_fault_is_not_one_of_the_input_even_after_such_a_one():
+    bench = Bench(resume="automatic", timeout=0.1, **AT_ONCE)
+    bench.run(0.1)
+    bench.wait(0.2)
+    assert bench.run(0.1)[-1] is not None
+    bench.builtin(*[0.1] * 7)
+    bench.builtin(*[0.0] * 7)
+    assert bench.run(0.5) == [None] * 250
+    assert bench.holds == 2
 
 
 def test_one_that_we_may_switch_off_is_waited_for():

@@ -22,6 +22,9 @@ from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, SampleRea
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.compensate.supervisor import Status, Supervisor
 
+settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
+settings.load_profile("repeatable")
+
 TOLERANCE = 1e-9  # N·m
 HICCUP = 0.02  # s; the longest time in which a command may change at its slew rate
 
@@ -282,7 +285,7 @@ def judge(start: int, sequence: list[tuple]) -> Judge:
 
 
 @settings(
-    max_examples=500, deadline=None, derandomize=True,
+    max_examples=500,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )  # fmt: skip
 @given(st.integers(0, len(SETTINGS) - 1), SEQUENCES)

@@ -36,6 +36,8 @@ class EffortLimits:
 
     def clip(self, torque: Array) -> Array:
         """Return (7,) joint torques as near as simple clipping gets, within both boxes."""
+        if np.count_nonzero(np.abs(self._to_both.dot(torque)) <= self._both) == len(self._both):
+            return torque
         within = np.minimum(np.maximum(torque, -self.joint), self.joint)
         motor = self.arm.actuator_effort(within)
         if (np.abs(motor) <= self.actuator).all():
@@ -49,6 +51,15 @@ class EffortLimits:
         motor = np.abs(self.arm.actuator_effort(torque)) / np.maximum(self.actuator, _NOTHING)
         excess = np.maximum(joint, motor)[self.coupled].max(initial=1.0)
         return np.where(self.coupled, torque / excess, torque)
+
+    @cached_property
+    def _both(self) -> Array:
+        return np.concatenate([self.joint, self.actuator])
+
+    @cached_property
+    def _to_both(self) -> Array:
+        """(14, 7) from joint torques to joint and actuator torques."""
+        return np.vstack([np.eye(len(self.joint)), self.arm.actuator_to_joint.T])
 
     @cached_property
     def coupled(self) -> NDArray[np.bool_]:
@@ -79,7 +90,7 @@ def slew(previous: Array, target: Array, step: Array, limits: EffortLimits) -> A
             them (they have been lowered) no coupled joint gets further out.
     """
     change = target - previous
-    if (np.abs(change) <= step).all():
+    if np.count_nonzero(np.abs(change) <= step) == len(step):
         return target
     command = previous + np.minimum(np.maximum(change, -step), step)
     if limits.contains(command):

@@ -35,6 +35,8 @@ CAUSES = (
     "duplicate_joint",
     "wrong_length",
     "not_finite",
+    "out_of_range",
+    "malformed",
     "after_gap",
 )
 """Every cause under which a message is dropped."""
@@ -60,9 +62,13 @@ class Sample:
 class SampleReader:
     """Picks the arm's joints out of messages, by name and in any order."""
 
-    def __init__(self, joint_names: Sequence[str]) -> None:
-        """Read samples of these joints, in this order."""
+    def __init__(
+        self, joint_names: Sequence[str], lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf
+    ) -> None:
+        """Read samples of these joints, in this order, between (7,) positions, rad."""
         self._joints = tuple(joint_names)
+        self._lower = np.broadcast_to(lower, len(self._joints)).astype(float)
+        self._upper = np.broadcast_to(upper, len(self._joints)).astype(float)
         self._names: tuple[str, ...] = self._joints
         self._index: NDArray[np.intp] | None = None  # None: the message's order is the arm's
 
@@ -85,6 +91,9 @@ class SampleReader:
         values = self._pick("position", position)
         if values is None:
             raise DroppedSampleError("wrong_length", f"no positions for {len(self._names)} names")
+        within = (values >= self._lower) & (values <= self._upper)
+        if np.count_nonzero(within) < len(values):
+            raise self._out_of_range(values, int(np.argmin(within)))
         # The measured effort only sets where the ramp begins: without it the message stands.
         try:
             applied = self._pick("effort", effort)
@@ -111,14 +120,22 @@ class SampleReader:
 
     def _pick(self, field: str, given: ArrayLike) -> Array | None:
         values = np.asarray(given, dtype=float)
-        if values.size == 0:
+        if len(values) == 0:
             return None
         if len(values) != len(self._names):
             raise DroppedSampleError(
                 "wrong_length", f"{len(values)} numbers of {field} for {len(self._names)} names"
             )
         picked = values if self._index is None else values[self._index]
-        if not np.isfinite(picked).all():
+        if np.count_nonzero(np.isfinite(picked)) < len(picked):
             joint = self._joints[int(np.argmin(np.isfinite(picked)))]
             raise DroppedSampleError("not_finite", f"{field} of {joint} is not a finite number")
         return picked
+
+    def _out_of_range(self, values: Array, joint: int) -> DroppedSampleError:
+        return DroppedSampleError(
+            "out_of_range",
+            f"{self._joints[joint]} at {values[joint]:.4g} rad, expected "
+            f"{self._lower[joint]:.4g} to {self._upper[joint]:.4g}: "
+            "the model of another arm, a wrong unit, or a broken encoder?",
+        )

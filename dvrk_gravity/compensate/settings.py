@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.compensate.evaluator import Evaluator, prepare_sum
 from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import ALL_PARAMETERS, TorqueModel
 from dvrk_gravity.parameter import check_all
-from dvrk_gravity.terms import State, Term
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,7 @@ class Settings:
         slew_limit: (7,) fastest change of a joint's command, N·m/s; ``inf`` where off.
         ramp_time: Time of the blend from the effort that is there to the model's, s.
         timeout: Longest time without valid input, s.
+        position_margin: Positions further outside the arm's limits than this are refused, rad.
         max_stamp_age: Oldest stamp by the node's clock, s; 0 if not checked.
         friction_ratio: (7,) part of friction that is compensated, at each joint and motor.
         friction_dead_band: (7,) rad/s below which it is not.
@@ -42,6 +43,7 @@ class Settings:
     slew_limit: Array
     ramp_time: float
     timeout: float
+    position_margin: float
     max_stamp_age: float
     friction_ratio: Array
     friction_dead_band: Array
@@ -75,6 +77,7 @@ class Settings:
             np.where(slew_limit > 0.0, slew_limit, np.inf),
             value["ramp_time"],
             value["timeout"],
+            value["position_margin"],
             value["max_stamp_age"],
             np.array(value["friction_compensation.ratio"]),
             np.array(value["friction_compensation.dead_band"]),
@@ -89,24 +92,21 @@ class Settings:
         It is the model's torque but for friction, of which only the asked part
         is compensated: pushing the whole of it makes an arm run away on its own.
         """
-        state = State(q, qd)
-        slow = state
+        torque = self._conservative(q, qd)
+        if self._friction is None:
+            return torque
         if qd is not None:
-            slow = State(q, np.where(np.abs(qd) < self.friction_dead_band, 0.0, qd))
-        total = np.zeros_like(q)
-        for term in self._conservative:
-            total += term.torque(state)
-        for term in self._friction:
-            total += term.torque(slow)
-        return total
+            qd = qd * (np.abs(qd) >= self.friction_dead_band)
+        return torque + self._friction(q, qd)
 
     @cached_property
-    def _conservative(self) -> tuple[Term, ...]:
-        return tuple(term for term in self.model.terms if not term.FRICTION)
+    def _conservative(self) -> Evaluator:
+        terms = (term for term in self.model.terms if term.COMPENSATED)
+        return prepare_sum(term for term in terms if not term.FRICTION)
 
     @cached_property
-    def _friction(self) -> tuple[Term, ...]:
+    def _friction(self) -> Evaluator | None:
         # Scaled where it lives: parts of a motor's friction that differ by joint would put
         # more power into the arm than the friction takes out.
-        terms = (term for term in self.model.terms if term.FRICTION)
-        return tuple(term.scaled(self.friction_ratio) for term in terms)
+        terms = [term for term in self.model.terms if term.FRICTION and term.COMPENSATED]
+        return prepare_sum(term.scaled(self.friction_ratio) for term in terms) if terms else None

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 
-import numpy as np
-
 
 class Statistics:
     """Collects cheaply, message by message, what diagnostics tell once a second."""
@@ -35,7 +33,8 @@ class Statistics:
         elapsed = 0.0 if self._since is None else now - self._since
         rate = self._received / elapsed if elapsed > 0.0 else 0.0
         age = now - self._last
-        p50, p99 = np.percentile(self._durations, (50, 99)) if self._durations else (0.0, 0.0)
+        ordered = sorted(self._durations) or [0.0]
+        p50, p99 = (ordered[int(part * len(ordered))] for part in (0.5, 0.99))
         self._received, self._since = 0, now
         self._durations.clear()
         return {

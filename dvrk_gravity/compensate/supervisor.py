@@ -13,6 +13,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.compensate.limits import slew
 from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, Sample
 from dvrk_gravity.compensate.settings import Settings
@@ -28,6 +29,8 @@ BUILTIN_HELP = (
 _SHORTEST_STEP, _LONGEST_STEP = 1e-6, 0.02
 # N·m; less than this is rounding, not a limit.
 _CUT = 1e-9
+_NONE = np.zeros(N_JOINTS, dtype=bool)
+_NONE.setflags(write=False)
 
 
 class Status(Enum):
@@ -66,7 +69,7 @@ class Supervisor:
         """Start in the state that the settings ask for; nothing is commanded yet."""
         self.settings = settings
         self.dropped: Counter[str] = Counter(dict.fromkeys(CAUSES, 0))
-        self.saturated: NDArray[np.bool_] = np.zeros(len(settings.slew_limit), dtype=bool)
+        self.saturated: NDArray[np.bool_] = _NONE
         self.hold_due = False
         self.builtin_active = False
         self._ramp: _Ramp | None = None
@@ -74,6 +77,7 @@ class Supervisor:
         self._last_valid = -np.inf  # when the last valid sample came
         self._last_advance = -np.inf  # when the stamp last moved on
         self._last_stamp = 0
+        self._seen_stamp = 0  # of the last message, whether its stamp passed or not
         self._input_fault = False
         self.status = Status.DISABLED
         self.reason = "not enabled"
@@ -83,7 +87,7 @@ class Supervisor:
     @property
     def active(self) -> bool:
         """Whether the arm is under our command."""
-        return self.status in (Status.RAMPING, Status.COMMANDING)
+        return self._command is not None
 
     def enable(self) -> None:
         """Start, or start again after a fault; commands follow with the next valid input."""
@@ -151,11 +155,12 @@ class Supervisor:
         self.check_input(now)
         # Not since the last message: one that repeats a stamp brings nothing new.
         gap = now - self._last_advance
+        known, self._seen_stamp = (self._last_stamp, self._seen_stamp), sample.stamp
         self._check_stamp(sample.stamp, now, clock)
         # Times count for messages that pass; a message that waited in a queue while the
         # process or the arm stood still is the first after a gap, and is not answered.
         previous_valid, self._last_valid = self._last_valid, now
-        if sample.stamp != self._last_stamp:
+        if sample.stamp not in known:
             self._last_advance = now
         elif now - self._last_advance > self.settings.timeout:
             raise DroppedSampleError("stamp_repeated", "the stamp does not move on")
@@ -199,23 +204,31 @@ class Supervisor:
         settings = self.settings
         with np.errstate(over="ignore", invalid="ignore"):
             target = settings.torque(sample.position, sample.velocity)
-        if not np.isfinite(target).all():
-            joint = settings.model.arm.joint_names[int(np.argmin(np.isfinite(target)))]
-            raise ArithmeticError(f"the model's torque on {joint} is not a finite number")
-        if self._ramp is not None:
-            done = settings.ramp_time <= 0.0 or now - self._ramp.start >= settings.ramp_time
-            if done:
-                self._ramp = None
-                self.status, self.reason = Status.COMMANDING, "compensating"
-            else:
-                part = (now - self._ramp.start) / settings.ramp_time
-                target = (1.0 - part) * self._ramp.origin + part * target
-        within = settings.limits.clip(target)
-        self.saturated = np.abs(within - target) > _CUT
+            if self._ramp is not None:
+                target = self._blend(self._ramp, target, now)
+            within = settings.limits.clip(target)
+        self.saturated = _NONE
+        if within is not target:  # what is within the limits as it is, is finite, too
+            if not np.isfinite(target).all():
+                joint = settings.model.arm.joint_names[int(np.argmin(np.isfinite(target)))]
+                raise ArithmeticError(f"the model's torque on {joint} is not a finite number")
+            self.saturated = np.abs(within - target) > _CUT
         assert self._command is not None  # set by _begin, before anything is active
-        largest = settings.slew_limit * min(max(step, _SHORTEST_STEP), _LONGEST_STEP)
+        if not _SHORTEST_STEP <= step <= _LONGEST_STEP:
+            step = _SHORTEST_STEP if step < _SHORTEST_STEP else _LONGEST_STEP
+        largest = settings.slew_limit * step
         self._command = slew(self._command, within, largest, settings.limits)
         return self._command
+
+    def _blend(self, ramp: _Ramp, target: Array, now: float) -> Array:
+        """Return the torque on the way to ``target``, which is reached when the ramp ends."""
+        ramp_time = self.settings.ramp_time
+        if ramp_time <= 0.0 or now - ramp.start >= ramp_time:
+            self._ramp = None
+            self.status, self.reason = Status.COMMANDING, "compensating"
+            return target
+        part = (now - ramp.start) / ramp_time
+        return (1.0 - part) * ramp.origin + part * target
 
     def _wait(self) -> None:
         self.status = Status.WAITING
@@ -230,4 +243,4 @@ class Supervisor:
         self.status, self.reason = status, reason
         self._ramp = None
         self._command = None
-        self.saturated = np.zeros_like(self.saturated)
+        self.saturated = _NONE

@@ -13,7 +13,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Empty, Float64MultiArray, String
+from std_msgs.msg import (
+    Bool,
+    Empty,
+    Float64MultiArray,
+    MultiArrayDimension,
+    MultiArrayLayout,
+    String,
+)
 from std_srvs.srv import SetBool
 
 from dvrk_gravity.compensate.sample import DroppedSampleError, SampleReader
@@ -23,6 +30,8 @@ from dvrk_gravity.compensate.supervisor import Status, Supervisor
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import ALL_PARAMETERS
 from dvrk_gravity.nodes import runtime
+from dvrk_gravity.nodes.rivals import LISTEN, Rivals
+from dvrk_gravity.nodes.wire import CommandWriter, JointStateReader
 from dvrk_gravity.parameter import check_all
 
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -43,14 +52,16 @@ class Compensator(Node):
         defaults = {name: entry.default for name, entry in ALL_PARAMETERS.items()}
         runtime.declare(self, defaults | check_all(ALL_PARAMETERS, given))
         self._supervisor = Supervisor(settings)
-        self._reader = SampleReader(settings.model.arm.joint_names)
+        arm, margin = settings.model.arm, settings.position_margin
+        self._unpack = JointStateReader().read
+        self._reader = SampleReader(arm.joint_names, arm.lower - margin, arm.upper + margin)
         self._statistics = Statistics()
         self._told: tuple[Status, str] | None = None
         self._no_velocity_told = False
+        self._listening = True
         self._connect()
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
-        self._report_status()
 
     def _connect(self) -> None:
         value = {name: self.get_parameter(name).value for name in ("output", "output_topic")}
@@ -63,13 +74,20 @@ class Compensator(Node):
         self._state = self.create_publisher(String, "~/state", _LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         depth = int(self.get_parameter("input_depth").value)
-        self.create_subscription(JointState, "measured_js", self._on_measured, depth)
+        self._rivals = Rivals(self, self._command, self._refuse_rival)
+        self._writer = CommandWriter(
+            self._supervisor.settings.model.arm.joint_names, self._rivals.mark
+        )
+        self.prompt = self.create_subscription(
+            JointState, "measured_js", self._on_measured, depth, raw=True
+        )
         self.create_subscription(
             JointState, "gravity_compensation/setpoint_js", self._on_builtin, 1
         )
         self.create_service(SetBool, "~/enable", self._on_enable)
         # Four looks within the time-out notice a silence at most a quarter late.
         self._watch = self._timer(self._supervisor.settings.timeout / 4, self._on_watch)
+        self._listen = self._timer(LISTEN / 4, self._on_listen)
         self._timer(1.0, self._publish_diagnostics)
 
     def _timer(self, period: float, callback: Any) -> Any:
@@ -77,14 +95,15 @@ class Compensator(Node):
 
     # --- input ---------------------------------------------------------------------------
 
-    def _on_measured(self, message: JointState) -> None:
+    def _on_measured(self, data: bytes) -> None:
+        if self._listening:
+            return
         now = time.monotonic()
-        stamp = message.header.stamp
         try:
+            fields = self._unpack(data)
             sample = self._reader.read(
-                stamp.sec * 1_000_000_000 + stamp.nanosec,
-                message.name, message.position, message.velocity, message.effort,
-            )  # fmt: skip
+                fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
+            )
             clock = self.get_clock().now().nanoseconds if self._ages_stamps else 0
             effort = self._supervisor.command(sample, now, clock)
         except DroppedSampleError as error:
@@ -95,7 +114,7 @@ class Compensator(Node):
             )
         else:
             if effort is not None:
-                self._publish(effort, message)
+                self._publish(effort, fields.stamp)
             self._statistics.received(now)
             self._statistics.computed(time.monotonic() - now)
             if sample.velocity is None and not self._no_velocity_told:
@@ -103,13 +122,13 @@ class Compensator(Node):
                 self.get_logger().warning("measured_js has no velocity: friction terms are off")
         self._settle()
 
-    def _publish(self, effort: Any, measured: JointState) -> None:
+    def _publish(self, effort: Any, stamp: tuple[int, int]) -> None:
         if self._as_array:
-            self._command.publish(Float64MultiArray(data=effort))
-            return
-        command = JointState(name=self._supervisor.settings.model.arm.joint_names, effort=effort)
-        command.header.stamp = measured.header.stamp
-        self._command.publish(command)
+            label = MultiArrayDimension(label=self._rivals.mark, size=len(effort), stride=1)
+            layout = MultiArrayLayout(dim=[label])
+            self._command.publish(Float64MultiArray(layout=layout, data=effort))
+        else:
+            self._command.publish(self._writer.write(stamp, effort))
 
     def _on_builtin(self, message: JointState) -> None:
         self._supervisor.observe_builtin(np.asarray(message.effort))
@@ -122,7 +141,29 @@ class Compensator(Node):
 
     def _on_watch(self) -> None:
         self._supervisor.check_input(time.monotonic())
+        self._rivals.watch(self._supervisor.active)
         self._settle()
+
+    def _on_listen(self) -> None:
+        """Begin, once whoever commands the arm already has had the time to be heard."""
+        self._rivals.watch(commanding=False)
+        arm_is_there = self.count_publishers(self.prompt.topic_name) > 0
+        if not arm_is_there:
+            self.get_logger().info(
+                f"waiting for {self.prompt.topic_name}: nobody publishes it",
+                throttle_duration_sec=5.0,
+                skip_first=True,
+            )
+        if self._rivals.listened(arm_is_there):
+            self._listening = False
+            self._listen.cancel()
+            self._settle()
+
+    def _refuse_rival(self) -> None:
+        """Leave the arm to another node that commands it."""
+        if self._supervisor.status not in (Status.DISABLED, Status.FAULT):
+            self._supervisor.fail(self._rivals.reason())
+            self._settle()
 
     # --- control -------------------------------------------------------------------------
 
@@ -130,8 +171,11 @@ class Compensator(Node):
         results = self.set_parameters([Parameter("enabled", value=bool(request.data))])
         if request.data and results[0].successful:
             self._supervisor.enable()  # out of a fault, too, where the parameter is true already
+        if self._rivals.heard_lately():
+            self._refuse_rival()
         self._settle()
-        response.success = results[0].successful
+        refused = request.data and self._supervisor.status is Status.FAULT
+        response.success = results[0].successful and not refused
         response.message = f"{self._supervisor.status.value}: {self._supervisor.reason}"
         return response
 
@@ -152,6 +196,8 @@ class Compensator(Node):
         settings = Settings.from_parameters(self._with_changes([]))
         self._supervisor.configure(settings, time.monotonic())
         self._watch.timer_period_ns = int(settings.timeout / 4 * 1e9)
+        if self._rivals.heard_lately():
+            self._refuse_rival()
         self._settle()
 
     def _with_changes(self, changes: list[Parameter]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import threading
@@ -19,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from dvrk_gravity import yaml_file
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.nodes.executor import PromptExecutor
 
 STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 """Timers run on it: a simulated or stepped clock must not stop a watch on the input."""
@@ -31,7 +33,8 @@ def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
     """Run one node until SIGINT, SIGTERM or an error.
 
     Args:
-        make_node: Builds the node, after rclpy is up; the node has ``finish()``.
+        make_node: Builds the node, after rclpy is up; the node has ``finish()``, and
+            ``prompt`` if one of its subscriptions is to be served before all else.
         ros_args: ``--ros-args …`` as given on the command line.
 
     Returns:
@@ -73,8 +76,8 @@ def given_parameters(node: Node) -> dict[str, Any]:
     For nodes built with ``automatically_declare_parameters_from_overrides``.
     """
     return {
-        name: plain(parameter.value)
-        for name, parameter in node.get_parameters_by_prefix("").items()
+        name: plain(node.get_parameter(name).value)
+        for name in node.get_parameters_by_prefix("")
         if not name.startswith(OF_RCLPY)
     }
 
@@ -116,11 +119,20 @@ def _construct(make_node: Callable[[], Node]) -> Node:
 
 
 def _spin(node: Node, stop: threading.Event) -> int:
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
+    gc.collect()
+    gc.freeze()  # what is there now stays: no collection has to look at it again
+    prompt = getattr(node, "prompt", None)
+    if prompt is None:
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+    else:
+        executor = PromptExecutor(node, prompt)
     try:
         while not stop.is_set():
             executor.spin_once(timeout_sec=0.1)
+    except MemoryError:
+        node.get_logger().fatal("out of memory: the arm is held, and this node ends")
+        return 1
     except Exception:  # whatever it was: the arm is held, and the cause is told
         node.get_logger().fatal(f"unexpected error: {_first_line(sys.exc_info()[1])}")
         traceback.print_exc()

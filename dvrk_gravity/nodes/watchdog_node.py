@@ -30,15 +30,18 @@ class Watchdog(Node):
         given = runtime.given_parameters(self)
         values = {name: ALL_PARAMETERS[name].default for name in _PARAMETERS}
         values |= check_all(ALL_PARAMETERS, given)
-        self._timeout = float(values["watchdog_timeout"])
+        timeout = values["watchdog_timeout"]
+        assert isinstance(timeout, float)  # check_all has seen to it
+        self._timeout = timeout
         self._last: float | None = None  # when the last command came; None: the arm is held
         as_array = values["output"] == "array"
         topic = str(values["output_topic"]) or ("commands" if as_array else "servo_jf")
         self._hold = self.create_publisher(Empty, "hold", 10)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._state = self.create_publisher(String, "~/state", latched)
-        self.create_subscription(
-            Float64MultiArray if as_array else JointState, topic, self._on_command, 1
+        # Raw: that a command came is all that matters, not what it says.
+        self.prompt = self.create_subscription(
+            Float64MultiArray if as_array else JointState, topic, self._on_command, 1, raw=True
         )
         self.create_subscription(Empty, "hold", self._on_hold, 10)
         self.create_timer(self._timeout / 4, self._on_watch, clock=runtime.STEADY_CLOCK)

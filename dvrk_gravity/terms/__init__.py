@@ -1,10 +1,14 @@
 """Physical terms, one file an effect; a model is their sum."""
 
-from dvrk_gravity.terms.base import State, Term
+from dvrk_gravity.terms.base import LinearTerm, State, Term
 from dvrk_gravity.terms.coulomb_friction import CoulombFriction
 from dvrk_gravity.terms.directional_cable import DirectionalCable
 from dvrk_gravity.terms.elastic_cable import ElasticCable
 from dvrk_gravity.terms.gravity import Gravity
+from dvrk_gravity.terms.held_load import HeldLoad
+from dvrk_gravity.terms.link_inertia import LinkInertia
+from dvrk_gravity.terms.presliding_hysteresis import PreslidingHysteresis
+from dvrk_gravity.terms.rotor_inertia import RotorInertia
 from dvrk_gravity.terms.viscous_friction import ViscousFriction
 
 TERMS: tuple[type[Term], ...] = (
@@ -13,6 +17,10 @@ TERMS: tuple[type[Term], ...] = (
     DirectionalCable,
     CoulombFriction,
     ViscousFriction,
+    LinkInertia,
+    RotorInertia,
+    PreslidingHysteresis,
+    HeldLoad,
 )
 
 __all__ = [
@@ -21,6 +29,11 @@ __all__ = [
     "DirectionalCable",
     "ElasticCable",
     "Gravity",
+    "HeldLoad",
+    "LinearTerm",
+    "LinkInertia",
+    "PreslidingHysteresis",
+    "RotorInertia",
     "State",
     "Term",
     "ViscousFriction",

@@ -27,6 +27,9 @@ class State:
         qdd: (…, 7) accelerations, rad/s^2; ``None`` counts as zero.
         direction: (…, 7) +1/-1, the way in which a static pose was approached;
             where given, it replaces the sign of the velocity in dry friction.
+
+    Samples of an (N, 7) state that has velocities follow each other in time; it matters only
+    to friction that remembers where the motion last reversed.
     """
 
     q: Array
@@ -70,11 +73,14 @@ class Term(ABC):
         PARAMETERS: Declarations of every parameter in model files.
         FRICTION: Dissipative: the compensator scales it by its friction ratio, with
             :meth:`scaled`.
+        COMPENSATED: The compensator applies it; off for what needs the past of the motion or
+            lives in a sensor.
     """
 
     NAME: ClassVar[str]
     PARAMETERS: ClassVar[tuple[Parameter, ...]]
     FRICTION: ClassVar[bool] = False
+    COMPENSATED: ClassVar[bool] = True
 
     @classmethod
     @abstractmethod
@@ -96,6 +102,40 @@ class Term(ABC):
     def scaled(self, part: Array) -> Term:
         """Return the friction of which (7,) parts are left at each joint and its motor."""
         raise NotImplementedError(f"{self.NAME} is no friction")
+
+
+class LinearTerm(Term):
+    """A term that is linear in its coefficients theta: ``torque = regressor @ theta``.
+
+    What identification solves for; everything else about the term (ranges, transition
+    velocities, gravity's direction) stays as it is.
+    """
+
+    @property
+    @abstractmethod
+    def theta(self) -> Array:
+        """(k,) coefficients, in the order of the regressor's columns."""
+
+    @abstractmethod
+    def with_theta(self, theta: Array) -> LinearTerm:
+        """Return the same term with other (k,) coefficients."""
+
+    @abstractmethod
+    def regressor(self, state: State) -> Array:
+        """Return (N, 7, k) for (N, 7) states: joint torques of each coefficient at one."""
+
+
+def diagonal_columns(values: Array) -> Array:
+    """Return (N, 7, 7) columns that act on one joint each, from (N, 7) values."""
+    columns = np.zeros((*values.shape, values.shape[-1]))
+    index = np.arange(values.shape[-1])
+    columns[..., index, index] = values
+    return columns
+
+
+def motor_columns(arm: Arm, values: Array) -> Array:
+    """Return (N, 7, 7) joint torques of (N, 7) motor torques, a column a motor."""
+    return values[..., None, :] * arm.joint_to_actuator.T
 
 
 def joint_array(name: str, unit: str, meaning: str, lower: float = -np.inf) -> Parameter:

@@ -10,7 +10,16 @@ import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.parameter import Value
-from dvrk_gravity.terms.base import Array, State, Term, as_array, as_value, joint_array
+from dvrk_gravity.terms.base import (
+    Array,
+    LinearTerm,
+    State,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_array,
+    motor_columns,
+)
 
 # A slope that makes the ramp a sign function, while 0 stays 0.
 _SIGN = np.full(N_JOINTS, 1e9)
@@ -18,7 +27,7 @@ _LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative
 
 
 @dataclass(frozen=True, eq=False)
-class CoulombFriction(Term):
+class CoulombFriction(LinearTerm):
     """Constant torque along the motion of a joint or of a motor.
 
     Friction at a motor acts on every joint that the motor moves: the elbow's
@@ -96,6 +105,34 @@ class CoulombFriction(Term):
     def scaled(self, part: Array) -> CoulombFriction:
         """See :meth:`Term.scaled`."""
         return replace(self, **{name: part * getattr(self, name) for name in _LEVELS})
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`: joint up, joint down, motor up, motor down."""
+        return np.concatenate([getattr(self, name) for name in _LEVELS])
+
+    def with_theta(self, theta: Array) -> CoulombFriction:
+        """See :meth:`LinearTerm.with_theta`."""
+        up, down, motor_up, motor_down = np.reshape(theta, (4, N_JOINTS))
+        return CoulombFriction(self.arm, up, down, motor_up, motor_down, self.transition_velocity)
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        if state.direction is not None:
+            motion, slope = state.direction, _SIGN
+        elif state.qd is not None:
+            motion, slope = state.qd, self._slope
+        else:
+            return np.zeros((*state.q.shape, 4 * N_JOINTS))
+        joint = np.clip(motion * slope, -1.0, 1.0)
+        motor = np.clip(self.arm.actuator_position(motion) * slope, -1.0, 1.0)
+        columns = [
+            diagonal_columns(np.maximum(joint, 0.0)),
+            diagonal_columns(np.minimum(joint, 0.0)),
+            motor_columns(self.arm, np.maximum(motor, 0.0)),
+            motor_columns(self.arm, np.minimum(motor, 0.0)),
+        ]
+        return np.concatenate(columns, axis=-1)
 
     @cached_property
     def _at_motors(self) -> bool:

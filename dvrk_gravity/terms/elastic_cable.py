@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from dvrk_gravity.arm import Arm
+import numpy as np
+
+from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.parameter import Value
 from dvrk_gravity.terms import polynomial
-from dvrk_gravity.terms.base import Array, State, Term
+from dvrk_gravity.terms.base import Array, LinearTerm, State, diagonal_columns
 
 
 @dataclass(frozen=True, eq=False)
-class ElasticCable(Term):
+class ElasticCable(LinearTerm):
     """tau_j = k0 + k1 q_j + k2 q_j^2 + …, q_j held at the edges of the fitted range.
 
     Attributes:
@@ -45,3 +47,18 @@ class ElasticCable(Term):
     def torque(self, state: State) -> Array:
         """Return (…, 7) elastic torques, N·m."""
         return polynomial.evaluate(self.coefficients, self.valid.hold(state.q))
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`: all joints' k0, then all their k1, …."""
+        return self.coefficients.ravel()
+
+    def with_theta(self, theta: Array) -> ElasticCable:
+        """See :meth:`LinearTerm.with_theta`."""
+        return replace(self, coefficients=np.reshape(theta, (-1, N_JOINTS)))
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        held = self.valid.hold(state.q)
+        powers = [held**k for k in range(len(self.coefficients))]
+        return np.concatenate([diagonal_columns(power) for power in powers], axis=-1)

@@ -11,12 +11,12 @@ import numpy as np
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import GRAVITY, Arm
 from dvrk_gravity.parameter import Parameter, Value
-from dvrk_gravity.terms.base import Array, State, Term, as_value
+from dvrk_gravity.terms.base import Array, LinearTerm, State, as_value
 from dvrk_gravity.tree import Tree, beta_tree
 
 
 @dataclass(frozen=True, eq=False)
-class Gravity(Term):
+class Gravity(LinearTerm):
     """tau = gY(q) beta (seed document, equation 1), for any direction of gravity.
 
     Attributes:
@@ -76,6 +76,19 @@ class Gravity(Term):
         if state.q.ndim == 1:
             return self._tree.gravity(state.q)
         return gravity.torque(state.q, self.beta, self.vector)
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`: beta."""
+        return self.beta
+
+    def with_theta(self, theta: Array) -> Gravity:
+        """See :meth:`LinearTerm.with_theta`."""
+        return replace(self, beta=np.asarray(theta, dtype=float))
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        return gravity.regressor(state.q, self.vector, len(self.beta))
 
     @cached_property
     def _tree(self) -> Tree:

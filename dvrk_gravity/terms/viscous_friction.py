@@ -8,13 +8,22 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.parameter import Value
-from dvrk_gravity.terms.base import Array, State, Term, as_array, as_value, joint_array
+from dvrk_gravity.terms.base import (
+    Array,
+    LinearTerm,
+    State,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_array,
+    motor_columns,
+)
 
 
 @dataclass(frozen=True, eq=False)
-class ViscousFriction(Term):
+class ViscousFriction(LinearTerm):
     """Torque proportional to the velocity of a joint or of a motor.
 
     Attributes:
@@ -55,6 +64,23 @@ class ViscousFriction(Term):
     def scaled(self, part: Array) -> ViscousFriction:
         """See :meth:`Term.scaled`."""
         return replace(self, joint=part * self.joint, motor=part * self.motor)
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`: at the joints, then at the motors."""
+        return np.concatenate([self.joint, self.motor])
+
+    def with_theta(self, theta: Array) -> ViscousFriction:
+        """See :meth:`LinearTerm.with_theta`."""
+        joint, motor = np.reshape(theta, (2, N_JOINTS))
+        return replace(self, joint=joint, motor=motor)
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        if state.qd is None:
+            return np.zeros((*state.q.shape, 2 * N_JOINTS))
+        motor = motor_columns(self.arm, self.arm.actuator_position(state.qd))
+        return np.concatenate([diagonal_columns(state.qd), motor], axis=-1)
 
     @cached_property
     def _damping(self) -> Array:

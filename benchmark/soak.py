@@ -1,0 +1,133 @@
+"""A long run at 1 kHz: latency over time, memory, processor, losses; a picture and JSON.
+
+    PYTHONPATH=. python benchmark/soak.py [--minutes M] [--out DIR] [--json FILE]
+
+Every five seconds: median, 99th percentile and maximum of the round trip, messages without an
+answer, resident memory and processor time of the compensator. Memory is judged after the first
+fifth of the run, which is when Python and DDS have taken what they keep.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+from round_trip import RoundTrip
+
+from dvrk_gravity import text_file
+from dvrk_gravity.nodes.client import Client
+from dvrk_gravity.processes import NodeProcess, private_domain
+
+MODEL = Path(__file__).resolve().parents[1] / "config" / "mtmr_28002.yaml"
+BLOCK = 5.0  # s
+
+
+def resident(pid: int) -> int:
+    """Return a process's resident memory, bytes."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    return pages * os.sysconf("SC_PAGESIZE")
+
+
+def processor_time(pid: int) -> float:
+    """Return the processor time that a process has used, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def soak(minutes: float) -> dict[str, list[float]]:
+    """Run; return columns, a row every :data:`BLOCK` seconds."""
+    columns: dict[str, list[float]] = {
+        name: [] for name in ("time_s", "p50_us", "p99_us", "max_us", "sent", "lost",
+                              "resident_kB", "processor_percent")
+    }  # fmt: skip
+    with (
+        private_domain(),
+        Client("/MTMR") as client,
+        NodeProcess("compensator", "--params-file", str(MODEL), "-p", "timeout:=1.0",
+                    "-p", "resume:=automatic") as node,
+    ):  # fmt: skip
+        trip = RoundTrip(client, "/MTMR")
+        trip.connect()
+        pid = node.process.pid
+        begin = time.monotonic()
+        while time.monotonic() - begin < 60.0 * minutes:
+            start, used = time.monotonic(), processor_time(pid)
+            trip.run(BLOCK)
+            times, lost = trip.take()
+            elapsed = time.monotonic() - start
+            p50, p99, longest = np.percentile(times, (50, 99, 100)) * 1e6
+            share = 100.0 * (processor_time(pid) - used) / elapsed
+            row = (start - begin, p50, p99, longest, len(times) + lost, lost,
+                   resident(pid) / 1024, share)  # fmt: skip
+            for column, value in zip(columns.values(), row, strict=True):
+                column.append(float(value))
+        if not is_well(node):
+            raise SystemExit(f"the compensator said: {node.lines[-5:]}")
+    return columns
+
+
+def is_well(node: NodeProcess) -> bool:
+    """Tell whether the node is still there and has not stumbled."""
+    return node.process.poll() is None and "Traceback" not in node.output
+
+
+def draw(columns: dict[str, list[float]], path: Path) -> None:
+    """Draw latency, losses, memory and processor over time."""
+    figure, axes = plt.subplots(4, 1, figsize=(9, 9), sharex=True, layout="constrained")
+    minutes = np.array(columns["time_s"]) / 60.0
+    for name, label in (("p50_us", "median"), ("p99_us", "99 %"), ("max_us", "longest")):
+        axes[0].semilogy(minutes, columns[name], label=label)
+    axes[0].set_ylabel("round trip, µs")
+    axes[0].legend()
+    axes[1].plot(minutes, columns["lost"])
+    axes[1].set_ylabel(f"no answer, of {BLOCK:g} s")
+    axes[2].plot(minutes, np.array(columns["resident_kB"]) / 1024.0)
+    axes[2].set_ylabel("resident memory, MB")
+    axes[3].plot(minutes, columns["processor_percent"])
+    axes[3].set_ylabel("processor, % of a core")
+    axes[3].set_xlabel("minutes")
+    for axis in axes:
+        axis.grid(alpha=0.3)
+    figure.savefig(path, dpi=100)
+    plt.close(figure)
+
+
+def main() -> int:
+    """Run, print the summary; status 1 if memory grows."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=2.0, help="30 for the full run")
+    parser.add_argument("--out", type=Path, default=Path("out/soak"), help="folder of the picture")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to FILE")
+    arguments = parser.parse_args()
+    columns = soak(arguments.minutes)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    draw(columns, arguments.out / "soak.png")
+    memory = np.array(columns["resident_kB"])
+    settled = memory[len(memory) // 5 :]
+    growth = float(settled[-1] - settled[0])
+    sent, lost = sum(columns["sent"]), sum(columns["lost"])
+    print(f"{arguments.minutes:g} minutes at 1 kHz: {sent:.0f} sent, {lost:.0f} without answer "
+          f"({100 * lost / sent:.3f} %)")  # fmt: skip
+    print(f"round trip: median {np.median(columns['p50_us']):.0f} µs, 99 % "
+          f"{np.median(columns['p99_us']):.0f} µs (of blocks: worst {max(columns['p99_us']):.0f}), "
+          f"longest {max(columns['max_us']):.0f} µs")  # fmt: skip
+    print(f"memory: {settled[-1] / 1024:.1f} MB, grown by {growth:.0f} kB after the first fifth; "
+          f"processor: {np.mean(columns['processor_percent']):.0f} % of a core")  # fmt: skip
+    print(f"picture: {arguments.out / 'soak.png'}")
+    summary = {"sent": sent, "lost": lost, "growth_kB": growth, "rows": columns}
+    if arguments.json is not None:
+        text_file.write(arguments.json, json.dumps(summary, indent=1) + "\n")
+    return 0 if growth <= 64 else 1  # a page or two of the allocator's is no leak
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,81 @@
+"""How long until the compensator commands, and until every verb has shown its help.
+
+    PYTHONPATH=. python benchmark/startup.py [--repeats N] [--json FILE]
+
+From the start of the process to the first command, the arm publishing at 200 Hz all the while;
+0.3 s of it are spent listening for others that command the arm. Median and worst of some starts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from round_trip import RoundTrip
+
+from dvrk_gravity import text_file
+from dvrk_gravity.cli import VERBS
+from dvrk_gravity.nodes.client import Client
+from dvrk_gravity.processes import NodeProcess, private_domain
+
+MODEL = Path(__file__).resolve().parents[1] / "config" / "mtmr_28002.yaml"
+READY_TARGET, HELP_TARGET = 1.5, 0.3
+
+
+def ready(repeats: int) -> list[float]:
+    """Return the times from start to first command, s."""
+    times = []
+    for _ in range(repeats):
+        with private_domain(), Client("/MTMR") as client:
+            trip = RoundTrip(client, "/MTMR")
+            begin = time.monotonic()
+            with NodeProcess("compensator", "--params-file", str(MODEL)):
+                while not trip.answered and time.monotonic() - begin < 20.0:
+                    trip.send()
+                    client.spin(0.005)
+                times.append(min(trip.answered.values(), default=np.inf) - begin)
+    return times
+
+
+def help_of(verb: str, repeats: int) -> list[float]:
+    """Return the times of ``VERB --help``, s."""
+    times = []
+    for _ in range(repeats):
+        begin = time.monotonic()
+        subprocess.run(
+            [sys.executable, "-m", "dvrk_gravity", verb, "--help"],
+            stdout=subprocess.DEVNULL,
+            check=True,
+        )
+        times.append(time.monotonic() - begin)
+    return times
+
+
+def main() -> int:
+    """Print the table; status 1 if a median misses its target."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    arguments = parser.parse_args()
+    rows = {}
+    print(f"{'s':<24}{'median':>8}{'worst':>8}{'target':>8}")
+    measured = {"ready to command": (ready(arguments.repeats), READY_TARGET)}
+    for verb in VERBS:
+        measured[f"{verb} --help"] = (help_of(verb, arguments.repeats), HELP_TARGET)
+    for name, (times, target) in measured.items():
+        median = float(np.median(times))
+        rows[name] = {"median": median, "worst": max(times), "target": target}
+        verdict = "" if median <= target else "  MISSED"
+        print(f"{name:<24}{median:>8.2f}{max(times):>8.2f}{target:>8.2f}{verdict}")
+    if arguments.json is not None:
+        text_file.write(arguments.json, json.dumps(rows, indent=1) + "\n")
+    return 0 if all(row["median"] <= row["target"] for row in rows.values()) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,101 @@
+"""Tell what a model gets wrong about recordings: named effects, proof, extended model."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dvrk_gravity import cli, text_file
+
+if TYPE_CHECKING:
+    from dvrk_gravity.diagnosis import Diagnosis
+
+NAME = "diagnose"
+EXAMPLE = (
+    "python -m dvrk_gravity diagnose my_bag --model config/mtmr_28002.yaml --out out/diagnosis"
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="rosbag2 or CSV")
+    parser.add_argument("--model", type=Path, required=True, help="model file that is on trial")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR",
+        help="folder for findings.json, extended_model.yaml and report.html",
+    )  # fmt: skip
+    parser.add_argument(
+        "--coordinates", choices=("joint", "actuator"), default="joint",
+        help="what the recordings' columns are (default: joint)",
+    )  # fmt: skip
+    parser.add_argument("--topic", help="JointState topic of a bag, if it has several")
+    parser.add_argument("--json", action="store_true", help="print findings.json, nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Diagnose, write the three files, print a summary; return the exit status."""
+    # Here and not above: Pinocchio and SciPy are slow to load and --help needs none of it.
+    from dvrk_gravity.diagnosis import diagnose
+    from dvrk_gravity.model import TorqueModel
+    from dvrk_gravity.recording import Recording
+    from dvrk_gravity.report.diagnosis import render
+
+    model = TorqueModel.load(args.model)
+    recordings = [
+        Recording.load(path, args.topic, coordinates=args.coordinates) for path in args.recordings
+    ]
+    shown = sys.stderr.isatty()
+
+    def progress(line: str) -> None:
+        if shown:
+            print(f"\r\033[K{line} …", end="", file=sys.stderr, flush=True)
+
+    diagnosis = diagnose(recordings, model, progress)
+    if shown:
+        print("\r\033[K", end="", file=sys.stderr)
+    args.out.mkdir(parents=True, exist_ok=True)
+    text_file.write(args.out / "findings.json", diagnosis.to_json())
+    comment = f"Extended by: dvrk_gravity diagnose\nGiven model: {args.model}\n" + "\n".join(
+        finding.sentence for finding in diagnosis.findings if finding.in_model
+    )
+    diagnosis.model.save(args.out / "extended_model.yaml", comment)
+    text_file.write(
+        args.out / "report.html", render(diagnosis, [str(path) for path in args.recordings])
+    )
+    print(diagnosis.to_json() if args.json else _summary(diagnosis, args.out))
+    return 0
+
+
+def _summary(diagnosis: Diagnosis, out: Path) -> str:
+    lines = [f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}"]
+    for number, finding in enumerate(diagnosis.findings, start=1):
+        where = ", ".join(finding.joints) or "the arm"
+        lines.append(f"{number}. {finding.effect} at {where} ({finding.place})")
+        lines.append(f"   {finding.sentence}")
+        lines += [
+            f"   or {other.effect} at {', '.join(other.joints) or 'the arm'}: {other.why}"
+            for other in finding.alternatives
+        ]
+        if not finding.in_model and finding.effect != "unknown":
+            lines.append("   (not in the extended model: no term of a model file carries it)")
+    lines.append("held-out RMSE [mN·m]      before    after    floor")
+    lines += [
+        f"  {joint:<20}  {1e3 * diagnosis.before[joint]:8.3f} {1e3 * diagnosis.after[joint]:8.3f} "
+        f"{1e3 * diagnosis.floor[joint]:8.3f}"
+        for joint in diagnosis.before
+    ]
+    lines += [f"data: {warning}" for warning in diagnosis.warnings]
+    lines.append(f"written: {out}/findings.json, extended_model.yaml, report.html")
+    return "\n".join(lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the verb and return its exit status."""
+    return cli.run(__name__, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

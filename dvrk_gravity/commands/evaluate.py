@@ -1,0 +1,48 @@
+"""Tell the error of a model, joint by joint, on recordings."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from dvrk_gravity import cli, text_file
+
+NAME = "evaluate"
+EXAMPLE = "python -m dvrk_gravity evaluate other.csv --model model.yaml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "recordings", metavar="RECORDING", type=Path, nargs="+",
+        help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
+    )  # fmt: skip
+    parser.add_argument("--model", type=Path, required=True, help="model: a parameter file")
+    parser.add_argument("--json", type=Path, help="file to write the result to")
+    parser.add_argument("--coordinates", choices=("joint", "actuator"),
+                        help="of the recordings (default: where the model fits)")  # fmt: skip
+    parser.add_argument("--topic", help="topic of bags, if they have several with JointStates")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Evaluate, print the table and write the JSON."""
+    from dvrk_gravity.identify import evaluate
+    from dvrk_gravity.identify.table import evaluation_text
+    from dvrk_gravity.model import TorqueModel
+    from dvrk_gravity.recording import Recording
+
+    model = TorqueModel.load(arguments.model)
+    recordings = [Recording.load(path, arguments.topic) for path in arguments.recordings]
+    result = evaluate(model, recordings, arguments.coordinates)
+    for line in evaluation_text(result):
+        print(line)
+    if arguments.json is not None:
+        text_file.write(arguments.json, json.dumps(result.to_json(), indent=1) + "\n")
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of ``ros2 run dvrk_gravity evaluate``."""
+    return cli.run(__name__, argv)

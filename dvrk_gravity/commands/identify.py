@@ -1,0 +1,81 @@
+"""Identify a torque model from recordings; terms are chosen by held-out error."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from dvrk_gravity import cli, text_file
+from dvrk_gravity.errors import ConfigError
+
+NAME = "identify"
+EXAMPLE = "python -m dvrk_gravity identify exciting.csv --arm mtmr --out model.yaml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "recordings", metavar="RECORDING", type=Path, nargs="+",
+        help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
+    )  # fmt: skip
+    parser.add_argument("--arm", required=True, help="mtml, mtmr, or an arm's .yaml file")
+    parser.add_argument("--out", type=Path, required=True, help="model .yaml to write")
+    parser.add_argument("--report", type=Path, help="HTML report (default: OUT with .html)")
+    parser.add_argument("--json", type=Path, help="file to write the result to")
+    parser.add_argument("--terms", help="comma-separated effects that may be used (default: all)")
+    parser.add_argument("--validate", metavar="RECORDING", type=Path, nargs="+", default=[],
+                        help="recordings kept out of the fit, to judge it by")  # fmt: skip
+    parser.add_argument("--coordinates", choices=("joint", "actuator"),
+                        help="of the recordings (default: found out)")  # fmt: skip
+    parser.add_argument("--physical", action="store_true",
+                        help="links that can exist: pseudo-inertias positive definite")  # fmt: skip
+    parser.add_argument("--topic", help="topic of bags, if they have several with JointStates")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fit, write the model, the report and the JSON, and print what was found."""
+    from dvrk_gravity.arm import Arm
+    from dvrk_gravity.identify import identify
+    from dvrk_gravity.identify.table import fit_text
+    from dvrk_gravity.recording import Recording
+    from dvrk_gravity.report.identification import render
+
+    report = arguments.report or arguments.out.with_suffix(".html")
+    for path in (arguments.out, report, arguments.json):
+        if path is not None and not path.absolute().parent.is_dir():
+            raise ConfigError(str(path), str(path.parent), "an existing folder")
+    arm = Arm.load(arguments.arm)
+    recordings = [Recording.load(path, arguments.topic) for path in arguments.recordings]
+    validate = [Recording.load(path, arguments.topic) for path in arguments.validate]
+    progress = cli.Progress("identify", 100)
+    fit = identify(
+        recordings,
+        arm,
+        arguments.coordinates,
+        arguments.terms.split(",") if arguments.terms else None,
+        validate,
+        arguments.physical,
+        lambda stage, share: progress.update(round(100 * share)),
+    )
+    progress.done()
+    sources = ", ".join(str(path) for path in arguments.recordings)
+    fit.model.save(
+        arguments.out,
+        f"Identified by dvrk_gravity from {sources}.\n"
+        "Held-out |e|/|tau|: "
+        + ", ".join(f"{name} {error.nrmse:.3f}" for name, error in fit.held_out.items()),
+    )
+    text_file.write(report, render(fit, sources))
+    if arguments.json is not None:
+        text_file.write(arguments.json, json.dumps(fit.to_json(), indent=1) + "\n")
+    for line in fit_text(fit):
+        print(line)
+    print(f"\nmodel: {arguments.out}\nreport: {report}")
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of ``ros2 run dvrk_gravity identify``."""
+    return cli.run(__name__, argv)

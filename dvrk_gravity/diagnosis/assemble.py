@@ -1,0 +1,331 @@
+"""From what was accepted to findings with numbers and words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.diagnosis.bench import Bench
+from dvrk_gravity.diagnosis.contest import Candidate, Contest
+from dvrk_gravity.diagnosis.extend import extended
+from dvrk_gravity.diagnosis.findings import (
+    Alternative,
+    Diagnosis,
+    Estimate,
+    Finding,
+    Gain,
+    Picture,
+    Rejected,
+    Verdict,
+    by_joint,
+)
+from dvrk_gravity.diagnosis.hypothesis import Hypothesis
+from dvrk_gravity.diagnosis.judge import Judge, estimates, setting_columns
+from dvrk_gravity.diagnosis.motion import Loaded, Motion
+from dvrk_gravity.diagnosis.readings import ReadingScore
+from dvrk_gravity.diagnosis.selection import Accepted, Tried
+from dvrk_gravity.diagnosis.separate import separation
+from dvrk_gravity.diagnosis.words import sentence_of
+
+Array = NDArray[np.float64]
+_ABOVE_FLOOR = 2.5  # times the noise: more than that cannot be noise, whatever it depends on
+Readings = Sequence[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]]
+
+
+def assemble(
+    loaded: Loaded,
+    readings: Readings,
+    contest: Contest,
+    accepted: Sequence[Accepted],
+    unknown: Sequence[Tried],
+) -> Diagnosis:
+    """Put everything together; see :class:`dvrk_gravity.diagnosis.run.Outcome`."""
+    judge, bench = Judge(contest), contest.bench
+    named = [one.tried.candidate for one in accepted]
+    theta, covariance, spreads = _fit(contest, named)
+    slices = _slices(named)
+    found = [(one.hypothesis, theta[rows]) for one, rows in zip(named, slices, strict=True)]
+    model, carried = extended(loaded.motion, found)
+    findings = []
+    first = judge.error([])
+    if readings:
+        score, before, alike = readings[0]
+        first = _as_read_before(before, bench, judge)
+        findings.append(_reading_finding(score, alike, first, judge.error([]), judge))
+    for i, one in enumerate(accepted):
+        rows = slices[i]
+        parameters = estimates(
+            one.tried.candidate.hypothesis, theta[rows], covariance[rows, rows], spreads[i]
+        )
+        findings.append(_finding(judge, contest, accepted, i, parameters, theta[rows], carried[i]))
+    last = judge.error(named)
+    for tried in unknown:
+        findings.append(_unknown_finding(judge, contest, named, tried, last))
+    after = judge.rmse(last)
+    floor = bench.floor(loaded.floor)
+    told = {name for finding in findings if finding.effect == "unknown" for name in finding.joints}
+    shapeless = [
+        joint
+        for joint in range(N_JOINTS)
+        if after[joint] > _ABOVE_FLOOR * floor[joint] and JOINT_NAMES[joint] not in told
+    ]
+    findings += [_shapeless_finding(joint, after[joint], floor[joint]) for joint in shapeless]
+    floor = np.where(
+        np.isfinite(floor), np.minimum(floor, np.where(after > 0, after, np.inf)), floor
+    )
+    if bench.band is None:
+        floor = after if not unknown else np.full(N_JOINTS, np.nan)
+    return Diagnosis(
+        verdict=_verdict(findings),
+        findings=tuple(findings),
+        before=by_joint(judge.rmse(first)),
+        after=by_joint(after),
+        floor=by_joint(floor),
+        samples=int((bench.block >= 0).sum()),
+        held_out=judge.samples,
+        warnings=loaded.warnings,
+        notes=_notes(loaded, contest),
+        model=model,
+    )
+
+
+def _slices(candidates: Sequence[Candidate]) -> list[slice]:
+    edges = np.cumsum([0, *(one.size for one in candidates)]).tolist()
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def _fit(
+    contest: Contest, named: Sequence[Candidate]
+) -> tuple[Array, Array, list[dict[str, float]]]:
+    """Return parameters, covariance, and the spread of each one's searched settings."""
+    if not named:
+        return np.zeros(0), np.zeros((0, 0)), []
+    contest.weigh(contest.out_of_fold(named))
+    theta, _ = contest.fit(named)
+    slopes: list[Candidate] = []
+    names: list[list[str]] = []
+    for one, rows in zip(named, _slices(named), strict=True):
+        found, columns = setting_columns(contest, one, theta[rows])
+        names.append(found)
+        slopes += columns
+    # The settings move along, so that they widen the others' intervals; their values stay.
+    _, covariance = contest.fit([*named, *slopes])
+    deviation = np.sqrt(np.maximum(np.diag(covariance)[len(theta) :], 0.0)).tolist()
+    spreads = []
+    for found in names:
+        spreads.append({name: deviation.pop(0) for name in found})
+    return theta, covariance[: len(theta), : len(theta)], spreads
+
+
+def _main_joints(hypothesis: Hypothesis, before: Array, after: Array, judge: Judge) -> list[int]:
+    old, new = judge.rmse(before), judge.rmse(after)
+    joints = list(hypothesis.joints) or list(range(N_JOINTS))
+    if hypothesis.effect == "joint_coupling":
+        joints = joints[:1]
+    better = [j for j in joints if new[j] < old[j]]
+    if not better:
+        better = [j for j in range(N_JOINTS) if new[j] < old[j]] or joints
+    left = new / np.maximum(old, 1e-12)
+    return sorted(better, key=left.tolist().__getitem__)
+
+
+def _finding(
+    judge: Judge,
+    contest: Contest,
+    accepted: Sequence[Accepted],
+    i: int,
+    parameters: dict[str, Estimate],
+    theta: Array,
+    carried: bool,
+) -> Finding:
+    one = accepted[i]
+    hypothesis = one.tried.candidate.hypothesis
+    named = [other.tried.candidate for other in accepted]
+    # What the others leave to it, in whatever order they were found.
+    before = judge.error([other for k, other in enumerate(named) if k != i])
+    after = judge.error(named)
+    joints = _main_joints(hypothesis, before, after, judge)
+    gain = judge.gain(before, after, joints)
+    rest_named = [other for k, other in enumerate(named) if k != i]
+    alternatives = _alternatives(contest, rest_named, one)
+    return Finding(
+        effect=hypothesis.effect,
+        joints=hypothesis.names,
+        place=hypothesis.place,
+        parameters=parameters,
+        gain=gain,
+        alternatives=alternatives,
+        rejected=tuple(
+            Rejected(
+                other.candidate.hypothesis.effect,
+                other.candidate.hypothesis.names,
+                other.candidate.hypothesis.place,
+                other.gain,
+                one.tried.gain - other.gain,
+            )
+            for other in one.rejected
+        ),
+        sentence=sentence_of(hypothesis, parameters, gain, JOINT_NAMES[joints[0]]),
+        picture=_picture(contest.bench, judge, hypothesis, joints[0], before, after),
+        in_model=carried,
+    )
+
+
+def _alternatives(
+    contest: Contest, rest: Sequence[Candidate], one: Accepted
+) -> tuple[Alternative, ...]:
+    result, seen = (
+        [],
+        {(one.tried.candidate.hypothesis.effect, one.tried.candidate.hypothesis.joints)},
+    )
+    for other in one.alternatives:
+        hypothesis = other.candidate.hypothesis
+        if (hypothesis.effect, hypothesis.joints) in seen:
+            continue
+        seen.add((hypothesis.effect, hypothesis.joints))
+        why = (
+            f"explains unseen blocks as well: log-likelihood gain {other.gain:.0f} "
+            f"against {one.tried.gain:.0f}"
+        )
+        apart = separation(contest, rest, one.tried.candidate, other.candidate)
+        result.append(
+            Alternative(hypothesis.effect, hypothesis.names, f"{why}; {apart}" if apart else why)
+        )
+    return tuple(result)
+
+
+def _unknown_finding(
+    judge: Judge, contest: Contest, named: Sequence[Candidate], tried: Tried, before: Array
+) -> Finding:
+    hypothesis = tried.candidate.hypothesis
+    after = judge.error([*named, tried.candidate])
+    joint = hypothesis.joints[0]
+    gain = judge.gain(before, after, [joint])
+    rms = float(np.sqrt(max(judge.rmse(before)[joint] ** 2 - judge.rmse(after)[joint] ** 2, 0.0)))
+    return Finding(
+        effect="unknown",
+        joints=hypothesis.names,
+        place=hypothesis.place,
+        parameters={"rms": Estimate(rms, rms, rms, "N·m")},
+        gain=gain,
+        alternatives=(),
+        rejected=(),
+        sentence=(
+            f"{hypothesis.names[0]} has structure of {1e3 * rms:.3g} mN·m that depends on "
+            f"{hypothesis.place}, and no known effect explains it"
+        ),
+        picture=_picture(contest.bench, judge, hypothesis, joint, before, after),
+        in_model=False,
+    )
+
+
+def _as_read_before(motion: Motion, bench: Bench, judge: Judge) -> Array:
+    """Return (H, 7) errors of the recording as it was read first, same samples."""
+    error = bench.reduce(motion.residual)[judge.rows]
+    return np.where(bench.usable[judge.rows], error, np.nan)
+
+
+def _reading_finding(
+    score: ReadingScore, alike: Sequence[ReadingScore], before: Array, after: Array, judge: Judge
+) -> Finding:
+    old, new = judge.rmse(before), judge.rmse(after)
+    joints = list(score.reading.joints) or [int(np.argmin(new / np.maximum(old, 1e-12)))]
+    gain: Gain = judge.gain(before, after, joints)
+    names = tuple(JOINT_NAMES[joint] for joint in score.reading.joints)
+    return Finding(
+        effect="wrong_coordinates",
+        joints=names,
+        place=score.reading.words,
+        parameters={},
+        gain=gain,
+        alternatives=tuple(
+            Alternative(
+                "wrong_coordinates",
+                tuple(JOINT_NAMES[joint] for joint in other.reading.joints),
+                f"{other.reading.words}: log-likelihood gain {other.gain:.0f} "
+                f"against {score.gain:.0f}",
+            )
+            for other in alike
+        ),
+        rejected=(),
+        sentence=(
+            f"The recording is read wrongly: {score.reading.words}; read rightly, "
+            f"{100 * gain.relative:.0f} % of the error at {JOINT_NAMES[joints[0]]} is gone"
+        ),
+        picture=None,
+        in_model=False,
+    )
+
+
+def _picture(
+    bench: Bench, judge: Judge, hypothesis: Hypothesis, joint: int, before: Array, after: Array
+) -> Picture:
+    motion = bench.motion
+    variable = hypothesis.variable if not motion.static else "position"
+    own = joint
+    if hypothesis.effect == "unknown" and hypothesis.place.startswith(f"{variable} of "):
+        own = JOINT_NAMES.index(hypothesis.place.split(" of ")[1])
+    name = JOINT_NAMES[own]
+    values, label = {
+        "position": (motion.q[:, own], f"position of {name} [rad]"),
+        "velocity": (motion.qd[:, own], f"velocity of {name} [rad/s]"),
+        "acceleration": (motion.qdd[:, own], f"acceleration of {name} [rad/s²]"),
+        "time": (motion.time, "time [s]"),
+    }[variable]
+    x = bench.reduce_state(values[:, None])[judge.rows, 0]
+    return Picture(JOINT_NAMES[joint], label, x, before[:, joint], after[:, joint])
+
+
+def _shapeless_finding(joint: int, after: float, floor: float) -> Finding:
+    rms = float(np.sqrt(after**2 - floor**2))
+    name = JOINT_NAMES[joint]
+    return Finding(
+        effect="unknown",
+        joints=(name,),
+        place="nothing that was tried",
+        parameters={"rms": Estimate(rms, rms, rms, "N·m")},
+        gain=Gain(0.0, 0.0, 0.0, 1.0),
+        alternatives=(),
+        rejected=(),
+        sentence=(
+            f"{name} is off by {1e3 * after:.3g} mN·m where noise alone would leave "
+            f"{1e3 * floor:.3g}, and it depends on nothing that was tried"
+        ),
+        picture=None,
+        in_model=False,
+    )
+
+
+def _verdict(findings: Sequence[Finding]) -> Verdict:
+    if not findings:
+        return "nothing_to_explain"
+    unknown = [finding.effect == "unknown" for finding in findings]
+    if all(unknown):
+        return "unexplained"
+    if any(unknown):
+        return "partly_explained"
+    if any(finding.alternatives for finding in findings):
+        return "ambiguous"
+    return "explained"
+
+
+def _notes(loaded: Loaded, contest: Contest) -> tuple[str, ...]:
+    bench = contest.bench
+    notes = [
+        *loaded.handling,
+        f"{bench.count} blocks, every third held out of fit and choice; "
+        "the others in five folds for cross-validation",
+    ]
+    if bench.band is not None:
+        notes.append(f"torques and hypotheses compared below {bench.band:g} Hz, zero-phase")
+        stuck = loaded.motion.stuck.mean(axis=0)
+        notes += [
+            f"{name} stands still for {100 * part:.0f} % of the time: left out there"
+            for name, part in zip(JOINT_NAMES, stuck, strict=True)
+            if part > 0.05
+        ]
+    return tuple(notes)

@@ -1,0 +1,221 @@
+"""Hypotheses of friction, drives and everything else that one joint or motor does by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.diagnosis.hypothesis import Hypothesis
+from dvrk_gravity.diagnosis.motion import Motion
+
+Array = NDArray[np.float64]
+Setting = Mapping[str, float]
+
+LENGTHS = (0.02, 0.06, 0.15, 0.35)  # of half the way of the joint
+SPEEDS = (0.12, 0.3, 0.7)  # of the RMS speed
+DRIFT_TIMES = (4.0, 10.0, 25.0, 60.0)  # s
+DEGREES = (1, 2, 3, 4, 6)
+
+
+def places(motion: Motion) -> Iterator[tuple[int, str, Array]]:
+    """Yield (index, ``joint`` or ``motor``, (7,) row joint velocities -> its velocity)."""
+    to_motor = motion.arm.joint_to_actuator
+    for joint in range(N_JOINTS):
+        if motion.moves[joint]:
+            yield joint, "joint", np.eye(N_JOINTS)[joint]
+    for motor in mixed_motors(motion.arm):
+        if motion.moves[to_motor[motor] != 0.0].any() and motion.present.all():
+            yield motor, "motor", to_motor[motor]
+
+
+def mixed_motors(arm: Arm) -> list[int]:
+    """Return the motors that move more than their own joint, or other joints with theirs."""
+    off = np.abs(arm.joint_to_actuator - np.eye(N_JOINTS)).max(axis=1)
+    return [int(motor) for motor in np.flatnonzero(off > 1e-9)]
+
+
+def spread(row: Array, *values: Array) -> Array:
+    """Return (N, 7, k) torques that (N,) values at a row of the joints mean at the joints."""
+    return np.stack([value[:, None] * row for value in values], axis=2)
+
+
+def friction(motion: Motion) -> Iterator[Hypothesis]:
+    """Yield Coulomb, viscous, Stribeck and presliding friction, everywhere."""
+    for joint, place, row in places(motion):
+        if motion.static and motion.direction is None:
+            return
+        slow = motion.slowest(row)
+        yield _coulomb(joint, place, row, slow, one_level=True)
+        yield _coulomb(joint, place, row, slow, one_level=False)
+        if motion.static:
+            continue
+        yield _viscous(joint, place, row)
+        speed = float(np.sqrt(np.mean((motion.qd @ row) ** 2)))
+        for part in SPEEDS:
+            for power in (1.0, 2.0):
+                yield _stribeck(joint, place, row, {"velocity": part * speed, "power": power})
+        half = float(np.ptp(np.percentile(motion.q @ row, [1, 99]))) / 2
+        for part in LENGTHS:
+            yield _presliding(joint, place, row, part * half, with_coulomb=False)
+            yield _presliding(joint, place, row, part * half, with_coulomb=True)
+
+
+def _coulomb(joint: int, place: str, row: Array, slow: float, one_level: bool) -> Hypothesis:
+    def build(motion: Motion, setting: Setting) -> Array:
+        sign = motion.sign(row, setting["transition"])
+        if one_level:
+            return spread(row, sign)
+        return spread(row, np.maximum(sign, 0.0), np.minimum(sign, 0.0))
+
+    def describe(theta: Array, setting: Setting) -> dict[str, float]:
+        del setting
+        return {"positive": float(theta[0]), "negative": float(theta[-1])}
+
+    return Hypothesis(
+        "coulomb_friction", (joint,), place, build, describe, {"transition": slow},
+        ("transition",), variable="velocity",
+    )  # fmt: skip
+
+
+def _viscous(joint: int, place: str, row: Array) -> Hypothesis:
+    return Hypothesis(
+        "viscous_friction", (joint,), place,
+        lambda motion, _: spread(row, motion.qd @ row),
+        lambda theta, _: {"coefficient": float(theta[0])},
+        variable="velocity",
+    )  # fmt: skip
+
+
+def _stribeck(joint: int, place: str, row: Array, setting: Setting) -> Hypothesis:
+    def build(motion: Motion, setting: Setting) -> Array:
+        fall = np.abs((motion.qd @ row) / setting["velocity"]) ** setting["power"]
+        return spread(row, motion.sign(row) * np.exp(-fall))
+
+    def describe(theta: Array, setting: Setting) -> dict[str, float]:
+        return {"level": float(theta[0]), "velocity": setting["velocity"]}
+
+    return Hypothesis(
+        "stribeck_friction", (joint,), place, build, describe, setting, ("velocity",),
+        variable="velocity", prior_count=6,
+    )  # fmt: skip
+
+
+def _presliding(
+    joint: int, place: str, row: Array, length: float, with_coulomb: bool
+) -> Hypothesis:
+    def build(motion: Motion, setting: Setting) -> Array:
+        bent = dahl(motion, row, setting["length"])
+        return spread(row, bent, motion.sign(row)) if with_coulomb else spread(row, bent)
+
+    def describe(theta: Array, setting: Setting) -> dict[str, float]:
+        return {"level": float(theta[0]), "length": setting["length"]}
+
+    return Hypothesis(
+        "presliding_hysteresis", (joint,), place, build, describe, {"length": length}, ("length",),
+        variable="position", prior_count=4,
+    )  # fmt: skip
+
+
+def dahl(motion: Motion, row: Array, length: float) -> Array:
+    """Return (N,) state of a Dahl element in [-1, 1]: exact along every step of the way.
+
+    It starts relaxed in every part; after the first reversal it no longer matters.
+    """
+    state = np.zeros(len(motion.q))
+    way = np.diff(motion.q @ row, prepend=0.0)
+    for part in motion.parts:
+        step = way[part].copy()
+        step[0] = 0.0
+        goal, keep = np.sign(step), np.exp(-np.abs(step) / length)
+        value = 0.0
+        values = []
+        for g, k in zip(goal.tolist(), keep.tolist(), strict=True):
+            value = g + (value - g) * k
+            values.append(value)
+        state[part] = values
+    return state
+
+
+def position_and_time(motion: Motion) -> Iterator[Hypothesis]:
+    """Yield offsets, cables, drifts and rotor inertia, everywhere."""
+    to_motor = motion.arm.joint_to_actuator
+    for joint in np.flatnonzero(motion.present).tolist():
+        yield _offset(joint)
+        if motion.moves[joint]:
+            middle, half = motion.travel[0][joint], motion.travel[1][joint]
+            for degree in DEGREES:
+                yield cable(joint, degree, float(middle), float(half))
+        if not motion.static:
+            for constant in DRIFT_TIMES:
+                yield _drift(joint, constant)
+    if not motion.static:
+        for motor in range(N_JOINTS):
+            if motion.moves[to_motor[motor] != 0].any():
+                yield _rotor(motor, to_motor[motor])
+
+
+def _offset(joint: int) -> Hypothesis:
+    row = np.eye(N_JOINTS)[joint]
+    return Hypothesis(
+        "torque_offset", (joint,), "joint",
+        lambda motion, _: spread(row, np.ones(len(motion.q))),
+        lambda theta, _: {"offset": float(theta[0])},
+        variable="position",
+    )  # fmt: skip
+
+
+def cable(joint: int, degree: int, middle: float, half: float) -> Hypothesis:
+    """Return the hypothesis of an elastic torque: a polynomial of the joint's position.
+
+    Args:
+        joint: Index of the joint.
+        degree: Of the polynomial; its constant is where the spring is relaxed.
+        middle: Middle of the joint's way, rad.
+        half: Half of it, rad.
+    """
+    row = np.eye(N_JOINTS)[joint]
+
+    def build(motion: Motion, setting: Setting) -> Array:
+        del setting
+        # Chebyshev polynomials are the same space as powers, and well conditioned.
+        x = np.clip((motion.q[:, joint] - middle) / half, -1.1, 1.1)
+        values = np.polynomial.chebyshev.chebvander(x, degree)
+        return spread(row, *values.T)
+
+    def describe(theta: Array, setting: Setting) -> dict[str, float]:
+        del setting
+        scaled = np.polynomial.chebyshev.Chebyshev(theta, [middle - half, middle + half])
+        powers = scaled.convert(kind=np.polynomial.Polynomial).coef
+        powers = np.pad(powers, (0, degree + 1 - len(powers)))
+        values = {f"k{i}": float(value) for i, value in enumerate(powers)}
+        return {"stiffness": float(scaled.deriv()(middle))} | values
+
+    return Hypothesis("elastic_cable", (joint,), f"degree {degree}", build, describe)
+
+
+def _drift(joint: int, constant: float) -> Hypothesis:
+    row = np.eye(N_JOINTS)[joint]
+
+    def build(motion: Motion, setting: Setting) -> Array:
+        rise = 1.0 - np.exp(-motion.time / setting["time_constant"])
+        return spread(row, rise, np.ones(len(rise)))
+
+    def describe(theta: Array, setting: Setting) -> dict[str, float]:
+        return {"torque": float(theta[0]), "time_constant": setting["time_constant"]}
+
+    return Hypothesis(
+        "thermal_drift", (joint,), "joint", build, describe, {"time_constant": constant},
+        ("time_constant",), variable="time", prior_count=4,
+    )  # fmt: skip
+
+
+def _rotor(motor: int, row: Array) -> Hypothesis:
+    return Hypothesis(
+        "rotor_inertia", (motor,), "motor",
+        lambda motion, _: spread(row, motion.qdd @ row),
+        lambda theta, _: {"inertia": float(theta[0])},
+        variable="acceleration",
+    )  # fmt: skip

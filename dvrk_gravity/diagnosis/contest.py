@@ -1,0 +1,338 @@
+"""Hypotheses against each other: cross-validated gain, paired block tests, continuous settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.diagnosis.bench import FOLDS, Bench
+from dvrk_gravity.diagnosis.hypothesis import RANK, Hypothesis
+
+Array = NDArray[np.float64]
+
+_RIDGE = 1e-9
+PENALTY = 4.0  # log-likelihood that a parameter has to bring
+_SAMPLES_PER_INDEPENDENT = 2.5
+_FEWEST_BLOCKS = 10
+_ACTIVE = 0.03  # of the most active block's energy
+_LEAST_USABLE = 0.05  # part of the samples that a joint must have to be judged at all
+_CONTAINED = 1e-3  # part of a torque that may lie outside another's columns
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A hypothesis with its reduced columns.
+
+    Attributes:
+        hypothesis: The claim.
+        columns: (T, 7, k) columns as the bench compares them.
+    """
+
+    hypothesis: Hypothesis
+    columns: Array
+
+    @property
+    def size(self) -> int:
+        """Number of linear parameters."""
+        return self.columns.shape[2]
+
+    @property
+    def cost(self) -> float:
+        """Log-likelihood that it has to bring before it is worth having."""
+        return PENALTY * (self.size + len(self.hypothesis.refine)) + float(
+            np.log(self.hypothesis.prior_count)
+        )
+
+    @cached_property
+    def acts(self) -> NDArray[np.bool_]:
+        """(7,) joints that its torque acts on."""
+        return np.any(self.columns != 0.0, axis=(0, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """How a set of candidates does on samples that each fit has not seen.
+
+    Attributes:
+        rms: (7,) out-of-fold error, N·m.
+        loss: (blocks,) squared error of each block in units of the weights.
+        likelihood: Sum over joints of -n/2 log(mean squared error), costs taken off.
+        error: (R, 7) the errors, N·m.
+    """
+
+    error: Array
+    rms: Array
+    loss: Array
+    likelihood: float
+
+
+class Contest:
+    """Scores sets of candidates on the samples that the choice may see.
+
+    Attributes:
+        bench: The bench.
+        weight: (7,) one over the error of each joint, 1/(N·m); zero where it was not recorded.
+    """
+
+    def __init__(self, bench: Bench) -> None:
+        """Set up the folds."""
+        self.bench = bench
+        order = np.argsort(bench.fold, kind="stable")  # in time within a fold
+        self._rows = order[np.searchsorted(bench.fold[order], 0) :]
+        fold = bench.fold[self._rows]
+        edges = np.searchsorted(fold, np.arange(FOLDS + 1))
+        self._folds = [
+            slice(int(a) * N_JOINTS, int(b) * N_JOINTS) for a, b in pairwise(edges) if b > a
+        ]
+        self._block = bench.block[self._rows]
+        self._residual = bench.residual[self._rows]
+        self._usable = bench.usable[self._rows]
+        self._counts = np.maximum(self._usable.sum(axis=0), 1)
+        self._cache: dict[tuple[object, ...], Candidate] = {}
+        self.weight = np.zeros(N_JOINTS)
+        self.weigh(self._residual)
+
+    @property
+    def samples(self) -> Array:
+        """(7,) independent samples of each joint, about."""
+        part = 1.0 if self.bench.band is None else _SAMPLES_PER_INDEPENDENT
+        return self._counts / part
+
+    def _mean_square(self, error: Array) -> Array:
+        """Return (7,) mean squares of (R, 7) errors over the usable samples."""
+        return (error**2 * self._usable).sum(axis=0) / self._counts
+
+    def weigh(self, residual: Array) -> None:
+        """Weigh the joints by (R, 7) residuals."""
+        rms = np.sqrt(self._mean_square(residual))
+        enough = self._usable.sum(axis=0) > _LEAST_USABLE * len(self._rows)
+        present = self.bench.motion.present & (rms > 0.0) & enough
+        self.weight = np.where(present, 1.0 / np.where(present, rms, 1.0), 0.0)
+
+    def candidate(self, hypothesis: Hypothesis) -> Candidate:
+        """Return a hypothesis with its columns, built once."""
+        key = (*hypothesis.key, id(hypothesis.build), *sorted(hypothesis.setting.items()))
+        found = self._cache.get(key)
+        if found is None:
+            columns = hypothesis.build(self.bench.motion, hypothesis.setting)
+            found = self._cache[key] = Candidate(hypothesis, self.bench.reduce(columns))
+        return found
+
+    def _design(self, candidates: Sequence[Candidate]) -> Array:
+        columns = [c.columns[self._rows].reshape(-1, c.size) for c in candidates]
+        weight = self._weights.reshape(-1)
+        if not columns:
+            return np.zeros((len(weight), 0))
+        return np.hstack(columns) * weight[:, None]
+
+    @property
+    def _target(self) -> Array:
+        return (self._residual * self._weights).reshape(-1)
+
+    @property
+    def _weights(self) -> Array:
+        return self._usable * self.weight
+
+    def out_of_fold(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (R, 7) errors of the choice's samples, each from a fit that left its fold out."""
+        design, target = self._design(candidates), self._target
+        error = target.copy()
+        if design.shape[1]:
+            grams = [design[rows].T @ design[rows] for rows in self._folds]
+            sides = [design[rows].T @ target[rows] for rows in self._folds]
+            gram, side = sum(grams), sum(sides)
+            for rows, one_gram, one_side in zip(self._folds, grams, sides, strict=True):
+                theta = _solve(gram - one_gram, side - one_side)
+                error[rows] -= design[rows] @ theta
+        weight = np.where(self.weight > 0.0, self.weight, 1.0)
+        return error.reshape(-1, N_JOINTS) / weight
+
+    def score(self, candidates: Sequence[Candidate]) -> Score:
+        """Return the out-of-fold score of a set."""
+        error = self.out_of_fold(candidates)
+        mean = self._mean_square(error)
+        used = self.weight > 0.0
+        likelihood = -0.5 * float(self.samples[used] @ np.log(mean[used]))
+        likelihood -= sum(candidate.cost for candidate in candidates)
+        square = ((error * self._weights) ** 2).sum(axis=1)
+        loss = np.bincount(self._block, square, minlength=self.bench.count).astype(float)
+        return Score(error, np.sqrt(mean), loss, likelihood)
+
+    def p_value(self, before: Score, after: Score, candidate: Candidate) -> float:
+        """Return the one-sided p-value of the gain over the blocks where a candidate acts.
+
+        The best of three tests, times three for having looked at all: a paired t-test and
+        Wilcoxon's signed ranks over the blocks (gains that a few fast or loaded blocks dominate
+        are clear to the latter only), and the likelihood ratio on unseen samples, counting as
+        many of them as what is left unexplained leaves independent: few blocks can still be
+        clear to it.
+        """
+        from scipy import stats
+
+        ratio = after.likelihood + candidate.cost - before.likelihood
+        ratio /= self._correlation(after.error, candidate.acts)
+        p_values = [float(stats.chi2.sf(max(2.0 * ratio, 0.0), candidate.size))]
+        square = (candidate.columns[self._rows] ** 2).sum(axis=2) * self.weight**2
+        energy = np.bincount(self._block, square.sum(axis=1), minlength=self.bench.count)
+        gain = (before.loss - after.loss)[energy > _ACTIVE * energy.max()]
+        if len(gain) >= _FEWEST_BLOCKS and np.std(gain) > 0.0:
+            spread = np.std(gain, ddof=1) / np.sqrt(len(gain))
+            p_values.append(float(stats.t.sf(np.mean(gain) / spread, len(gain) - 1)))
+            p_values.append(float(stats.wilcoxon(gain, alternative="greater").pvalue))
+        return min(1.0, 3.0 * min(p_values))
+
+    def _correlation(self, error: Array, joints: NDArray[np.bool_]) -> float:
+        """Return how many times longer than noise's the correlation of errors is, at least 1."""
+        if self.bench.band is None:
+            return 1.0
+        longest = 1.0
+        for column in (error * self._usable)[:, joints & (self.weight > 0.0)].T:
+            power = np.abs(np.fft.rfft(column, 2 * len(column))) ** 2
+            correlation = np.fft.irfft(power)[: len(column) // 4]
+            correlation = correlation / max(correlation[0], 1e-300)
+            end = int(np.argmax(correlation < 0.05)) or len(correlation)
+            length = float(1.0 + 2.0 * correlation[1:end].sum())
+            longest = max(longest, length / _SAMPLES_PER_INDEPENDENT)
+        return longest
+
+    def screen(
+        self, accepted: Sequence[Candidate], pool: Iterable[Candidate], keep: int
+    ) -> list[Candidate]:
+        """Return the candidates of the pool that fit best beside the accepted ones, best first."""
+        base, target = self._design(accepted), self._target
+        gram = base.T @ base
+        if base.shape[1]:
+            target = target - base @ _solve(gram, base.T @ target)
+        square = (target**2).reshape(-1, N_JOINTS).sum(axis=0)
+        found = []
+        for candidate in pool:
+            columns = self._design([candidate])
+            if base.shape[1]:
+                columns = columns - base @ _solve(gram, base.T @ columns)
+            fit = columns @ _solve(columns.T @ columns, columns.T @ target)
+            left = ((target - fit) ** 2).reshape(-1, N_JOINTS).sum(axis=0)
+            used = (square > 0.0) & (left > 0.0)
+            gain = 0.5 * float(self.samples[used] @ np.log(square[used] / left[used]))
+            found.append((gain - candidate.cost, candidate))
+        found.sort(key=lambda pair: -pair[0])
+        return [candidate for gain, candidate in found[:keep] if gain > 0.0]
+
+    def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
+        """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
+
+        The covariance is that of a sandwich clustered by blocks: errors may be correlated within.
+        """
+        design, target = self._design(candidates), self._target
+        gram = design.T @ design
+        theta = _solve(gram, design.T @ target)
+        error = target - design @ theta
+        block = np.repeat(self._block, N_JOINTS)
+        order = np.argsort(block, kind="stable")
+        edges = np.flatnonzero(np.diff(block[order], prepend=-1))
+        scores = np.add.reduceat((design * error[:, None])[order], edges, axis=0)
+        bread = _solve(gram, np.eye(len(gram)))
+        groups = len(edges)
+        factor = groups / max(groups - len(theta), 1)
+        return theta, factor * bread @ (scores.T @ scores) @ bread
+
+    def contains(self, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]) -> bool:
+        """Tell whether a larger hypothesis is a smaller one with needless parameters."""
+        if larger.size <= smaller.size:
+            return False
+        theta, _ = self.fit([*rest, smaller])
+        torque = self._design([smaller]) @ theta[-smaller.size :]
+        columns = self._design([*rest, larger])
+        left = torque - columns @ _solve(columns.T @ columns, columns.T @ torque)
+        return float(left @ left) < _CONTAINED * float(torque @ torque)
+
+    def misfit(self, candidates: Sequence[Candidate]) -> float:
+        """Return minus the log-likelihood of a fit to all the samples of choice."""
+        design, target = self._design(candidates), self._target
+        error = target - design @ _solve(design.T @ design, design.T @ target)
+        mean = (error.reshape(-1, N_JOINTS) ** 2).sum(axis=0) / self._counts
+        used = mean > 0.0
+        return 0.5 * float(self.samples[used] @ np.log(mean[used]))
+
+    def refined(self, candidate: Candidate, others: Sequence[Candidate]) -> Candidate:
+        """Return a candidate with its non-linear settings at their best beside the others."""
+        from scipy.optimize import minimize_scalar
+
+        hypothesis = candidate.hypothesis
+        for _ in range(3 if hypothesis.fixed_point else 0):
+            theta, _covariance = self.fit([*others, candidate])
+            named = hypothesis.describe(theta[-candidate.size :], hypothesis.setting)
+            setting = dict(hypothesis.setting) | {n: named[n] for n in hypothesis.fixed_point}
+            hypothesis = replace(hypothesis, setting=setting)
+            candidate = self._build(hypothesis)
+        for name in hypothesis.refine:
+            centre = hypothesis.setting[name]
+            low, high = _range(name, centre, self.bench)
+
+            def cost(value: float, hypothesis: Hypothesis = hypothesis, name: str = name) -> float:
+                return self.misfit([*others, self.rebuilt(hypothesis, name, value)])
+
+            best = minimize_scalar(
+                cost, bounds=(low, high), method="bounded",
+                options={"maxiter": 12, "xatol": 1e-3 * (high - low)},
+            )  # fmt: skip
+            if best.fun < cost(centre):
+                hypothesis = replace(
+                    hypothesis, setting={**hypothesis.setting, name: float(best.x)}
+                )
+                candidate = self._build(hypothesis)
+        return candidate
+
+    def rebuilt(self, hypothesis: Hypothesis, name: str, value: float) -> Candidate:
+        """Return a hypothesis with one setting changed."""
+        return self._build(replace(hypothesis, setting={**hypothesis.setting, name: value}))
+
+    def _build(self, hypothesis: Hypothesis) -> Candidate:
+        columns = hypothesis.build(self.bench.motion, hypothesis.setting)
+        return Candidate(hypothesis, self.bench.reduce(columns))
+
+
+def _range(name: str, centre: float, bench: Bench) -> tuple[float, float]:
+    motion = bench.motion
+    if name == "cycles_per_revolution":
+        way = float(np.max(motion.travel[1]))
+        return centre - 0.5 / way, centre + 0.5 / way
+    if name in ("start", "end"):
+        return centre - 0.5, centre + 0.5
+    if name == "position":
+        return centre - 0.3, centre + 0.3
+    if name == "limit":
+        return 0.9 * centre, 1.1 * centre
+    return 0.4 * centre, 2.5 * centre
+
+
+def _solve(gram: Array, side: Array) -> Array:
+    """Return the least-squares solution of normal equations, scaled, with a trace of ridge."""
+    if not len(gram):
+        return np.zeros((0, *side.shape[1:]))
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scaled = gram / np.outer(scale, scale)
+    scaled[np.diag_indices_from(scaled)] += _RIDGE
+    right = side / (scale if side.ndim == 1 else scale[:, None])
+    solution = np.linalg.solve(scaled, right)
+    return solution / (scale if side.ndim == 1 else scale[:, None])
+
+
+def readiest(candidates: Sequence[tuple[float, Candidate]], tolerance: float) -> Candidate:
+    """Return the simplest and most readily believed of those as good as the best.
+
+    Args:
+        candidates: (likelihood, candidate), any order.
+        tolerance: How much worse than the best still counts as equal.
+    """
+    best = max(likelihood for likelihood, _ in candidates)
+    equal = [(value, one) for value, one in candidates if value >= best - tolerance]
+    return min(
+        equal,
+        key=lambda pair: (pair[1].size, RANK.get(pair[1].hypothesis.effect, 99), -pair[0]),
+    )[1]

@@ -1,0 +1,228 @@
+"""What a diagnosis says: typed values, rendered elsewhere."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import DataWarning
+
+Array = NDArray[np.float64]
+Verdict = Literal["nothing_to_explain", "explained", "partly_explained", "ambiguous", "unexplained"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter with its 95 % interval.
+
+    Attributes:
+        value: Estimate.
+        low: Lower end of the interval.
+        high: Upper end.
+        unit: SI unit, ``""`` if it has none.
+    """
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What an effect removes of the error on data that neither fit nor choice has seen.
+
+    Attributes:
+        relative: Part of the root-mean-square error that it removes.
+        low: Lower end of its 95 % interval (block bootstrap).
+        high: Upper end.
+        p_value: Of a paired test over the held-out blocks, one-sided.
+    """
+
+    relative: float
+    low: float
+    high: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another explanation that the data does not tell from the one found.
+
+    Attributes:
+        effect: Name in the vocabulary.
+        joints: Names of the joints.
+        why: Numbers, and what would tell the two apart.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    why: str
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """An explanation that was tried in the place of the one found, and is worse.
+
+    Attributes:
+        effect: Name in the vocabulary.
+        joints: Names of the joints.
+        place: Which form of the effect.
+        gain: Log-likelihood that it brings on unseen blocks.
+        behind: By how much less than the one found.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    place: str
+    gain: float
+    behind: float
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Residual of one joint against what it depends on, held-out samples.
+
+    Attributes:
+        joint: Name of the joint.
+        variable: What is on the horizontal axis, with its unit.
+        x: (T,) its values.
+        before: (T,) error without the effect, N·m.
+        after: (T,) error with it, N·m.
+    """
+
+    joint: str
+    variable: str
+    x: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One thing that the model gets wrong.
+
+    Attributes:
+        effect: Name in the vocabulary, or ``unknown``.
+        joints: Names of the joints, the affected one first; empty for the whole arm.
+        place: Joint, motor, link, or what an unknown structure depends on.
+        parameters: Estimates by name.
+        gain: What it removes, on held-out data.
+        alternatives: Explanations that this data does not tell from it.
+        rejected: Explanations that are worse.
+        sentence: The finding in words, with figures.
+        picture: Where it shows.
+        in_model: Whether the extended model carries it.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    place: str
+    parameters: Mapping[str, Estimate]
+    gain: Gain
+    alternatives: tuple[Alternative, ...]
+    rejected: tuple[Rejected, ...]
+    sentence: str
+    picture: Picture | None
+    in_model: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what findings.json holds of it."""
+        return {
+            "effect": self.effect,
+            "joints": list(self.joints),
+            "place": self.place,
+            "parameters": {
+                name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit}
+                for name, e in self.parameters.items()
+            },
+            "gain": {
+                "relative": self.gain.relative,
+                "ci95": [self.gain.low, self.gain.high],
+                "p_value": self.gain.p_value,
+            },
+            "alternatives": [
+                {"effect": a.effect, "joints": list(a.joints), "why": a.why}
+                for a in self.alternatives
+            ],
+            "sentence": self.sentence,
+            "in_model": self.in_model,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The result of a diagnosis.
+
+    Attributes:
+        verdict: In one word.
+        findings: In the order in which they were accepted.
+        before: RMSE of the given model by joint, held-out, N·m.
+        after: RMSE with all findings that have a name.
+        floor: RMSE that noise alone would leave; NaN where it cannot be told.
+        samples: Samples compared.
+        held_out: Those of them that neither fit nor choice has seen.
+        warnings: About the data.
+        notes: How it was judged, one sentence each.
+        model: The model, extended by what a model file can carry.
+    """
+
+    verdict: Verdict
+    findings: tuple[Finding, ...]
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+    floor: Mapping[str, float]
+    samples: int
+    held_out: int
+    warnings: tuple[DataWarning, ...]
+    notes: tuple[str, ...]
+    model: TorqueModel = field(repr=False)
+
+    @property
+    def sentence(self) -> str:
+        """The diagnosis in one sentence."""
+        if not self.findings:
+            return "The model explains this recording to within its noise; nothing is missing."
+        return self.findings[0].sentence
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return findings.json's content."""
+        return {
+            "format": 1,
+            "verdict": self.verdict,
+            "findings": [finding.to_dict() for finding in self.findings],
+            "rmse": {
+                name: {joint: _number(v) for joint, v in values.items()}
+                for name, values in (
+                    ("before", self.before),
+                    ("after", self.after),
+                    ("floor", self.floor),
+                )
+            },
+            "data": {
+                "samples": self.samples,
+                "held_out": self.held_out,
+                "warnings": [str(warning) for warning in self.warnings],
+            },
+            "notes": list(self.notes),
+        }
+
+    def to_json(self) -> str:
+        """Return findings.json's text."""
+        return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def by_joint(values: Array) -> dict[str, float]:
+    """Return (7,) values by joint name."""
+    return dict(zip(JOINT_NAMES, values.tolist(), strict=True))

@@ -1,0 +1,131 @@
+"""Gains on held-out blocks, and estimates with their intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.diagnosis.contest import Candidate, Contest
+from dvrk_gravity.diagnosis.findings import Estimate, Gain
+from dvrk_gravity.diagnosis.hypothesis import Hypothesis, unit_of
+
+Array = NDArray[np.float64]
+
+_RESAMPLED = 1000
+_DRAWN = 400
+
+
+class Judge:
+    """Errors on the blocks that neither fit nor choice has seen.
+
+    Attributes:
+        rows: (H,) held-out samples.
+    """
+
+    def __init__(self, contest: Contest) -> None:
+        """Take the held-out samples."""
+        bench = contest.bench
+        self._contest = contest
+        self._held = bench.held_out
+        self._block = bench.block[self._held]
+        self._usable = bench.usable[self._held]
+
+    @property
+    def samples(self) -> int:
+        """Number of held-out samples."""
+        return int(self._held.sum())
+
+    @property
+    def rows(self) -> NDArray[np.bool_]:
+        """(T,) which samples are held out."""
+        return self._held
+
+    def error(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (H, 7) errors of a fit to the samples of choice; NaN where nothing can be said."""
+        residual = self._contest.bench.residual[self._held].copy()
+        if candidates:
+            theta, _ = self._contest.fit(candidates)
+            residual -= self._predicted(candidates, theta)
+        return np.where(self._usable, residual, np.nan)
+
+    def _predicted(self, candidates: Sequence[Candidate], theta: Array) -> Array:
+        columns = np.concatenate([one.columns[self._held] for one in candidates], axis=2)
+        return columns @ theta
+
+    def rmse(self, error: Array) -> Array:
+        """Return (7,) root mean squares over the usable held-out samples, N·m."""
+        count = np.maximum(self._usable.sum(axis=0), 1)
+        return np.sqrt(np.where(self._usable, error**2, 0.0).sum(axis=0) / count)
+
+    def gain(self, before: Array, after: Array, joints: Sequence[int]) -> Gain:
+        """Return what is gained on some joints, with interval and p-value over the blocks."""
+        from scipy import stats
+
+        scale = np.maximum(self.rmse(before)[list(joints)], 1e-12)
+        blocks = np.unique(self._block)
+
+        def losses(error: Array) -> Array:
+            square = np.where(self._usable, error**2, 0.0)[:, list(joints)] / scale**2
+            return np.asarray(np.bincount(self._block, square.sum(axis=1))[blocks], dtype=float)
+
+        old, new = losses(before), losses(after)
+        relative = 1.0 - np.sqrt(new.sum() / old.sum())
+        random = np.random.default_rng(0)
+        drawn = random.integers(len(blocks), size=(_RESAMPLED, len(blocks)))
+        ratios = 1.0 - np.sqrt(new[drawn].sum(axis=1) / np.maximum(old[drawn].sum(axis=1), 1e-300))
+        low, high = np.percentile(ratios, [2.5, 97.5])
+        gains = old - new
+        p_value = 1.0
+        if np.any(gains != 0.0):
+            p_value = float(stats.wilcoxon(gains, alternative="greater").pvalue)
+        return Gain(float(relative), float(low), float(high), p_value)
+
+
+def estimates(
+    hypothesis: Hypothesis, theta: Array, covariance: Array, spread: Mapping[str, float]
+) -> dict[str, Estimate]:
+    """Return the named parameters with 95 % intervals.
+
+    Args:
+        hypothesis: The hypothesis.
+        theta: (k,) linear parameters.
+        covariance: (k, k) of them.
+        spread: Standard deviations of the settings that were searched for.
+    """
+    random = np.random.default_rng(0)
+    drawn = random.multivariate_normal(theta, covariance, _DRAWN, method="eigh")
+    middle = hypothesis.describe(theta, hypothesis.setting)
+    draws = [hypothesis.describe(one, hypothesis.setting) for one in drawn]
+    result = {}
+    for name, value in middle.items():
+        if name in ("x", "y", "z", "power", "share"):
+            continue
+        if name in spread and name in hypothesis.refine:
+            low, high = value - 1.96 * spread[name], value + 1.96 * spread[name]
+        else:
+            low, high = np.percentile([draw[name] for draw in draws], [2.5, 97.5])
+        unit = unit_of(hypothesis.effect, name)
+        result[name] = Estimate(value, float(min(low, value)), float(max(high, value)), unit)
+    return result
+
+
+def setting_columns(
+    contest: Contest, one: Candidate, theta: Array
+) -> tuple[list[str], list[Candidate]]:
+    """Return slopes of a candidate's torque by its searched settings, as further columns."""
+    names, slopes = [], []
+    hypothesis = one.hypothesis
+    for name in hypothesis.refine:
+        value = hypothesis.setting[name]
+        step = 0.02 * abs(value) if name not in ("start", "end") else 0.05
+        if step == 0.0:
+            continue
+        up, down = (contest.rebuilt(hypothesis, name, value + s) for s in (step, -step))
+        slope = (up.columns - down.columns) @ theta / (2.0 * step)
+        if np.any(slope != 0.0):
+            names.append(name)
+            slopes.append(Candidate(hypothesis, slope.reshape(-1, N_JOINTS, 1)))
+    return names, slopes

@@ -1,0 +1,149 @@
+"""Is the recording read rightly? Coordinates, signs and order, before any physics is blamed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.recording import Recording
+
+Array = NDArray[np.float64]
+
+_ALPHA = 0.001
+_LEAST_REMOVED = 0.3  # of a joint's error
+_SAMPLES = 1500
+_BLOCKS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """Another way to read a recording.
+
+    Attributes:
+        words: What it supposes.
+        joints: Indices of the joints concerned; empty if all are.
+        motion: (7, 7) read position, velocity and acceleration -> the true ones.
+        effort: (7, 7) read effort -> the true one.
+    """
+
+    words: str
+    joints: tuple[int, ...]
+    motion: Array
+    effort: Array
+
+    def apply(self, motion: Motion) -> Motion:
+        """Return a motion read this way."""
+        direction = motion.direction
+        if direction is not None:
+            direction = np.where(direction @ self.motion.T < 0.0, -1.0, 1.0)
+        return replace(
+            motion,
+            q=motion.q @ self.motion.T,
+            qd=motion.qd @ self.motion.T,
+            qdd=motion.qdd @ self.motion.T,
+            effort=motion.effort @ self.effort.T,
+            direction=direction,
+        )
+
+    def correct(self, recording: Recording) -> Recording:
+        """Return a recording of all seven joints read this way."""
+        velocity, effort = recording.velocity, recording.effort
+        direction = recording.direction
+        return replace(
+            recording,
+            position=recording.position @ self.motion.T,
+            velocity=None if velocity is None else velocity @ self.motion.T,
+            effort=None if effort is None else effort @ self.effort.T,
+            direction=None if direction is None else np.sign(direction @ self.motion.T),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingScore:
+    """How another reading does with the model as it is.
+
+    Attributes:
+        reading: The reading.
+        gain: Log-likelihood over the recording as it is read now.
+        p_value: Paired block test, corrected for the number of readings.
+        removed: Largest part of a joint's error that it removes.
+    """
+
+    reading: Reading
+    gain: float
+    p_value: float
+    removed: float
+
+    @property
+    def passes(self) -> bool:
+        """Whether it is significant and large."""
+        return self.p_value < _ALPHA and self.removed > _LEAST_REMOVED and self.gain > 0.0
+
+
+def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
+    """Yield every other way to read seven joints: coordinates, signs, order."""
+    eye = np.eye(N_JOINTS)
+    forth, back = arm.actuator_to_joint, arm.joint_to_actuator
+    yield Reading("these are actuator coordinates, read as joint coordinates", (), forth, back.T)
+    yield Reading("these are joint coordinates, read as actuator coordinates", (), back, forth.T)
+    for joint in np.flatnonzero(moves).tolist():
+        flip = np.diag(np.where(np.arange(N_JOINTS) == joint, -1.0, 1.0))
+        name = JOINT_NAMES[joint]
+        yield Reading(f"all signs of {name} are turned round", (joint,), flip, flip)
+        yield Reading(f"the effort of {name} has the wrong sign", (joint,), eye, flip)
+        yield Reading(f"the position of {name} has the wrong sign", (joint,), flip, eye)
+    for first in range(N_JOINTS):
+        for second in range(first + 1, N_JOINTS):
+            order = np.arange(N_JOINTS)
+            order[[first, second]] = (second, first)
+            words = f"{JOINT_NAMES[first]} and {JOINT_NAMES[second]} are exchanged"
+            yield Reading(words, (first, second), eye[order], eye[order])
+
+
+def try_readings(motion: Motion) -> list[ReadingScore]:
+    """Return how other readings do, best first.
+
+    The error is compared joint by joint: of exchanged joints, each with what it was read as.
+    """
+    from scipy import stats
+
+    if not motion.present.all():
+        return []
+    rows = np.linspace(0, len(motion.q) - 1, min(_SAMPLES, len(motion.q))).astype(int)
+    block = np.arange(len(rows)) * _BLOCKS // len(rows)
+    few = _thinned(motion, rows)
+    usable = ~motion.stuck[rows]
+    before = few.residual**2 * usable
+    scale = np.maximum(before.mean(axis=0), 1e-12)
+    alternatives = list(readings(motion.arm, motion.moves))
+    scores = []
+    for reading in alternatives:
+        after = reading.apply(few).residual ** 2 * usable
+        mean = np.maximum(after.mean(axis=0), 1e-12)
+        gain = 0.5 * (len(rows) / 4.0) * float(np.log(scale / mean).sum())
+        if gain <= 0.0:
+            continue
+        better = np.bincount(block, (np.log(before + 0.1 * scale)
+                                     - np.log(after + 0.1 * scale)).sum(axis=1))  # fmt: skip
+        p_value = float(stats.wilcoxon(better, alternative="greater").pvalue)
+        removed = float(1.0 - np.sqrt(np.min(mean / scale)))
+        scores.append(ReadingScore(reading, gain, min(1.0, p_value * len(alternatives)), removed))
+    return sorted(scores, key=lambda score: -score.gain)
+
+
+def _thinned(motion: Motion, rows: NDArray[np.int_]) -> Motion:
+    return replace(
+        motion,
+        q=motion.q[rows],
+        qd=motion.qd[rows],
+        qdd=motion.qdd[rows],
+        effort=motion.effort[rows],
+        direction=None if motion.direction is None else motion.direction[rows],
+        time=motion.time[rows],
+        parts=(slice(0, len(rows)),),
+    )

@@ -1,0 +1,192 @@
+"""The diagnosis itself: readings, then physics, then what has no name, then the proof."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.diagnosis import columns_body, columns_friction, columns_reading, columns_search
+from dvrk_gravity.diagnosis.assemble import assemble
+from dvrk_gravity.diagnosis.bench import Bench
+from dvrk_gravity.diagnosis.contest import Candidate, Contest
+from dvrk_gravity.diagnosis.findings import Diagnosis
+from dvrk_gravity.diagnosis.hypothesis import Hypothesis
+from dvrk_gravity.diagnosis.motion import Loaded, Motion, load
+from dvrk_gravity.diagnosis.readings import ReadingScore, try_readings
+from dvrk_gravity.diagnosis.selection import LEAST_GAIN, Accepted, Selection, Tried
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import Recording
+
+Array = NDArray[np.float64]
+
+_READING_SHARE = 0.7  # of the best hypothesis' gain, that another reading must reach
+_LEAST_UNKNOWN = 1.5 * LEAST_GAIN
+_MOST_UNKNOWN = 3
+_MODEL_DOUBTFUL = 1.5  # times the noise, left by all that was found
+_MOVING = (columns_body.ALL_WEIGHTS, columns_body.ALL_INERTIA)
+_MOVING_GAIN = 20.0  # log-likelihood, all costs taken off
+_AT_FLOOR = 1.05  # times the noise: nothing worth finding is left
+_MIMIC = 0.5  # share of a nameless function's gain below which a name does not fit
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What was accepted, before it is put into words.
+
+    Attributes:
+        loaded: The motion as it was finally read.
+        readings: Wrong readings found, each with the motion read as it was before.
+        contest: The contest.
+        accepted: Named effects in order.
+        unknown: Structure without a name.
+    """
+
+    loaded: Loaded
+    readings: tuple[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]], ...]
+    contest: Contest
+    accepted: tuple[Accepted, ...]
+    unknown: tuple[Tried, ...]
+
+
+def diagnose(
+    recordings: Recording | Sequence[Recording],
+    model: TorqueModel,
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Tell what a model gets wrong about recordings, and prove it on data held out.
+
+    Args:
+        recordings: One or more trajectories, or sets of static poses; in joint or actuator
+            coordinates, as each says.
+        model: The model on trial.
+        progress: Called with one line at every step.
+
+    Returns:
+        Findings, gains on held-out blocks, and the model extended by what it can carry.
+
+    Raises:
+        RecordingError: Recordings that cannot tell: too short, no effort, no motion.
+    """
+    if isinstance(recordings, Recording):
+        recordings = [recordings]
+    say = progress or _silent
+    say("reading")
+    outcome = investigate(recordings, model, say)
+    say("measuring gains on held-out blocks")
+    return assemble(
+        outcome.loaded, outcome.readings, outcome.contest, outcome.accepted, outcome.unknown
+    )
+
+
+def investigate(
+    recordings: Sequence[Recording], model: TorqueModel, say: Callable[[str], None]
+) -> Outcome:
+    """Choose readings, effects and nameless structure; the arguments are :func:`diagnose`'s."""
+    loaded = load(recordings, model)
+    readings: list[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]] = []
+    contest, pool = _prepare(loaded.motion, say)
+    tried = try_readings(loaded.motion)
+    if tried and tried[0].passes:
+        bare = contest.score([])
+        best = Selection(contest, pool, say).best([], bare)
+        if not best or tried[0].gain > _READING_SHARE * best[0].gain:
+            alike = tuple(s for s in tried[1:] if s.gain > 0.97 * tried[0].gain)
+            readings.append((tried[0], loaded.motion, alike))
+            say(f"wrong reading: {tried[0].reading.words}")
+            loaded = replace(loaded, motion=tried[0].reading.apply(loaded.motion))
+            contest, pool = _prepare(loaded.motion, say)
+    selection = Selection(contest, pool, say)
+    say("weighing hypotheses")
+    chosen = selection.run()
+    floor = contest.bench.floor(loaded.floor)
+    if np.any(contest.score(chosen).rms > _MODEL_DOUBTFUL * floor):
+        selection, chosen = _with_model_moving(contest, pool, selection, chosen, say)
+    say("comparing alternatives")
+    accepted = selection.explained(chosen)
+    say("looking for structure without a name")
+    accepted, unknown = _nameless(contest, selection, accepted, floor)
+    return Outcome(loaded, tuple(readings), contest, tuple(accepted), tuple(unknown))
+
+
+def _with_model_moving(
+    contest: Contest,
+    pool: Sequence[Candidate],
+    selection: Selection,
+    chosen: list[Candidate],
+    say: Callable[[str], None],
+) -> tuple[Selection, list[Candidate]]:
+    """Return the better of a choice and one beside which the model's masses are fitted anew.
+
+    Masses that were fitted without a cause that is missing have made up for it as far as they
+    could; only when they move along does the cause get its due.
+    """
+    say("weighing hypotheses with the model's own parameters moving along")
+    always = [one for one in pool if one.hypothesis.place in _MOVING]
+    moving = Selection(contest, pool, say, always)
+    other = moving.run()
+    contest.weigh(contest.out_of_fold(other))
+    gain = contest.score(other).likelihood - contest.score(chosen).likelihood
+    if gain <= _MOVING_GAIN:
+        return selection, chosen
+    worth = [one for one in other if one not in always or moving.needed(other, one)]
+    return moving, worth
+
+
+def hypotheses(motion: Motion) -> Iterable[Hypothesis]:
+    """Yield every hypothesis that needs no search in the residual."""
+    yield from columns_friction.friction(motion)
+    yield from columns_friction.position_and_time(motion)
+    yield from columns_body.body(motion)
+    yield from columns_reading.reading(motion)
+
+
+def _prepare(motion: Motion, say: Callable[[str], None]) -> tuple[Contest, list[Candidate]]:
+    say("building hypotheses")
+    contest = Contest(Bench.of(motion))
+    pool = [contest.candidate(one) for one in hypotheses(motion)]
+    return contest, [one for one in pool if np.isfinite(one.columns).all() and one.acts.any()]
+
+
+def _nameless(
+    contest: Contest, selection: Selection, accepted: list[Accepted], floor: Array
+) -> tuple[list[Accepted], list[Tried]]:
+    """Return the accepted effects that bear their name, and structure that no name fits."""
+    named = [one.tried.candidate for one in accepted]
+    present = contest.bench.motion.present
+    clean = contest.score(named).rms <= _AT_FLOOR * floor  # false where the floor is not known
+    joints = np.flatnonzero(present & ~clean).tolist()
+    pool = [contest.candidate(one) for one in columns_search.nameless(contest.bench.motion, joints)]
+    unknown: list[Tried] = []
+    while len(unknown) < _MOST_UNKNOWN:
+        beside = [*named, *(one.candidate for one in unknown)]
+        contest.weigh(contest.out_of_fold(beside))
+        before = contest.score(beside)
+        best = selection.best(beside, before, pool)
+        strong = [one for one in best if one.passes and one.removed > _LEAST_UNKNOWN]
+        if not strong:
+            break
+        unknown.append(strong[0])
+    for found in unknown:
+        named = [one for one in named if not _mimics(contest, named, one, found.candidate)]
+    kept = [one for one in accepted if any(one.tried.candidate is other for other in named)]
+    return kept, unknown
+
+
+def _mimics(
+    contest: Contest, named: Sequence[Candidate], one: Candidate, nameless: Candidate
+) -> bool:
+    """Tell whether a nameless function does so much better that the name does not fit."""
+    if not set(one.hypothesis.joints) & set(nameless.hypothesis.joints):
+        return False
+    rest = [other for other in named if other is not one]
+    without = contest.score(rest).likelihood
+    mine = contest.score([*rest, one]).likelihood - without
+    its = contest.score([*rest, nameless]).likelihood - without
+    return mine < _MIMIC * its
+
+
+def _silent(line: str) -> None:
+    del line

@@ -1,0 +1,257 @@
+"""Forward selection with backward pruning, swaps, and what could stand in each one's place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.diagnosis import columns_search
+from dvrk_gravity.diagnosis.contest import Candidate, Contest, Score, readiest
+from dvrk_gravity.diagnosis.hypothesis import plausible
+
+Array = NDArray[np.float64]
+Report = Callable[[str], None]
+
+ALPHA = 0.01  # after correction for the number of hypotheses
+LEAST_GAIN = 0.06  # of a joint's error, that a finding must remove
+MOST_EFFECTS = 14
+_SCREENED = 24
+_REFINED = 6
+_CLOSE = 0.15  # of the best gain: worth refining
+_EQUAL = 0.02  # of the best gain: as good as the best
+_EQUAL_LEAST = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A hypothesis and how it did beside those that were accepted at the time.
+
+    Attributes:
+        candidate: The hypothesis with its columns.
+        score: Score of the set with it.
+        gain: Log-likelihood over the set without it, its cost taken off.
+        p_value: Paired block test, corrected for the number of hypotheses.
+        removed: Largest part of a joint's error that it removes.
+        plausible: Whether its parameters are such as it can have.
+    """
+
+    candidate: Candidate
+    score: Score
+    gain: float
+    p_value: float
+    removed: float
+    plausible: bool
+
+    @property
+    def passes(self) -> bool:
+        """Whether it is significant and worth having."""
+        worth = self.gain > 0.0 and self.removed > LEAST_GAIN
+        return worth and self.plausible and self.p_value < ALPHA
+
+
+@dataclass(frozen=True, eq=False)
+class Accepted:
+    """An accepted hypothesis with those that could stand in its place.
+
+    Attributes:
+        tried: How it did beside all other accepted ones.
+        alternatives: Others in its place, best first, that the data does not tell from it.
+        rejected: Others in its place, best first, that are worse.
+    """
+
+    tried: Tried
+    alternatives: tuple[Tried, ...]
+    rejected: tuple[Tried, ...]
+
+
+class Selection:
+    """Chooses among a pool of hypotheses.
+
+    Attributes:
+        contest: Scores.
+        pool: The candidates that need no search.
+        count: How many hypotheses are tried at each step.
+    """
+
+    def __init__(
+        self,
+        contest: Contest,
+        pool: Sequence[Candidate],
+        report: Report,
+        always: Sequence[Candidate] = (),
+    ) -> None:
+        """Start with nothing accepted but what always moves along.
+
+        Args:
+            contest: Scores.
+            pool: The candidates that need no search.
+            report: Called with a line about every choice.
+            always: Parameters of the model itself that are fitted anew beside every hypothesis.
+        """
+        self.contest = contest
+        self._always = list(always)
+        self.pool = list(pool)
+        self.count = len(pool) + 40
+        self._report = report
+        self._bases = columns_search.ripple_bases(contest.bench)
+
+    def run(self) -> list[Candidate]:
+        """Select until nothing more passes."""
+        accepted = list(self._always)
+        while len(accepted) < MOST_EFFECTS + len(self._always):
+            best = self._step(accepted)
+            if best is None:
+                break
+            self._report(f"accepted: {best.hypothesis}")
+            accepted = self._prune([*accepted, best])
+        return self._swap(accepted)
+
+    def explained(self, accepted: Sequence[Candidate]) -> list[Accepted]:
+        """Return the accepted hypotheses with those that could stand in their places."""
+        return [self._stand_ins(accepted, i) for i in range(len(accepted))]
+
+    def _step(self, accepted: Sequence[Candidate]) -> Candidate | None:
+        self.contest.weigh(self.contest.out_of_fold(accepted))
+        before = self.contest.score(accepted)
+        tried = [one for one in self.best(accepted, before) if one.passes]
+        if not tried:
+            return None
+        return self._choose(tried).candidate
+
+    def _choose(self, tried: Sequence[Tried]) -> Tried:
+        best = max(one.gain for one in tried)
+        tolerance = max(_EQUAL_LEAST, _EQUAL * best)
+        chosen = readiest([(one.gain, one.candidate) for one in tried], tolerance)
+        return next(one for one in tried if one.candidate is chosen)
+
+    def best(
+        self, accepted: Sequence[Candidate], before: Score, pool: Sequence[Candidate] | None = None
+    ) -> list[Tried]:
+        """Return the best hypotheses beside the accepted ones, settings refined, best first."""
+        contest = self.contest
+        if pool is None:
+            pool = [*self.pool, *self._searched(accepted)]
+        known = {one.hypothesis.key for one in accepted}
+        pool = [one for one in pool if one.hypothesis.key not in known]
+        screened = contest.screen(accepted, pool, _SCREENED)
+        tried = [self.attempt(accepted, one, before) for one in screened]
+        if not tried:
+            return []
+        limit = (1.0 - _CLOSE) * max(one.gain for one in tried)
+        tried.sort(key=lambda one: -one.gain)
+        result, seen = [], set()
+        for one in tried:
+            hypothesis = one.candidate.hypothesis
+            name = (hypothesis.key, one.candidate.size)
+            if name in seen:
+                continue
+            seen.add(name)
+            adjustable = hypothesis.refine or hypothesis.fixed_point
+            if adjustable and one.gain >= limit and len(seen) <= _REFINED:
+                refined = contest.refined(one.candidate, accepted)
+                again = self.attempt(accepted, refined, before)
+                one = again if again.gain > one.gain else one
+            result.append(one)
+        return sorted(result, key=lambda one: -one.gain)
+
+    def attempt(self, accepted: Sequence[Candidate], one: Candidate, before: Score) -> Tried:
+        """Return how a candidate does beside the accepted ones."""
+        after = self.contest.score([*accepted, one])
+        p_value = self.contest.p_value(before, after, one)
+        corrected = min(1.0, p_value * self.count * one.hypothesis.prior_count**0.5)
+        used = self.contest.weight > 0.0
+        removed = float(np.max(1.0 - after.rms[used] / before.rms[used]))
+        gain = after.likelihood - before.likelihood
+        theta, _ = self.contest.fit([*accepted, one])
+        can_be = plausible(one.hypothesis, theta[-one.size :])
+        return Tried(one, after, gain, corrected, removed, can_be)
+
+    def _searched(self, accepted: Sequence[Candidate]) -> list[Candidate]:
+        """Return the hypotheses that are found in what is left."""
+        bench = self.contest.bench
+        left = bench.residual.copy()
+        if accepted:
+            theta, _ = self.contest.fit(accepted)
+            left -= np.concatenate([one.columns for one in accepted], axis=2) @ theta
+        allowed = bench.fold >= 0
+        weight = allowed[:, None] * self.contest.weight**2
+        found = [
+            *columns_search.ripple(self._bases, left, weight),
+            *columns_search.contact(bench, left, allowed),
+        ]
+        return [self.contest.candidate(one) for one in found]
+
+    def _prune(self, accepted: list[Candidate]) -> list[Candidate]:
+        while len(accepted) > 1:
+            whole = self.contest.score(accepted)
+            verdicts = []
+            for i, one in enumerate(accepted[:-1]):
+                if one in self._always:
+                    continue
+                rest = [*accepted[:i], *accepted[i + 1 :]]
+                without = self.contest.score(rest)
+                verdicts.append((self._verdict(without, whole, one), i))
+            if not verdicts:
+                break
+            weakest = min(verdicts, key=lambda pair: pair[0].gain)
+            if weakest[0].passes:
+                break
+            self._report(f"no longer needed: {accepted[weakest[1]].hypothesis}")
+            del accepted[weakest[1]]
+        return accepted
+
+    def needed(self, accepted: Sequence[Candidate], one: Candidate) -> bool:
+        """Tell whether an accepted candidate is significant and worth having beside the others."""
+        without = self.contest.score([other for other in accepted if other is not one])
+        return self._verdict(without, self.contest.score(accepted), one).passes
+
+    def _verdict(self, without: Score, whole: Score, one: Candidate) -> Tried:
+        p_value = min(1.0, self.contest.p_value(without, whole, one) * self.count)
+        used = self.contest.weight > 0.0
+        removed = float(np.max(1.0 - whole.rms[used] / without.rms[used]))
+        return Tried(one, whole, whole.likelihood - without.likelihood, p_value, removed, True)
+
+    def _swap(self, accepted: list[Candidate]) -> list[Candidate]:
+        """Give every place to the best for it, now that the others are known."""
+        for i in range(len(self._always), len(accepted)):
+            rest = [*accepted[:i], *accepted[i + 1 :]]
+            self.contest.weigh(self.contest.out_of_fold(accepted))
+            refined = self.contest.refined(accepted[i], rest)
+            if self.contest.misfit([*rest, refined]) < self.contest.misfit(accepted):
+                accepted[i] = refined
+            if len(accepted) == 1:
+                continue
+            without = self.contest.score(rest)
+            mine = self.attempt(rest, accepted[i], without)
+            others = [one for one in self.best(rest, without) if one.passes]
+            if others:
+                best = self._choose([mine, *others])
+                margin = max(_EQUAL_LEAST, _EQUAL * best.gain)
+                if best.gain > mine.gain + margin:
+                    self._report(
+                        f"{best.candidate.hypothesis} instead of {mine.candidate.hypothesis}"
+                    )
+                    accepted[i] = best.candidate
+        return accepted
+
+    def _stand_ins(self, accepted: Sequence[Candidate], i: int) -> Accepted:
+        rest = [*accepted[:i], *accepted[i + 1 :]]
+        self.contest.weigh(self.contest.out_of_fold(accepted))
+        without = self.contest.score(rest)
+        mine = self.attempt(rest, accepted[i], without)
+        key = accepted[i].hypothesis.key
+        others = [
+            one for one in self.best(rest, without)
+            if one.candidate.hypothesis.key != key and one.gain > 0.0 and one.plausible
+        ]  # fmt: skip
+        margin = max(_EQUAL_LEAST, _EQUAL * mine.gain)
+        others = [
+            one for one in others
+            if not self.contest.contains(one.candidate, accepted[i], rest)
+        ]  # fmt: skip
+        alike = tuple(one for one in others if one.gain > mine.gain - margin)
+        worse = tuple(one for one in others if one.gain <= mine.gain - margin)
+        return Accepted(mine, alike, worse[:8])

@@ -1,0 +1,62 @@
+"""Where two explanations that agree on the data would part."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.diagnosis.contest import Candidate, Contest
+
+_POSES = 400
+_PATH = ("presliding_hysteresis", "thermal_drift", "contact", "time_delay", "unknown")
+
+
+def separation(
+    contest: Contest, rest: Sequence[Candidate], mine: Candidate, other: Candidate
+) -> str:
+    """Return what would tell two hypotheses apart, in words; ``""`` if nothing found does.
+
+    Both are fitted beside the others, then compared at random poses over the joints' whole
+    range, with velocities as seen in the recording.
+
+    Args:
+        contest: The contest.
+        rest: The other accepted effects.
+        mine: The hypothesis that was accepted.
+        other: The one that could stand in its place.
+    """
+    bench = contest.bench
+    if {mine.hypothesis.effect, other.hypothesis.effect} & set(_PATH):
+        if "thermal_drift" in (mine.hypothesis.effect, other.hypothesis.effect):
+            return "a longer recording, begun with a cold arm, would tell"
+        return ""
+    motion = bench.motion
+    random = np.random.default_rng(0)
+    rows = random.integers(len(motion.q), size=_POSES)
+    arm = motion.arm
+    q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (_POSES, 7))
+    anywhere = replace(
+        motion,
+        q=q,
+        qd=motion.qd[rows],
+        qdd=motion.qdd[rows],
+        effort=motion.effort[rows],
+        direction=None if motion.direction is None else motion.direction[rows],
+        time=motion.time[rows],
+        parts=(slice(0, _POSES),),
+    )
+    torques = []
+    for one in (mine, other):
+        theta, _ = contest.fit([*rest, one])
+        columns = one.hypothesis.build(anywhere, one.hypothesis.setting)
+        torques.append(columns @ theta[-one.size :])
+    apart = np.abs(torques[0] - torques[1]) * contest.weight
+    pose, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
+    difference = 1e3 * abs(torques[0][pose, joint] - torques[1][pose, joint])
+    if apart[pose, joint] < 2.0:
+        return "they hardly differ anywhere within the joints' limits"
+    where = ", ".join(f"{np.degrees(value):.0f}" for value in q[pose])
+    return f"at [{where}] deg they differ by {difference:.3g} mN·m on {JOINT_NAMES[int(joint)]}"

@@ -1,0 +1,296 @@
+"""The columns that a fit may use: what each is, its prior size, and its way into a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity import gravity
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.recording.data import Array
+from dvrk_gravity.terms import (
+    CoulombFriction,
+    ElasticCable,
+    LinearTerm,
+    LinkInertia,
+    PreslidingHysteresis,
+    RotorInertia,
+    State,
+    ViscousFriction,
+    rigid_body,
+)
+from dvrk_gravity.terms.polynomial import Range
+from dvrk_gravity.tree import TREE_LINKS
+
+SPRINGS = 4  # entries of beta, arm and forearm, that a balancing spring can add to
+DEGREE = 7  # highest power of a joint's own position that is tried
+DISPLACEMENTS = (0.01, 0.03, 0.1, 0.3)  # rad, of the elements of presliding
+TRANSITION = 0.01  # rad/s over which Coulomb friction changes its sign
+# What one effect may plausibly take of a motor's largest torque, as a standard deviation.
+PART = 0.2
+# Plausible size of each link, for the prior: mass kg, extent m.
+SIZES = {
+    "link1": (1.0, 0.15),
+    "link2": (0.8, 0.3),
+    "crank": (0.2, 0.1),
+    "link3": (0.4, 0.35),
+    "bar": (0.3, 0.3),
+    "link4": (0.4, 0.2),
+    "link5": (0.15, 0.12),
+    "link6": (0.1, 0.08),
+    "link7": (0.05, 0.04),
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One unknown of the fit.
+
+    Attributes:
+        effect: The term's name.
+        place: ``joint`` or ``motor``; ``""`` for rigid-body combinations.
+        joint: Index of the joint or motor, -1 for rigid-body combinations.
+        index: Number within that: power of the position, element of presliding.
+        scale: Prior standard deviation, in the unit of the column's coefficient.
+        positive: Must not be negative.
+    """
+
+    effect: str
+    place: str
+    joint: int
+    index: int
+    scale: float
+    positive: bool = False
+
+    @property
+    def name(self) -> str:
+        """Effect, joint and place in words."""
+        if self.joint < 0:
+            return f"{self.effect}[{self.index}]"
+        place = " motor" if self.place == "motor" else ""
+        return f"{self.effect} {JOINT_NAMES[self.joint]}{place}"
+
+
+class Columns:
+    """All columns of one arm over one range of positions.
+
+    Attributes:
+        arm: The arm.
+        valid: Range of positions in the data.
+        columns: What they are, in order.
+    """
+
+    def __init__(self, arm: Arm, lower: Array, upper: Array) -> None:
+        """Lay the columns out for data between (7,) ``lower`` and ``upper`` positions."""
+        self.arm = arm
+        self.valid = Range(lower, upper)
+        limit = arm.actuator_effort_limit
+        nothing = np.zeros(N_JOINTS)
+        self._friction = CoulombFriction(
+            arm, *(nothing,) * 4, transition_velocity=np.full(N_JOINTS, TRANSITION)
+        )
+        elements = np.zeros((len(DISPLACEMENTS), N_JOINTS))
+        self._presliding = PreslidingHysteresis(arm, np.array(DISPLACEMENTS), elements, elements)
+        self._terms: tuple[LinearTerm, ...] = (
+            ElasticCable(np.zeros((DEGREE + 1, N_JOINTS)), self.valid),
+            self._friction,
+            ViscousFriction(arm, nothing, nothing),
+            RotorInertia(arm, nothing),
+            self._presliding,
+        )
+        columns = [
+            Column("link_inertia", "", -1, index, 1.0) for index in range(self.base.shape[1])
+        ]
+        # A spring that balances arm or forearm pulls like a mass and has no inertia.
+        columns += [Column("gravity", "", -1, index, PART * limit[1]) for index in range(SPRINGS)]
+        for power in range(DEGREE + 1):
+            columns += [
+                Column("elastic_cable", "joint", j, power, PART * limit[j]) for j in range(N_JOINTS)
+            ]
+        for effect in ("coulomb_friction", "viscous_friction"):
+            for place in ("joint", "motor"):
+                columns += [
+                    Column(effect, place, j, 0, PART * limit[j], True) for j in range(N_JOINTS)
+                ]
+        columns += [
+            Column("rotor_inertia", "motor", j, 0, 0.05 * limit[j], True) for j in range(N_JOINTS)
+        ]
+        for element in range(len(DISPLACEMENTS)):
+            for place in ("joint", "motor"):
+                columns += [
+                    Column("presliding_hysteresis", place, j, element, PART * limit[j], True)
+                    for j in range(N_JOINTS)
+                ]
+        self.columns = tuple(columns)
+
+    @cached_property
+    def base(self) -> Array:
+        """(90, b) from base combinations of unit prior size to the links' parameters."""
+        return base_directions(self.arm)
+
+    @cached_property
+    def scale(self) -> Array:
+        """(p,) prior standard deviations."""
+        return np.array([column.scale for column in self.columns])
+
+    @cached_property
+    def positive(self) -> NDArray[np.bool_]:
+        """(p,) mask of the columns that must not be negative."""
+        return np.array([column.positive for column in self.columns])
+
+    def select(self, **wanted: object) -> list[int]:
+        """Return the indices of the columns whose fields have the wanted values."""
+        return [
+            index
+            for index, column in enumerate(self.columns)
+            if all(getattr(column, key) == value for key, value in wanted.items())
+        ]
+
+    def history(self, state: State) -> Array:
+        """Return (N, K, 2, 7) states of the presliding elements along a whole motion."""
+        return self._presliding.elements(state)
+
+    def regressor(self, state: State, history: Array) -> Array:
+        """Return (N, 7, p) torques *at the motors* of all columns.
+
+        Args:
+            state: (N, 7) arrays, part of a motion.
+            history: (N, K, 2, 7), the same part of :meth:`history`.
+        """
+        arm = self.arm
+        rigid = rigid_body.regressor(arm, state.q, state.qd, state.qdd, arm.gravity)
+        parts = [rigid @ self.base, gravity.regressor(state.q, arm.gravity)[..., :SPRINGS]]
+        for term in self._terms:
+            if isinstance(term, PreslidingHysteresis):
+                part = term.columns(history)
+            else:
+                part = term.regressor(state)
+            if isinstance(term, ElasticCable):
+                part = part @ self._legendre
+            elif isinstance(term, CoulombFriction):
+                # The same upwards and downwards: a difference is a constant, which is a column.
+                part = np.concatenate(
+                    [part[..., :7] + part[..., 7:14], part[..., 14:21] + part[..., 21:]], axis=-1
+                )
+            parts.append(part)
+        return np.matmul(arm.actuator_to_joint.T, np.concatenate(parts, axis=-1))
+
+    @cached_property
+    def _legendre(self) -> Array:
+        """(k, k) from Legendre polynomials over the range to powers, joint by joint."""
+        matrix = np.zeros((DEGREE + 1, N_JOINTS, DEGREE + 1, N_JOINTS))
+        for j, (low, high) in enumerate(zip(self.valid.lower, self.valid.upper, strict=True)):
+            domain = (low, high) if high - low > 1e-3 else (low - 1.0, low + 1.0)
+            for power in range(DEGREE + 1):
+                one = np.polynomial.Legendre.basis(power, domain=domain)
+                powers = one.convert(kind=np.polynomial.Polynomial).coef
+                matrix[: len(powers), j, power, j] = powers
+        size = (DEGREE + 1) * N_JOINTS
+        return matrix.reshape(size, size)
+
+    def powers(self, joint: int) -> Array:
+        """Return (degree + 1, degree + 1): a joint's powers from its Legendre polynomials."""
+        return self._legendre[joint::N_JOINTS, joint::N_JOINTS]
+
+    def terms(self, theta: Array, links: Array | None = None) -> tuple[LinearTerm, ...]:
+        """Return the model's terms for (p,) coefficients; those that are zero are left out.
+
+        Args:
+            theta: The coefficients.
+            links: (90,) link parameters to use for those of the base combinations.
+        """
+        from dvrk_gravity.terms import Gravity
+
+        rigid = theta[: self.base.shape[1]]
+        springs = theta[len(rigid) : len(rigid) + SPRINGS]
+        built: list[LinearTerm] = []
+        if links is None:
+            links = self.base @ rigid
+        if links.any() or springs.any():
+            beta = beta_map(self.arm) @ links
+            beta[:SPRINGS] += springs
+            built.append(Gravity(self.arm, beta, self.arm.gravity))
+            zero = LinkInertia(self.arm, np.zeros((len(TREE_LINKS), rigid_body.PER_LINK)))
+            built.append(zero.with_theta(links))
+        start = len(rigid) + SPRINGS
+        for term in self._terms:
+            count = len(term.theta)
+            if isinstance(term, CoulombFriction):
+                joint, motor = theta[start : start + 7], theta[start + 7 : start + 14]
+                value, count = np.concatenate([joint, joint, motor, motor]), 14
+            else:
+                value = theta[start : start + count]
+            start += count
+            if not value.any():
+                continue
+            if isinstance(term, ElasticCable):
+                value = self._trimmed(self._legendre @ value)
+            if isinstance(term, PreslidingHysteresis):
+                built.append(_without_idle(term.with_theta(value)))
+            else:
+                built.append(term.with_theta(value))
+        return tuple(built)
+
+    @staticmethod
+    def _trimmed(powers: Array) -> Array:
+        rows = powers.reshape(-1, N_JOINTS)
+        return rows[: int(np.flatnonzero(rows.any(axis=1)).max()) + 1].ravel()
+
+
+def _without_idle(term: PreslidingHysteresis) -> PreslidingHysteresis:
+    """Return the term without the elements that no joint uses."""
+    used = term.joint.any(axis=1) | term.motor.any(axis=1)
+    return PreslidingHysteresis(
+        term.arm, term.displacement[used], term.joint[used], term.motor[used]
+    )
+
+
+@lru_cache(maxsize=8)
+def _samples(arm: Arm) -> tuple[Array, Array, Array]:
+    """Return (200, 7) random positions within the limits, velocities and accelerations."""
+    random = np.random.default_rng(0)
+    q = random.uniform(arm.lower, arm.upper, (200, N_JOINTS))
+    qd, qdd = random.normal(size=(2, 200, N_JOINTS)) * np.array([[[2.0]], [[10.0]]])
+    return q, qd, qdd
+
+
+def prior_scale() -> Array:
+    """Return (90,) plausible sizes of the links' parameters."""
+    return np.concatenate(
+        [
+            np.array([mass, *[mass * size] * 3, *[mass * size**2] * 6])
+            for mass, size in (SIZES[body] for body in TREE_LINKS)
+        ]
+    )
+
+
+@lru_cache(maxsize=8)
+def base_directions(arm: Arm) -> Array:
+    """Return (90, b): the b combinations of link parameters that torque can depend on at all.
+
+    Columns are scaled so that a Gaussian of unit variance on each is, as far as torque can
+    tell, the prior of independent link parameters of the plausible sizes above: what the
+    data leave open stays near "no mass" and in proportion to those sizes. The number b comes
+    from a rank-revealing QR with column pivoting (Gautier 1991) of the regressor at random motion.
+    """
+    from scipy.linalg import qr
+
+    scale = prior_scale()
+    full = rigid_body.regressor(arm, *_samples(arm), arm.gravity).reshape(-1, len(scale)) * scale
+    diagonal = np.abs(np.diag(qr(full, mode="r", pivoting=True)[0]))
+    rank = int(np.sum(diagonal > 1e-9 * diagonal[0]))
+    directions = np.linalg.svd(full, full_matrices=False)[2][:rank].T
+    return scale[:, None] * directions
+
+
+@lru_cache(maxsize=8)
+def beta_map(arm: Arm) -> Array:
+    """Return (12 or 14, 90): beta in N·m from the links' parameters."""
+    tilted = bool(np.abs(arm.gravity[:2]).max() > 1e-9)
+    q = _samples(arm)[0]
+    weight = rigid_body.regressor(arm, q, None, None, arm.gravity).reshape(-1, rigid_body.COLUMNS)
+    y = gravity.regressor(q, arm.gravity, 14 if tilted else 12)
+    return np.asarray(np.linalg.lstsq(y.reshape(len(weight), -1), weight, rcond=None)[0])

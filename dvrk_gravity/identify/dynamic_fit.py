@@ -1,0 +1,194 @@
+"""Identification from trajectories."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.identify.columns import Columns
+from dvrk_gravity.identify.covariance import uncertainty
+from dvrk_gravity.identify.errors import joint_errors
+from dvrk_gravity.identify.folds import Folds, make_folds
+from dvrk_gravity.identify.identifiability import describe
+from dvrk_gravity.identify.moments import Design, Moments, build_design
+from dvrk_gravity.identify.motion import read_motions
+from dvrk_gravity.identify.physical import certificate, physical_links
+from dvrk_gravity.identify.regression import (
+    ROUNDS,
+    Solution,
+    correlation_time,
+    huber_weights,
+    solve,
+)
+from dvrk_gravity.identify.result import Fit, JointError, Trace
+from dvrk_gravity.identify.selection import Selection, split_moments, start_columns
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import Recording
+from dvrk_gravity.recording.data import Array, Coordinates
+from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
+
+Report = Callable[[str, float], None]
+# What a compensator may safely do with an identified friction: push most of it, never all,
+# and none where the sign of the velocity is noise.
+FRICTION_RATIO = 0.7
+DEAD_BAND = 0.05  # rad/s
+MEMORY = 2.0  # s, longest correlation of the residual that is looked at
+
+
+@dataclass(frozen=True, eq=False)
+class Weighting:
+    """What the residual of the richest model says about the noise.
+
+    Attributes:
+        motor: (7,) inverse variance of one sample, divided by how many samples count as one.
+        sample: (n, 7) robust weights.
+    """
+
+    motor: Array
+    sample: Array
+
+
+def fit_dynamic(
+    recordings: Sequence[Recording],
+    arm: Arm,
+    coordinates: Coordinates,
+    effects: Sequence[str] | None = None,
+    cutoff: float = DEFAULT_CUTOFF,
+    physical: bool = False,
+    report: Report = lambda stage, share: None,
+) -> Fit:
+    """Fit a model to trajectories and say how far it can be trusted.
+
+    Args:
+        recordings: Trajectories of all seven joints with efforts.
+        arm: The arm.
+        coordinates: Of the recordings.
+        effects: Effects that may be used besides the rigid body; ``None``: all.
+        cutoff: Of the low-pass, Hz.
+        physical: Ask for links that can exist: every pseudo-inertia positive definite.
+        report: Called with the stage and the share of it that is done.
+
+    Raises:
+        RecordingError: A recording that cannot serve.
+    """
+    motions = read_motions(recordings, arm, coordinates, cutoff)
+    q = np.concatenate([motion.state.q for motion in motions.parts])
+    columns = Columns(arm, q.min(axis=0), q.max(axis=0))
+    design = build_design(columns, motions.parts, lambda share: report("regressor", share))
+    folds = make_folds(design)
+    weighting = weigh(design)
+    train, test = split_moments(design, folds, weighting.sample)
+    selection = Selection(columns, train, test, weighting.motor, effects=effects)
+    start = [i for i in start_columns(columns) if selection.allowed(columns.columns[i].effect)]
+    chosen = selection.run(start, lambda share: report("choice of terms", share))
+    whole = Moments.of(design.x, design.y, weighting.sample).select(chosen)
+    scale, positive = columns.scale[chosen], columns.positive[chosen]
+    solution = solve(whole, weighting.motor, scale, positive)
+    links = None
+    if physical:
+        theta, links = physical_links(columns, chosen, solution)
+        solution = replace(solution, theta=theta)
+    predicted = design.x[:, :, chosen] @ solution.theta
+    spread = uncertainty(design, chosen, solution, design.y - predicted, weighting.motor)
+    parameters, identifiability = describe(columns, chosen, solution, spread, design)
+    blind = _held_out(design, folds, selection, chosen, physical)
+    return Fit(
+        model=_model(columns, chosen, solution, links),
+        held_out=_errors(design, blind, coordinates),
+        training=_errors(design, predicted, coordinates),
+        parameters=parameters,
+        identifiability=identifiability,
+        choices=tuple(selection.choices),
+        warnings=motions.warnings,
+        handling=motions.handling,
+        validation=folds.how,
+        coordinates=coordinates,
+        samples=len(q),
+        physical={} if links is None else certificate(links),
+        traces=_traces(design, blind, coordinates),
+    )
+
+
+def weigh(design: Design) -> Weighting:
+    """Estimate each motor's noise, its correlation, and outliers, from the richest model.
+
+    With every column in, what remains is noise and not a missing term, so that no structure is
+    taken for outliers.
+    """
+    columns = design.columns
+    sample = np.ones_like(design.y)
+    moments = Moments.of(design.x, design.y, sample)
+    motor = 1.0 / np.maximum(0.1 * design.y.std(axis=0), 1e-6) ** 2
+    residual = design.y
+    for _ in range(ROUNDS):
+        theta = solve(moments, motor, columns.scale, columns.positive).theta
+        residual = design.y - design.x @ theta
+        together = correlation_time(residual, design.part, int(MEMORY * design.rate))
+        motor = 1.0 / (np.maximum(residual.var(axis=0), 1e-12) * together)
+    return Weighting(motor, huber_weights(residual))
+
+
+def _held_out(
+    design: Design, folds: Folds, selection: Selection, chosen: Sequence[int], physical: bool
+) -> Array:
+    """Return (n, 7) torques, each predicted by the fit that had not seen it."""
+    index = list(chosen)
+    columns = design.columns
+    scale, positive = columns.scale[index], columns.positive[index]
+    predicted = np.empty_like(design.y)
+    for fold, train in enumerate(selection.train):
+        solution = solve(train.select(index), selection.weight, scale, positive)
+        theta = physical_links(columns, index, solution)[0] if physical else solution.theta
+        rows = folds.held_out == fold
+        predicted[rows] = design.x[rows][:, :, index] @ theta
+    return predicted
+
+
+def _model(
+    columns: Columns, chosen: Sequence[int], solution: Solution, links: Array | None
+) -> TorqueModel:
+    theta = np.zeros(len(columns.columns))
+    theta[list(chosen)] = solution.theta
+    node = {
+        "friction_compensation.ratio": (FRICTION_RATIO,) * N_JOINTS,
+        "friction_compensation.dead_band": (DEAD_BAND,) * N_JOINTS,
+    }
+    return TorqueModel(columns.arm, columns.terms(theta, links), node)
+
+
+def _errors(design: Design, predicted: Array, coordinates: Coordinates) -> dict[str, JointError]:
+    arm = design.columns.arm
+    measured = design.y
+    if coordinates == "joint":
+        measured, predicted = arm.joint_effort(measured), arm.joint_effort(predicted)
+    return joint_errors(arm.joint_names, measured, predicted)
+
+
+def _traces(design: Design, predicted: Array, coordinates: Coordinates) -> tuple[Trace, ...]:
+    arm = design.columns.arm
+    traces = []
+    for part in np.unique(design.part):
+        rows = design.part == part
+        assert design.state.qd is not None
+        trace = Trace(
+            arm.joint_names, design.time[rows], design.state.q[rows], design.state.qd[rows],
+            design.y[rows], predicted[rows], coordinates, True,
+        )  # fmt: skip
+        if coordinates == "joint":
+            trace = replace(
+                trace,
+                measured=arm.joint_effort(trace.measured),
+                predicted=arm.joint_effort(trace.predicted),
+            )
+        else:
+            assert trace.velocity is not None
+            trace = replace(
+                trace,
+                position=arm.actuator_position(trace.position),
+                velocity=arm.actuator_position(trace.velocity),
+            )
+        traces.append(trace)
+    return tuple(traces)

@@ -1,0 +1,174 @@
+"""The error of any model on any recording, in the recording's own coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import numpy as np
+
+from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.identify.errors import joint_errors
+from dvrk_gravity.identify.motion import read_motions, require_all
+from dvrk_gravity.identify.result import JointError, Trace
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import DataWarning, Recording, prepare
+from dvrk_gravity.recording.data import Coordinates
+from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """How well a model predicts recordings.
+
+    Attributes:
+        joints: Error by joint (or motor, in actuator coordinates).
+        samples: Samples compared.
+        coordinates: Of the recordings and of the errors.
+        detected: Why these coordinates, one sentence; ``""`` if they were given.
+        warnings: What was found in the recordings.
+        handling: What was done with them.
+        traces: Measured against predicted.
+    """
+
+    joints: Mapping[str, JointError]
+    samples: int
+    coordinates: Coordinates
+    detected: str
+    warnings: tuple[DataWarning, ...]
+    handling: tuple[str, ...]
+    traces: tuple[Trace, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content of ``evaluate --json``."""
+        return {
+            "joints": {name: vars(error) for name, error in self.joints.items()},
+            "samples": self.samples,
+            "coordinates": self.coordinates,
+            "detected": self.detected,
+            "warnings": [str(warning) for warning in self.warnings],
+            "handling": list(self.handling),
+        }
+
+
+def evaluate(
+    model: TorqueModel,
+    recordings: Sequence[Recording],
+    coordinates: Coordinates | None = None,
+    cutoff: float = DEFAULT_CUTOFF,
+) -> Evaluation:
+    """Compare a model's torque with the recorded one.
+
+    On trajectories both go through the same zero-phase low-pass. Static poses are compared as
+    they are.
+
+    Args:
+        model: The model.
+        recordings: Trajectories, or static poses.
+        coordinates: Of the recordings; ``None`` takes those in which the model fits better.
+        cutoff: Of the low-pass, Hz.
+
+    Raises:
+        RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
+    """
+    if not recordings:
+        raise RecordingError("recordings", "none given, expected at least one")
+    static = [recording.time is None for recording in recordings]
+    if any(static) != all(static):
+        raise RecordingError(
+            recordings[static.index(True)].source,
+            "holds static poses, expected trajectories only or poses only",
+        )
+    run = _evaluate_static if static[0] else _evaluate_dynamic
+    if coordinates is not None:
+        return run(model, recordings, coordinates, cutoff, "")
+    results = {one: run(model, recordings, one, cutoff, "") for one in get_args(Coordinates)}
+    size = {one: _total(result.joints) for one, result in results.items()}
+    best: Coordinates = "joint" if size["joint"] <= size["actuator"] else "actuator"
+    reason = (
+        f"taken as {best} coordinates: mean |e|/|tau| {size[best]:.3f}, "
+        f"{max(size.values()):.3f} in the others"
+    )
+    return run(model, recordings, best, cutoff, reason)
+
+
+def _total(joints: Mapping[str, JointError]) -> float:
+    return float(np.mean([error.nrmse for error in joints.values()]))
+
+
+def _evaluate_dynamic(
+    model: TorqueModel,
+    recordings: Sequence[Recording],
+    coordinates: Coordinates,
+    cutoff: float,
+    detected: str,
+) -> Evaluation:
+    arm = model.arm
+    motions = read_motions(recordings, arm, coordinates, cutoff)
+    traces = []
+    for motion in motions.parts:
+        core = slice(motion.filter.edge, len(motion) - motion.filter.edge)
+        predicted = motion.filter(arm.actuator_effort(model.torque_at(motion.state)))
+        q, qd = motion.state.q, motion.state.qd
+        assert qd is not None
+        measured = motion.effort
+        if coordinates == "actuator":
+            q, qd = arm.actuator_position(q), arm.actuator_position(qd)
+        else:
+            measured, predicted = arm.joint_effort(measured), arm.joint_effort(predicted)
+        traces.append(
+            Trace(
+                arm.joint_names,
+                motion.time[core],
+                q[core],
+                qd[core],
+                measured[core],
+                predicted[core],
+                coordinates,
+                False,
+            )
+        )
+    return _result(traces, coordinates, detected, motions.warnings, motions.handling)
+
+
+def _evaluate_static(
+    model: TorqueModel,
+    recordings: Sequence[Recording],
+    coordinates: Coordinates,
+    cutoff: float,
+    detected: str,
+) -> Evaluation:
+    del cutoff
+    arm = model.arm
+    traces: list[Trace] = []
+    warnings: list[DataWarning] = []
+    for recording in recordings:
+        require_all(recording, arm)
+        warnings += prepare(recording).warnings
+        q, measured = recording.position, recording.effort
+        assert measured is not None
+        joint = arm.joint_position(q) if coordinates == "actuator" else q
+        predicted = model.torque(joint, direction=recording.direction)
+        if coordinates == "actuator":
+            predicted = arm.actuator_effort(predicted)
+        traces.append(
+            Trace(arm.joint_names, None, q, None, measured, predicted, coordinates, False)
+        )
+    return _result(traces, coordinates, detected, warnings, ("static poses, used as they are",))
+
+
+def _result(
+    traces: Sequence[Trace],
+    coordinates: Coordinates,
+    detected: str,
+    warnings: Sequence[DataWarning],
+    handling: Sequence[str],
+) -> Evaluation:
+    measured = np.concatenate([trace.measured for trace in traces])
+    predicted = np.concatenate([trace.predicted for trace in traces])
+    errors = joint_errors(traces[0].joints, measured, predicted)
+    return Evaluation(
+        errors, len(measured), coordinates, detected, tuple(warnings), tuple(handling),
+        tuple(traces),
+    )  # fmt: skip

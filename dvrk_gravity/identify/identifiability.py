@@ -1,0 +1,205 @@
+"""What the data determine: parameters with intervals, and plain words about the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.gravity import BETA_NAMES
+from dvrk_gravity.identify.columns import DISPLACEMENTS, Columns, beta_map
+from dvrk_gravity.identify.covariance import Uncertainty
+from dvrk_gravity.identify.moments import Design
+from dvrk_gravity.identify.regression import Solution
+from dvrk_gravity.identify.result import FittedParameter, Identifiability
+from dvrk_gravity.recording.data import Array
+from dvrk_gravity.terms import rigid_body
+from dvrk_gravity.tree import TREE_LINKS
+
+INSEPARABLE = 0.97  # correlation from which two estimates are called one
+SHOWN = 3  # parameters named in one combination
+_INERTIAL = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+_UNITS = ("kg", *("kg·m",) * 3, *("kg·m^2",) * 6)
+
+
+@dataclass(frozen=True, eq=False)
+class _Quantity:
+    """A named combination of the chosen coefficients.
+
+    Attributes:
+        name: As in the model file.
+        unit: SI unit.
+        direction: (p,) weights of the chosen coefficients.
+        joint: Joint that it acts on, -1 for links.
+    """
+
+    name: str
+    unit: str
+    direction: Array
+    joint: int
+
+
+def describe(
+    columns: Columns,
+    chosen: Sequence[int],
+    solution: Solution,
+    spread: Uncertainty,
+    design: Design,
+) -> tuple[tuple[FittedParameter, ...], Identifiability]:
+    """Return the identified numbers with intervals, and what cannot be told apart."""
+    quantities = list(_quantities(columns, chosen))
+    parameters = []
+    for quantity in quantities:
+        value = float(quantity.direction @ solution.theta)
+        interval = spread.interval(value, quantity.direction)
+        known = spread.identifiable(quantity.direction)
+        parameters.append(FittedParameter(quantity.name, value, quantity.unit, interval, known))
+    scaled = columns.scale[list(chosen)]
+    # Of what the data say, in units of what was plausible before: one means "as much as that".
+    information = np.linalg.eigvalsh(scaled[:, None] * solution.data * scaled)
+    told = information[information > 1.0]
+    condition = float(np.sqrt(told[-1] / told[0])) if len(told) else float("inf")
+    statements = [
+        *_motion_statements(design),
+        *_pair_statements(quantities, spread, design),
+        *_open_statements(parameters),
+    ]
+    return tuple(parameters), Identifiability(
+        len(told), len(information), condition, tuple(statements)
+    )
+
+
+def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
+    index = {column: place for place, column in enumerate(chosen)}
+    rigid = [index[i] for i in columns.select(effect="link_inertia") if i in index]
+    found: list[_Quantity] = []
+
+    def row(values: dict[int, float]) -> Array:
+        direction = np.zeros(len(chosen))
+        for place, value in values.items():
+            direction[place] = value
+        return direction
+
+    springs = {columns.columns[i].index: index[i] for i in columns.select(effect="gravity")}
+    if rigid:
+        for k, line in enumerate(beta_map(columns.arm) @ columns.base):
+            values = dict(zip(rigid, line, strict=True))
+            if k in springs:
+                values[springs[k]] = 1.0
+            found.append(_Quantity(f"beta[{k}] ({BETA_NAMES[k]})", "N·m", row(values), -1))
+        for name, unit, combination in base_parameters(columns.arm):
+            line = combination @ columns.base
+            found.append(_Quantity(name, unit, row(dict(zip(rigid, line, strict=True))), -1))
+    for j, joint in enumerate(JOINT_NAMES):
+        powers = [i for i in columns.select(effect="elastic_cable", joint=j) if i in index]
+        matrix = columns.powers(j)
+        for k in range(len(powers)):
+            values = {index[i]: matrix[k, columns.columns[i].index] for i in powers}
+            unit = "N·m" + ("" if k == 0 else "/rad" if k == 1 else f"/rad^{k}")
+            found.append(_Quantity(f"elastic_cable.{joint}[{k}]", unit, row(values), j))
+    units = {
+        "coulomb_friction": "N·m",
+        "viscous_friction": "N·m·s/rad",
+        "rotor_inertia": "kg·m^2",
+        "presliding_hysteresis": "N·m",
+    }
+    for i in chosen:
+        column = columns.columns[i]
+        if column.effect in units:
+            name = f"{column.effect}.{column.place}[{JOINT_NAMES[column.joint]}]"
+            if column.effect == "presliding_hysteresis":
+                name += f" over {DISPLACEMENTS[column.index]:g} rad"
+            found.append(_Quantity(name, units[column.effect], row({index[i]: 1.0}), column.joint))
+    return found
+
+
+@lru_cache(maxsize=8)
+def base_parameters(arm: Arm) -> tuple[tuple[str, str, Array], ...]:
+    """Return name, unit and (90,) combination of the arm's base inertial parameters.
+
+    The regressor's independent columns come from a QR with pivoting; each other column is a
+    combination of those, and its parameter joins theirs (Gautier 1991; Khalil and Dombre 2002).
+    """
+    from scipy.linalg import qr, solve_triangular
+
+    from dvrk_gravity.identify.columns import _samples, base_directions
+
+    full = rigid_body.regressor(arm, *_samples(arm), arm.gravity).reshape(-1, rigid_body.COLUMNS)
+    rank = base_directions(arm).shape[1]
+    norm = np.linalg.norm(full, axis=0)
+    norm[norm < 1e-9 * norm.max()] = np.inf
+    r, order = qr(full / norm, mode="r", pivoting=True)
+    depends = solve_triangular(r[:rank, :rank], r[:rank, rank:])
+    found = []
+    for k in range(rank):
+        combination = np.zeros(rigid_body.COLUMNS)
+        combination[order[k]] = 1.0
+        finite = np.isfinite(norm[order[rank:]])
+        ratio = depends[k] * np.where(finite, norm[order[rank:]], 0.0) / norm[order[k]]
+        combination[order[rank:]] = np.where(np.abs(ratio) > 1e-9, ratio, 0.0)
+        unit = _UNITS[order[k] % rigid_body.PER_LINK]
+        found.append((_combination_name(combination, int(order[k])), unit, combination))
+    return tuple(found)
+
+
+def _combination_name(combination: Array, first: int) -> str:
+    def name(i: int) -> str:
+        return f"{_INERTIAL[i % rigid_body.PER_LINK]}({TREE_LINKS[i // rigid_body.PER_LINK]})"
+
+    others = [i for i in np.flatnonzero(combination).tolist() if i != first]
+    others.sort(key=lambda i: -abs(combination[i]))
+    text = name(first)
+    for i in others[:SHOWN]:
+        text += f" {combination[i]:+.3g} {name(i)}"
+    return text + (f" + {len(others) - SHOWN} more" if len(others) > SHOWN else "")
+
+
+def _motion_statements(design: Design) -> list[str]:
+    span = np.ptp(design.state.q, axis=0)
+    return [
+        f"{joint} moves over {np.degrees(width):.0f} deg only: what depends on its position is "
+        "not determined; move it over most of its range"
+        for joint, width in zip(JOINT_NAMES, span, strict=True)
+        if width < np.radians(15.0)
+    ]
+
+
+def _pair_statements(
+    quantities: Sequence[_Quantity], spread: Uncertainty, design: Design
+) -> list[str]:
+    """Name pairs of gravity, elastic and friction parameters that data cannot tell apart."""
+    low, high = np.degrees(design.state.q.min(axis=0)), np.degrees(design.state.q.max(axis=0))
+    named = [q for q in quantities if q.joint >= 0 or q.name.startswith("beta")]
+    statements = []
+    for a, first in enumerate(named):
+        for second in named[a + 1 :]:
+            together = spread.correlation(first.direction, second.direction)
+            if abs(together) < INSEPARABLE:
+                continue
+            joints = {q.joint for q in (first, second) if q.joint >= 0}
+            hint = (
+                " and ".join(
+                    f"a wider range of {JOINT_NAMES[j]} (now {low[j]:.0f} to {high[j]:.0f} deg)"
+                    for j in sorted(joints)
+                )
+                or "poses that turn the links about other axes against gravity"
+            )
+            sign = "difference" if together > 0 else "sum"
+            statements.append(
+                f"{first.name} and {second.name} cannot be separated (correlation "
+                f"{together:+.3f}); only a weighted {sign} is known; {hint} would separate them"
+            )
+    return statements
+
+
+def _open_statements(parameters: Sequence[FittedParameter]) -> list[str]:
+    left = [parameter.name for parameter in parameters if not parameter.identifiable]
+    if not left:
+        return []
+    return [
+        f"{len(left)} of {len(parameters)} parameters are not determined by these data and stay "
+        f"near their prior: {'; '.join(left)}"
+    ]

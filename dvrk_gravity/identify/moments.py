@@ -1,0 +1,161 @@
+"""The filtered regressor of a fit, and its Gram matrices by held-out block.
+
+The regressor is evaluated once, in chunks, and goes through the low-pass of the
+measured torque. From then on every fit with any choice of columns, with and
+without any held-out block, works on small Gram matrices and takes milliseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.identify.columns import Columns
+from dvrk_gravity.identify.motion import Motion
+from dvrk_gravity.recording.data import Array
+from dvrk_gravity.terms import State
+
+CHUNK = 2000  # samples whose regressor is held at a time
+ROWS = 12_000  # samples that are kept after the filter, at most
+SAMPLING = 8.0  # samples kept for each period of the filter's cut-off, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Filtered regressor and torque at the motors.
+
+    Attributes:
+        columns: What the columns are.
+        x: (n, 7, p) filtered regressor.
+        y: (n, 7) filtered torque, N·m.
+        time: (n,) s within the recording.
+        part: (n,) index of the motion that a sample came from.
+        state: (n, 7) arrays: the motion at those samples.
+        rate: Samples a second.
+    """
+
+    columns: Columns
+    x: Array
+    y: Array
+    time: Array
+    part: NDArray[np.int64]
+    state: State
+    rate: float
+
+
+def build_design(
+    columns: Columns,
+    motions: Sequence[Motion],
+    progress: Callable[[float], None] = lambda share: None,
+) -> Design:
+    """Evaluate and filter the regressor of all columns.
+
+    Args:
+        columns: The columns.
+        motions: At least one.
+        progress: Called with the share that is done, 0 to 1.
+    """
+    total = sum(len(motion) for motion in motions)
+    x, y, time, part, q, qd = [], [], [], [], [], []
+    done = 0
+    rate = motions[0].filter.rate
+    for index, motion in enumerate(motions):
+        low = motion.filter
+        stride = max(1, int(low.rate / (SAMPLING * low.cutoff)), -(-total // ROWS))
+        rate = low.rate / stride
+        history = columns.history(motion.state)
+        for start in range(low.edge, len(motion) - low.edge, CHUNK):
+            stop = min(start + CHUNK, len(motion) - low.edge)
+            # The filter's transients at the ends of a chunk fall into its margins.
+            first, last = start - low.edge, min(stop + low.edge, len(motion))
+            block = slice(first, last)
+            raw = columns.regressor(_rows(motion.state, block), history[block])
+            # One grid over all chunks.
+            offset = (-(start - low.edge)) % stride
+            kept = slice(start - first + offset, stop - first, stride)
+            # Most columns do not touch most motors: nothing to filter there.
+            used = raw.any(axis=0)
+            filtered = np.zeros((len(range(*kept.indices(len(raw)))), *used.shape))
+            filtered[:, used] = low(raw[:, used])[kept]
+            x.append(filtered)
+            rows = slice(start + offset, stop, stride)
+            y.append(motion.effort[rows])
+            time.append(motion.time[rows])
+            part.append(np.full(len(y[-1]), index))
+            q.append(motion.state.q[rows])
+            assert motion.state.qd is not None
+            qd.append(motion.state.qd[rows])
+            done += stop - start
+            progress(done / total)
+    return Design(
+        columns,
+        np.concatenate(x),
+        np.concatenate(y),
+        np.concatenate(time),
+        np.concatenate(part),
+        State(np.concatenate(q), np.concatenate(qd)),
+        rate,
+    )
+
+
+def _rows(state: State, rows: slice) -> State:
+    assert state.qd is not None
+    assert state.qdd is not None
+    return State(state.q[rows], state.qd[rows], state.qdd[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Second moments of a set of samples, motor by motor.
+
+    Attributes:
+        gram: (7, p, p) sums of x x'.
+        cross: (7, p) sums of x y.
+        power: (7,) sums of y^2.
+        count: (7,) sums of the samples' weights.
+    """
+
+    gram: Array
+    cross: Array
+    power: Array
+    count: Array
+
+    @classmethod
+    def of(cls, x: Array, y: Array, weight: Array) -> Moments:
+        """Sum (n, 7, p) columns and (n, 7) torques with (n, 7) weights."""
+        gram, cross = [], []
+        for j in range(N_JOINTS):
+            # Most columns do not touch a given motor.
+            used = np.flatnonzero(np.any(x[:, j] != 0.0, axis=0))
+            weighted = x[:, j, used] * weight[:, j, None]
+            g = np.zeros((x.shape[2], x.shape[2]))
+            g[np.ix_(used, used)] = weighted.T @ x[:, j, used]
+            c = np.zeros(x.shape[2])
+            c[used] = weighted.T @ y[:, j]
+            gram.append(g)
+            cross.append(c)
+        return cls(np.array(gram), np.array(cross), (weight * y * y).sum(0), weight.sum(0))
+
+    def __add__(self, other: Moments) -> Moments:
+        """Return the moments of both sets together."""
+        return Moments(*(getattr(self, f) + getattr(other, f) for f in _FIELDS))
+
+    def __sub__(self, other: Moments) -> Moments:
+        """Return the moments of this set without a part of it."""
+        return Moments(*(getattr(self, f) - getattr(other, f) for f in _FIELDS))
+
+    def select(self, chosen: Sequence[int]) -> Moments:
+        """Return the moments of some of the columns."""
+        grid = np.ix_(range(N_JOINTS), chosen, chosen)
+        return Moments(self.gram[grid], self.cross[:, chosen], self.power, self.count)
+
+    def error(self, theta: Array) -> Array:
+        """Return (7,) sums of squared errors of (p,) coefficients."""
+        return np.maximum(self.power - 2.0 * self.cross @ theta + (self.gram @ theta) @ theta, 0.0)
+
+
+_FIELDS = ("gram", "cross", "power", "count")

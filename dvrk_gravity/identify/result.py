@@ -1,0 +1,161 @@
+"""What an identification answers: a model and everything that says how far to trust it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording.data import Array, Coordinates
+from dvrk_gravity.recording.data_warning import DataWarning
+
+
+@dataclass(frozen=True)
+class JointError:
+    """Error of a prediction on one joint.
+
+    Attributes:
+        rmse: Root mean square of measured minus predicted torque, N·m.
+        nrmse: |e| / |tau|: norm of the error over the norm of the measured torque.
+        r2: 1 - |e|^2 / |tau - mean(tau)|^2.
+    """
+
+    rmse: float
+    nrmse: float
+    r2: float
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """One identified number.
+
+    Attributes:
+        name: As in the model file, with an index for arrays: ``coulomb_friction.joint[3]``; or a
+            combination that the data do determine, in words: ``beta1 + 0.98 k1``.
+        value: Its value.
+        unit: SI unit.
+        ci95: 95 % confidence interval, autocorrelation of the residual respected; both infinite
+            where the data say nothing.
+        identifiable: The data, not a prior, determine it.
+    """
+
+    name: str
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+    identifiable: bool = True
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Why a term is in the model or not.
+
+    Attributes:
+        term: Effect, with the joint or place where it matters.
+        kept: Whether it is in the model.
+        before: Held-out error without it, as a part of the measured torque.
+        after: Held-out error with it.
+        reason: One sentence.
+    """
+
+    term: str
+    kept: bool
+    before: float
+    after: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What the data can and cannot tell.
+
+    Attributes:
+        rank: Number of parameter combinations that the data determine.
+        columns: Number of parameters asked for.
+        condition: Condition number of the determined part, columns scaled to length one.
+        statements: Plain sentences: which parameters cannot be separated, and what motion
+            would separate them.
+    """
+
+    rank: int
+    columns: int
+    condition: float
+    statements: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Measured and predicted torque side by side, for pictures.
+
+    Attributes:
+        joints: Names of the n columns.
+        time: (N,) s, ``None`` for static poses.
+        position: (N, n) rad.
+        velocity: (N, n) rad/s, ``None`` for static poses.
+        measured: (N, n) N·m.
+        predicted: (N, n) N·m; held-out prediction where ``held_out``.
+        coordinates: Of all of them.
+        held_out: Each sample was predicted by a fit that had not seen it.
+    """
+
+    joints: tuple[str, ...]
+    time: Array | None
+    position: Array
+    velocity: Array | None
+    measured: Array
+    predicted: Array
+    coordinates: Coordinates
+    held_out: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted model with its certificates.
+
+    Attributes:
+        model: The model, ready to be saved as the compensator's parameter file.
+        held_out: Error by joint on data that neither fit nor choice had seen.
+        training: Error by joint on the data fitted.
+        parameters: Identified numbers with confidence.
+        identifiability: What the data cannot tell.
+        choices: Terms tried, in the order in which they were tried.
+        warnings: What was found in the recordings.
+        handling: What was done with the data, one sentence each; the filter is named here.
+        validation: How the held-out error was obtained, one sentence.
+        coordinates: In which the errors are.
+        samples: Samples that the fit used.
+        physical: Every link's pseudo-inertia positive definite: its least eigenvalue relative to
+            the greatest by link; empty where not asked for.
+        traces: Measured against predicted.
+    """
+
+    model: TorqueModel
+    held_out: Mapping[str, JointError]
+    training: Mapping[str, JointError]
+    parameters: tuple[FittedParameter, ...]
+    identifiability: Identifiability
+    choices: tuple[Choice, ...]
+    warnings: tuple[DataWarning, ...]
+    handling: tuple[str, ...]
+    validation: str
+    coordinates: Coordinates
+    samples: int
+    physical: Mapping[str, float]
+    traces: tuple[Trace, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content of ``identify --json``."""
+        return {
+            "joints": {name: vars(error) for name, error in self.held_out.items()},
+            "training": {name: vars(error) for name, error in self.training.items()},
+            "samples": self.samples,
+            "coordinates": self.coordinates,
+            "validation": self.validation,
+            "parameters": [vars(parameter) for parameter in self.parameters],
+            "identifiability": vars(self.identifiability),
+            "choices": [vars(choice) for choice in self.choices],
+            "physical": dict(self.physical),
+            "warnings": [str(warning) for warning in self.warnings],
+            "handling": list(self.handling),
+        }

@@ -1,0 +1,146 @@
+"""Static poses of some recordings as arrays, and the slabs of them that are held out together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.identify.motion import require_all
+from dvrk_gravity.recording import DataWarning, Recording, prepare
+from dvrk_gravity.recording.data import Array, Coordinates
+
+LEAST = 20  # poses
+POSED = 0.1  # rad: a joint that was asked to stay is off by less
+BLOCKS = 15
+SLABS = 5  # of poses that follow no grid
+LEVELS = (3, 12)  # fewest and most positions that make a grid
+APART = 0.05  # of a joint's range, between two levels of a grid
+WIDE = 0.1  # of a joint's range, that a level may be wide
+SHARE = 0.1  # of the poses that must have come from the rarer direction
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Static poses in joint coordinates.
+
+    Attributes:
+        q: (N, 7) rad.
+        effort: (N, 7) N·m.
+        direction: (N, 7) +1/-1; 0 where it is not known.
+        part: (N,) index of the recording.
+    """
+
+    q: Array
+    effort: Array
+    direction: Array
+    part: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Return the number of poses."""
+        return len(self.q)
+
+    def rows(self, selection: NDArray[np.bool_]) -> Poses:
+        """Return the poses that a mask selects."""
+        return Poses(
+            self.q[selection],
+            self.effort[selection],
+            self.direction[selection],
+            self.part[selection],
+        )
+
+    @cached_property
+    def lower(self) -> Array:
+        """(7,) least position of each joint, rad."""
+        return self.q.min(axis=0)
+
+    @cached_property
+    def upper(self) -> Array:
+        """(7,) greatest position of each joint, rad."""
+        return self.q.max(axis=0)
+
+    @cached_property
+    def moving(self) -> tuple[int, ...]:
+        """Joints that were posed differently."""
+        return tuple(np.flatnonzero(self.upper - self.lower > POSED).tolist())
+
+    @cached_property
+    def directed(self) -> tuple[bool, ...]:
+        """(7,) whether friction can be told from cable: both directions occur often enough."""
+        up, down = (self.direction > 0).mean(axis=0), (self.direction < 0).mean(axis=0)
+        return tuple((np.minimum(up, down) >= SHARE).tolist())
+
+
+def read_poses(
+    recordings: Sequence[Recording], arm: Arm, coordinates: Coordinates
+) -> tuple[Poses, tuple[DataWarning, ...]]:
+    """Return the poses of some recordings, and what was found in these.
+
+    Raises:
+        RecordingError: A joint or the efforts missing, too few poses, or nothing that moves.
+    """
+    q, effort, direction, part = [], [], [], []
+    warnings: list[DataWarning] = []
+    for index, recording in enumerate(recordings):
+        require_all(recording, arm)
+        warnings += prepare(recording).warnings
+        position, torque = recording.position, recording.effort
+        assert torque is not None
+        if coordinates == "actuator":
+            position, torque = arm.joint_position(position), arm.joint_effort(torque)
+        q.append(position)
+        effort.append(torque)
+        given = recording.direction
+        direction.append(np.zeros(position.shape) if given is None else given)
+        part.append(np.full(len(position), index))
+    poses = Poses(*(np.concatenate(array) for array in (q, effort, direction, part)))
+    if len(poses) < LEAST:
+        raise RecordingError(
+            recordings[0].source, f"holds {len(poses)} static poses, expected at least {LEAST}"
+        )
+    return poses, tuple(warnings)
+
+
+def slabs(position: Array) -> NDArray[np.int64]:
+    """Return (N,) numbers of the slab in which each of (N,) positions of one joint lies.
+
+    The levels of a grid, where the positions form one; else as many poses in each of five.
+    """
+    order = np.argsort(position, kind="stable")
+    sorted_ = position[order]
+    span = float(sorted_[-1] - sorted_[0])
+    level = np.concatenate([[0], np.cumsum(np.diff(sorted_) > APART * span)])
+    count = int(level[-1]) + 1
+    starts = np.searchsorted(level, np.arange(count))
+    ends = np.searchsorted(level, np.arange(count), side="right") - 1
+    width = (sorted_[ends] - sorted_[starts]).max()
+    if not LEVELS[0] <= count <= LEVELS[1] or width > WIDE * span:
+        level = np.arange(len(position)) * SLABS // len(position)
+    number = np.empty(len(position), dtype=np.int64)
+    number[order] = level
+    return number
+
+
+def inner_slabs(poses: Poses) -> list[NDArray[np.bool_]]:
+    """Return the (N,) masks of slabs that lie between two others of the same joint.
+
+    A fit to the rest has to say what happens at positions of that joint which it never saw,
+    between some that it did. Past the outermost ones no fit is asked for anything: positions
+    are held there.
+    """
+    found = []
+    for joint in poses.moving:
+        number = slabs(poses.q[:, joint])
+        found += [number == k for k in range(1, int(number.max()))]
+    return found
+
+
+def blocks(poses: Poses) -> list[NDArray[np.bool_]]:
+    """Return the (N,) masks of blocks of poses that followed each other."""
+    number = np.arange(len(poses)) * BLOCKS // len(poses)
+    return [number == k for k in range(BLOCKS)]

@@ -1,0 +1,54 @@
+"""Fits and evaluations as text for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from dvrk_gravity.identify.evaluation import Evaluation
+from dvrk_gravity.identify.result import Fit, JointError
+
+
+def error_table(joints: Mapping[str, JointError]) -> Iterator[str]:
+    """Yield the lines of a table of errors by joint."""
+    yield f"{'joint':<16}{'RMSE N·m':>10}{'|e|/|tau|':>11}{'R2':>9}"
+    for name, error in joints.items():
+        yield f"{name:<16}{error.rmse:>10.4f}{error.nrmse:>11.3f}{error.r2:>9.3f}"
+
+
+def fit_text(fit: Fit) -> Iterator[str]:
+    """Yield the lines that a terminal shows after an identification."""
+    for warning in fit.warnings:
+        yield f"warning: {warning}"
+    for line in fit.handling:
+        yield f"data: {line}"
+    yield ""
+    yield f"{fit.samples} samples, errors in {fit.coordinates} coordinates"
+    yield f"held out: {fit.validation}"
+    yield from error_table(fit.held_out)
+    yield ""
+    kept = [choice for choice in fit.choices if choice.kept]
+    left = [choice for choice in fit.choices if not choice.kept]
+    for choice in kept:
+        yield f"  {choice.term}: {choice.reason}"
+    if left:
+        yield f"  {len(left)} further changes were tried and do not pay (all in the report)"
+    found = fit.identifiability
+    yield ""
+    yield (
+        f"identifiable: {found.rank} of {found.columns} parameter combinations, condition number "
+        f"{found.condition:.3g}"
+    )
+    for statement in found.statements:
+        yield f"  {statement}"
+
+
+def evaluation_text(result: Evaluation) -> Iterator[str]:
+    """Yield the lines that a terminal shows after an evaluation."""
+    for warning in result.warnings:
+        yield f"warning: {warning}"
+    if result.detected:
+        yield result.detected
+    for line in result.handling:
+        yield f"data: {line}"
+    yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
+    yield from error_table(result.joints)

@@ -1,0 +1,1 @@
+"""Findings and fits as pages that a person reads: HTML in one file, no network."""

@@ -1,0 +1,161 @@
+"""A diagnosis as one HTML file: sentence, picture, alternatives, how it was judged."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterable, Sequence
+from html import escape
+
+import numpy as np
+
+from dvrk_gravity.diagnosis.findings import Diagnosis, Finding, Picture
+from dvrk_gravity.diagnosis.words import shown
+
+_STYLE = """
+body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
+h1{font-size:1.5rem;line-height:1.3}h2{font-size:1.15rem;margin-top:2.2rem}
+table{border-collapse:collapse;margin:.6rem 0}
+td,th{padding:.25rem .8rem;text-align:left;border-bottom:1px solid #ddd}
+td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}
+.verdict{display:inline-block;padding:.1rem .6rem;border-radius:.6rem;background:#eef;color:#225}
+.small{color:#666;font-size:.9rem}img{max-width:100%}
+"""
+_VERDICTS = {
+    "nothing_to_explain": "nothing to explain",
+    "explained": "explained",
+    "partly_explained": "partly explained",
+    "ambiguous": "explained, but not by one cause alone",
+    "unexplained": "unexplained",
+}
+_BINS = 30
+
+
+def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
+    """Return the report's HTML, complete in itself.
+
+    Args:
+        diagnosis: The result.
+        sources: Names of the recordings.
+    """
+    parts = [
+        f"<h1>{escape(diagnosis.sentence)}</h1>",
+        f'<p><span class="verdict">{_VERDICTS[diagnosis.verdict]}</span> '
+        f'<span class="small">{escape(", ".join(sources))}; {diagnosis.samples} samples, '
+        f"{diagnosis.held_out} of them held out of fit and choice; every figure of error and "
+        "gain below is of those</span></p>",
+    ]
+    for number, finding in enumerate(diagnosis.findings, start=1):
+        parts.append(_finding(number, finding))
+    parts.append(_errors(diagnosis))
+    parts.append(_list("Data", [str(warning) for warning in diagnosis.warnings], "no warnings"))
+    parts.append(_list("How it was judged", diagnosis.notes, ""))
+    body = "\n".join(parts)
+    return (
+        "<!doctype html>\n<html lang=en><head><meta charset=utf-8>"
+        f"<title>Diagnosis: {escape(_VERDICTS[diagnosis.verdict])}</title>"
+        f"<style>{_STYLE}</style></head><body>\n{body}\n</body></html>\n"
+    )
+
+
+def _finding(number: int, finding: Finding) -> str:
+    where = ", ".join(finding.joints) or "the arm"
+    seconds = finding.effect in ("thermal_drift", "contact")
+    head = f"{number}. {finding.effect.replace('_', ' ')} at {where}"
+    parts = [f"<h2>{escape(head)}</h2>", f"<p>{escape(finding.sentence)}.</p>"]
+    gain = finding.gain
+    rows = [
+        (name.replace("_", " "), shown(one, seconds)) for name, one in finding.parameters.items()
+    ]
+    rows.append(
+        (
+            "error removed",
+            f"{100 * gain.relative:.0f} % (95 %: {100 * gain.low:.0f} to {100 * gain.high:.0f}; "
+            f"p = {gain.p_value:.2g})",
+        )
+    )
+    rows.append(("form", finding.place))
+    rows.append(("in the extended model", "yes" if finding.in_model else "no"))
+    parts.append(_table((), rows))
+    if finding.picture is not None:
+        parts.append(f'<img alt="error before and after" src="{_draw(finding.picture)}">')
+    if finding.alternatives:
+        parts.append("<p>This data cannot tell it from:</p>")
+        parts.append(
+            _table(
+                ("effect", "joint", "numbers"),
+                [(a.effect, ", ".join(a.joints) or "the arm", a.why) for a in finding.alternatives],
+            )
+        )
+    if finding.rejected:
+        parts.append("<p>Tried in its place, and worse on unseen blocks:</p>")
+        parts.append(
+            _table(
+                ("effect", "joint", "form", "log-likelihood gain", "behind"),
+                [
+                    (r.effect, ", ".join(r.joints) or "the arm", r.place,
+                     f"{r.gain:.0f}", f"{r.behind:.0f}")
+                    for r in finding.rejected
+                ],
+            )
+        )  # fmt: skip
+    return "\n".join(parts)
+
+
+def _errors(diagnosis: Diagnosis) -> str:
+    rows = []
+    for joint, before in diagnosis.before.items():
+        floor = diagnosis.floor[joint]
+        rows.append(
+            (
+                joint,
+                f"{1e3 * before:.3f}",
+                f"{1e3 * diagnosis.after[joint]:.3f}",
+                f"{1e3 * floor:.3f}" if np.isfinite(floor) else "unknown",
+            )
+        )
+    head = ("joint", "before", "after", "noise floor")
+    return "<h2>Held-out error, mN·m RMS</h2>" + _table(head, rows)
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = ["<table>"]
+    if head:
+        lines.append("<tr>" + "".join(f"<th>{escape(cell)}</th>" for cell in head) + "</tr>")
+    for row in rows:
+        lines.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>")
+    return "\n".join([*lines, "</table>"])
+
+
+def _list(title: str, items: Sequence[str], nothing: str) -> str:
+    inside = "".join(f"<li>{escape(item)}</li>" for item in items) or f"<li>{escape(nothing)}</li>"
+    return f"<h2>{escape(title)}</h2><ul>{inside}</ul>"
+
+
+def _draw(picture: Picture) -> str:
+    """Return the picture as a data URL."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    for one, error, title in (
+        (axes[0], picture.before, "before"),
+        (axes[1], picture.after, "after"),
+    ):
+        known = np.isfinite(error)
+        x, y = picture.x[known], 1e3 * error[known]
+        one.plot(x, y, ".", markersize=2.5, color="#99aabb")
+        one.axhline(0.0, color="#888888", linewidth=0.6)
+        if len(x) > _BINS:
+            edges = np.quantile(x, np.linspace(0.0, 1.0, _BINS + 1))
+            index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, _BINS - 1)
+            count = np.maximum(np.bincount(index, minlength=_BINS), 1)
+            middle = np.bincount(index, x, minlength=_BINS) / count
+            mean = np.bincount(index, y, minlength=_BINS) / count
+            one.plot(middle, mean, "-", linewidth=2.0, color="#bb3322")
+        one.set_title(title)
+        one.set_xlabel(picture.variable)
+    axes[0].set_ylabel(f"error at {picture.joint} [mN·m]")
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=110)
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")

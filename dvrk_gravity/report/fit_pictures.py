@@ -1,0 +1,84 @@
+"""Pictures of a fit as data URLs: measured against predicted torque, and what is left over."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dvrk_gravity.identify.result import Trace
+from dvrk_gravity.recording.data import Array
+
+SHOWN = 15.0  # s of a trajectory
+DOTS = 4000
+BINS = 25
+MEASURED, PREDICTED, LEFT = "#7f8fa6", "#c0392b", "#2c3e50"
+
+
+def torque_picture(trace: Trace, joint: int) -> str:
+    """Return measured and predicted torque of one joint over time, or over the pose number."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 2.6))
+    axes = figure.subplots()
+    if trace.time is None:
+        x = np.arange(len(trace.measured), dtype=float)
+        shown = np.argsort(trace.measured[:, joint])
+        axes.set_xlabel("pose, in the order of measured torque")
+    else:
+        x = trace.time
+        shown = np.flatnonzero(x < x[0] + SHOWN)
+        x = x[shown]
+        axes.set_xlabel("time [s]")
+    measured, predicted = trace.measured[shown, joint], trace.predicted[shown, joint]
+    axes.plot(x, 1e3 * measured, color=MEASURED, linewidth=1.6, label="measured")
+    word = "predicted, held out" if trace.held_out else "predicted"
+    axes.plot(x, 1e3 * predicted, color=PREDICTED, linewidth=1.0, label=word)
+    axes.plot(x, 1e3 * (measured - predicted), color=LEFT, linewidth=0.7, label="difference")
+    axes.set_ylabel("torque [mN·m]")
+    axes.legend(loc="upper right", ncols=3, fontsize=8)
+    axes.grid(alpha=0.25)
+    return _data_url(figure)
+
+
+def residual_picture(traces: Sequence[Trace], joint: int) -> str:
+    """Return the difference of one joint over its position and its velocity."""
+    from matplotlib.figure import Figure
+
+    residual = np.concatenate([t.measured[:, joint] - t.predicted[:, joint] for t in traces])
+    panels = [("position [rad]", np.concatenate([t.position[:, joint] for t in traces]))]
+    velocities = [t.velocity[:, joint] for t in traces if t.velocity is not None]
+    if len(velocities) == len(traces):
+        panels.append(("velocity [rad/s]", np.concatenate(velocities)))
+    figure = Figure(figsize=(9.0, 2.6))
+    axes = np.atleast_1d(figure.subplots(1, len(panels), sharey=True))
+    for one, (label, x) in zip(axes, panels, strict=True):
+        _scatter(one, x, 1e3 * residual)
+        one.set_xlabel(label)
+    axes[0].set_ylabel("difference [mN·m]")
+    return _data_url(figure)
+
+
+def _scatter(axes: Any, x: Array, y: Array) -> None:
+    step = 1 + len(x) // DOTS
+    axes.plot(x[::step], y[::step], ".", markersize=2.0, color=MEASURED)
+    axes.axhline(0.0, color="#999999", linewidth=0.6)
+    axes.grid(alpha=0.25)
+    if np.ptp(x) > 0.0:
+        edges = np.linspace(x.min(), x.max(), BINS + 1)
+        index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, BINS - 1)
+        count = np.bincount(index, minlength=BINS)
+        used = count >= 5
+        mean = np.bincount(index, y, minlength=BINS)[used] / count[used]
+        axes.plot((0.5 * (edges[1:] + edges[:-1]))[used], mean, color=PREDICTED, linewidth=1.5)
+
+
+def _data_url(figure: Any) -> str:
+    # A constrained layout would take most of the time that a picture takes.
+    figure.subplots_adjust(left=0.08, right=0.99, bottom=0.19, top=0.97, wspace=0.05)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=100)
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")

@@ -1,0 +1,94 @@
+"""An identification as one HTML file: errors, pictures, parameters, what is not known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dvrk_gravity.identify.result import Fit
+from dvrk_gravity.report.fit_pictures import residual_picture, torque_picture
+
+_TEMPLATE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>Identification: {{ arm }}</title>
+<style>
+body{font:16px/1.5 system-ui,sans-serif;max-width:64rem;margin:2rem auto;padding:0 1rem;color:#222}
+h1{font-size:1.5rem;line-height:1.3}h2{font-size:1.15rem;margin-top:2.2rem}h3{font-size:1rem}
+table{border-collapse:collapse;margin:.6rem 0}
+td,th{padding:.2rem .8rem;text-align:left;border-bottom:1px solid #ddd;vertical-align:top}
+td.n,th.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
+tr.open td{color:#999}.small{color:#666;font-size:.9rem}img{max-width:100%;display:block}
+</style></head><body>
+<h1>{{ arm }}: {{ headline }}</h1>
+<p class="small">{{ sources }}; {{ fit.samples }} samples; errors and pictures in
+{{ fit.coordinates }} coordinates. Held out: {{ fit.validation }}.</p>
+
+<h2>Error by joint</h2>
+<table><tr><th>joint</th><th class="n">held-out RMSE, mN·m</th><th class="n">|e|/|&tau;|</th>
+<th class="n">R&sup2;</th><th class="n">|e|/|&tau;| on the data fitted</th></tr>
+{% for name, error in fit.held_out.items() %}
+<tr><td>{{ name }}</td><td class="n">{{ "%.2f"|format(1000 * error.rmse) }}</td>
+<td class="n">{{ "%.3f"|format(error.nrmse) }}</td><td class="n">{{ "%.3f"|format(error.r2) }}</td>
+<td class="n">{% if name in fit.training %}{{ "%.3f"|format(fit.training[name].nrmse) }}{% endif %}
+</td></tr>{% endfor %}</table>
+
+<h2>What these data cannot tell</h2>
+<p>{{ fit.identifiability.rank }} of {{ fit.identifiability.columns }} parameter combinations are
+determined; condition number {{ "%.3g"|format(fit.identifiability.condition) }}.</p>
+<ul>{% for line in fit.identifiability.statements %}<li>{{ line }}</li>
+{% else %}<li>nothing that was asked for</li>{% endfor %}</ul>
+{% if fit.physical %}<p>Every link is a body that can exist: least eigenvalue of its
+pseudo-inertia over the greatest,
+{% for link, value in fit.physical.items() %}{{ link }} {{ "%.2g"|format(value) }}{{
+", " if not loop.last }}{% endfor %}.</p>{% endif %}
+
+<h2>Data</h2>
+<ul>{% for line in fit.warnings %}<li>{{ line }}</li>{% else %}<li>no warnings</li>{% endfor %}</ul>
+<ul>{% for line in fit.handling %}<li>{{ line }}</li>{% endfor %}</ul>
+
+<h2>Terms</h2>
+<table><tr><th>change</th><th>kept</th><th>why</th></tr>
+{% for choice in fit.choices %}<tr{% if not choice.kept %} class="open"{% endif %}>
+<td>{{ choice.term }}</td><td>{{ "yes" if choice.kept else "no" }}</td>
+<td>{{ choice.reason }}</td></tr>{% endfor %}</table>
+
+<h2>Joint by joint</h2>
+{% for name, torque, residual in pictures %}<h3>{{ name }}</h3>
+<img alt="measured and predicted torque of {{ name }}" src="{{ torque }}">
+<img alt="difference by position and velocity of {{ name }}" src="{{ residual }}">{% endfor %}
+
+<h2>Parameters</h2>
+<p class="small">With 95 % intervals that respect the residual's autocorrelation. Grey: not
+determined by these data.</p>
+<table><tr><th>parameter</th><th class="n">value</th><th class="n">95 % interval</th>
+<th>unit</th></tr>
+{% for p in fit.parameters %}<tr{% if not p.identifiable %} class="open"{% endif %}>
+<td>{{ p.name }}</td><td class="n">{{ "%.4g"|format(p.value) }}</td>
+<td class="n">{{ "%.4g"|format(p.ci95[0]) }} … {{ "%.4g"|format(p.ci95[1]) }}</td>
+<td>{{ p.unit }}</td></tr>{% endfor %}</table>
+</body></html>
+"""
+
+
+def render(fit: Fit, sources: str) -> str:
+    """Return the report's HTML, complete in itself; every text in it is escaped.
+
+    Args:
+        fit: The result.
+        sources: Names of the recordings.
+    """
+    from jinja2 import Environment
+
+    template = Environment(autoescape=True).from_string(_TEMPLATE)
+    # Of several traces, the longest is shown over time; the differences of all are.
+    longest = max(fit.traces, key=lambda trace: len(trace.measured))
+    pictures = [
+        (joint, torque_picture(longest, k), residual_picture(fit.traces, k))
+        for k, joint in enumerate(longest.joints)
+    ]
+    explained = [1.0 - error.nrmse**2 for error in fit.held_out.values()]
+    headline = (
+        f"the model explains {100 * float(np.min(explained)):.0f} to "
+        f"{100 * float(np.max(explained)):.0f} % of each joint's torque that it had not seen"
+    )
+    return template.render(
+        arm=fit.model.arm.name, fit=fit, headline=headline, sources=sources, pictures=pictures
+    )

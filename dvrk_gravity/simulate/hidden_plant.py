@@ -1,0 +1,101 @@
+"""A plant with causes of torque that no model file knows of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.simulate.plant import Plant
+
+Array = NDArray[np.float64]
+
+Torque = Callable[[float, Array, Array], Array]
+"""(time, (7,) position, (7,) velocity) -> (7,) torque that the actuators must apply, N·m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stribeck:
+    """Dry friction of one joint that falls from its breakaway level as the speed grows.
+
+    Attributes:
+        joint: Index of the joint.
+        level: What is added to the friction at rest, N·m.
+        velocity: Speed at which 1/e of it is left, rad/s.
+    """
+
+    joint: int
+    level: float
+    velocity: float
+
+
+class HiddenPlant(Plant):
+    """A :class:`Plant` with further torques, evaluated once a step."""
+
+    def __init__(
+        self,
+        model: TorqueModel,
+        links: Mapping[str, pin.Inertia],
+        rotor_inertia: ArrayLike,
+        extra: tuple[Torque, ...] = (),
+        stribeck: tuple[Stribeck, ...] = (),
+    ) -> None:
+        """Build the plant; see :class:`Plant` for the other arguments and the errors.
+
+        Args:
+            model: The arm's terms.
+            links: Inertia of the links.
+            rotor_inertia: (7,) reflected inertia at the actuators, kg·m^2.
+            extra: Further torques.
+            stribeck: Further dry friction.
+        """
+        self._extra, self._stribeck = extra, stribeck
+        super().__init__(model, links, rotor_inertia)
+
+    def _at_present(self) -> tuple[Array, Array, Array, Array]:
+        if self._evaluated is None:
+            mass, smooth, bounds, tree_q = super()._at_present()
+            for torque in self._extra:
+                smooth = smooth + torque(self.time, self.q, self.v)
+            if self._stribeck:
+                bounds = bounds.copy()
+                for one in self._stribeck:
+                    ratio = self.v[one.joint] / one.velocity
+                    level = one.level * np.exp(-(ratio**2))
+                    bounds[:, one.joint] += (-level, level)
+            self._evaluated = (mass, smooth, bounds, tree_q)
+        return self._evaluated
+
+
+class Dahl:
+    """Presliding friction of one joint (Dahl 1968): dF = stiffness (v - |v| F / level) dt."""
+
+    def __init__(self, joint: int, level: float, length: float) -> None:
+        """Start relaxed.
+
+        Args:
+            joint: Index of the joint.
+            level: Friction far from the last reversal, N·m.
+            length: Way within which it builds up, rad: the stiffness is level / length.
+        """
+        self._joint, self._level, self._length = joint, level, length
+        self._force = 0.0
+        self._last: float | None = None
+
+    def __call__(self, time: float, q: Array, v: Array) -> Array:
+        """Return (7,) friction torque, N·m; goes on from the position of the last call."""
+        del time, v
+        position = float(q[self._joint])
+        way = 0.0 if self._last is None else position - self._last
+        self._last = position
+        # Exact for a way in one direction.
+        goal = self._level * np.sign(way)
+        self._force = goal + (self._force - goal) * np.exp(-abs(way) / self._length)
+        torque = np.zeros(N_JOINTS)
+        torque[self._joint] = self._force
+        return torque

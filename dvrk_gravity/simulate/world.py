@@ -1,0 +1,167 @@
+"""A simulated arm, its recordings, and the model that would be right about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.gravity import LinkMass, beta_from_links
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import Recording
+from dvrk_gravity.simulate.excitation import Multisine, record_motion, record_poses
+from dvrk_gravity.simulate.hidden_plant import HiddenPlant, Stribeck, Torque
+from dvrk_gravity.simulate.plant_file import PlantFile
+from dvrk_gravity.simulate.sensors import Sensors
+from dvrk_gravity.simulate.simulated_arm import SimulatedArm
+from dvrk_gravity.terms import (
+    CoulombFriction,
+    ElasticCable,
+    Gravity,
+    LinkInertia,
+    RotorInertia,
+    Term,
+    ViscousFriction,
+)
+from dvrk_gravity.terms.polynomial import Range
+from dvrk_gravity.tree import TREE_LINKS, link_frames
+
+Array = NDArray[np.float64]
+
+Reading = Callable[[Recording], Recording]
+"""What a wrong reading makes of a recording."""
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """An arm with its sensors: everything that a recording depends on but motion and noise.
+
+    Attributes:
+        arm: Geometry and limits.
+        links: Inertia of the links; gravity follows from the same masses.
+        counterweight: (14,) what springs and weights outside the links add to beta, N·m.
+        gravity: (3,) gravity in the base frame, m/s^2.
+        coulomb: (4, 7) N·m: joint up, joint down, motor up, motor down.
+        viscous: (7,) at the joints, N·m·s/rad.
+        cable: (k, 7) polynomial of each joint's elastic torque, N·m/rad^k.
+        rotors: (7,) reflected inertia at the motors, kg·m^2.
+        extra: Further torques.
+        stribeck: Further dry friction.
+        sensors: The sensors.
+        readings: What is done to a recording afterwards, in order.
+    """
+
+    arm: Arm
+    links: Mapping[str, pin.Inertia]
+    counterweight: Array
+    gravity: Array
+    coulomb: Array
+    viscous: Array
+    cable: Array
+    rotors: Array
+    sensors: Sensors
+    extra: tuple[Torque, ...] = ()
+    stribeck: tuple[Stribeck, ...] = ()
+    readings: tuple[Reading, ...] = field(default=())
+
+    @classmethod
+    def draw(cls, seed: int, plant: str = "mtmr_28002") -> World:
+        """Draw a plausible arm around a plant file's inertia and sensors.
+
+        Args:
+            seed: Seed of everything that varies from arm to arm.
+            plant: Plant file whose links, rotors and sensors are the middle.
+        """
+        random = np.random.default_rng(seed)
+        content = PlantFile.load(plant)
+        links = {
+            name: pin.Inertia(body.mass * factor, body.lever, body.inertia * factor)
+            for (name, body), factor in zip(
+                content.links.items(), random.uniform(0.8, 1.25, len(content.links)), strict=True
+            )
+        }
+        counterweight = np.zeros(14)
+        # Springs and weights at the arm and the forearm, as far as they act like mass.
+        counterweight[[0, 2]] = random.uniform([-1.2, -0.7], [0.2, -0.4])
+        joint = np.array([0.02, 0.03, 0.02, 0.02, 0.004, 0.003, 0.001])
+        joint = joint * random.uniform(0.5, 1.5, N_JOINTS)
+        motor = np.zeros(N_JOINTS)
+        motor[2] = 0.02 * random.uniform(0.5, 1.5)
+        viscous = np.array([0.02, 0.02, 0.02, 0.003, 0.0005, 0.0005, 0.0001])
+        cable = np.zeros((4, N_JOINTS))
+        cable[1, :6] = np.array([0.05, 0.0, 0.05, 0.015, 0.006, 0.004])
+        cable[1:] *= random.uniform(0.5, 1.5, (3, N_JOINTS))
+        return cls(
+            arm=content.model.arm,
+            links=links,
+            counterweight=counterweight,
+            gravity=content.model.arm.gravity,
+            coulomb=np.array([joint, joint, motor, motor]),
+            viscous=viscous * random.uniform(0.5, 1.5, N_JOINTS),
+            cable=cable,
+            rotors=content.rotor_inertia * random.uniform(0.8, 1.2, N_JOINTS),
+            sensors=content.sensors,
+        )
+
+    @property
+    def beta(self) -> Array:
+        """(14,) gravity base parameters, N·m."""
+        masses = {
+            name: LinkMass(body.mass, tuple(body.lever.tolist()))
+            for name, body in self.links.items()
+        }
+        return beta_from_links(masses, columns=14) + self.counterweight
+
+    def terms(self) -> tuple[Term, ...]:
+        """Return the terms of the plant's model: all but inertia and what is hidden."""
+        free = np.full(N_JOINTS, np.inf)
+        up, down, motor_up, motor_down = self.coulomb
+        return (
+            Gravity(self.arm, self.beta, self.gravity),
+            ElasticCable(self.cable, Range(-free, free)),
+            CoulombFriction(self.arm, up, down, motor_up, motor_down, np.full(N_JOINTS, 0.01)),
+            ViscousFriction(self.arm, self.viscous, np.zeros(N_JOINTS)),
+        )
+
+    def model(self) -> TorqueModel:
+        """Return the model that knows this world, but for ``extra``, ``stribeck`` and readings."""
+        frames = link_frames(self.arm)
+        links = np.array(
+            [frames[name].act(self.links[name]).toDynamicParameters() for name in TREE_LINKS]
+        )
+        inertia = (LinkInertia(self.arm, links), RotorInertia(self.arm, self.rotors))
+        return TorqueModel(self.arm, (*self.terms(), *inertia))
+
+    def plant(self) -> HiddenPlant:
+        """Return the arm that moves."""
+        model = TorqueModel(self.arm, self.terms())
+        return HiddenPlant(model, self.links, self.rotors, self.extra, self.stribeck)
+
+    def record(
+        self, motion: int, noise: int, duration: float = 30.0, rate: float = 200.0
+    ) -> Recording:
+        """Record a drawn exciting motion.
+
+        Args:
+            motion: Seed of the motion.
+            noise: Seed of the sensors' noise.
+            duration: s.
+            rate: Hz.
+        """
+        arm = SimulatedArm(self.plant(), self.sensors, noise)
+        recording = record_motion(arm, Multisine.draw(self.arm, motion), duration, rate)
+        return self._read(recording)
+
+    def record_poses(self, poses: int, noise: int, count: int = 150) -> Recording:
+        """Record drawn static poses; the seeds are as in :meth:`record`."""
+        arm = SimulatedArm(self.plant(), self.sensors, noise)
+        return self._read(record_poses(arm, poses, count))
+
+    def _read(self, recording: Recording) -> Recording:
+        for reading in self.readings:
+            recording = reading(recording)
+        return recording

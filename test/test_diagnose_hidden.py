@@ -1,0 +1,119 @@
+"""Hide an effect in a simulated arm, and require its name, its joint, its size and the gain."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.diagnosis import Diagnosis, diagnose
+from dvrk_gravity.recording import Recording
+from dvrk_gravity.simulate.hidden import HIDERS, Hidden, hide
+from dvrk_gravity.simulate.world import World
+
+DURATION = 24.0  # s
+SEED = 7
+# What an effect's parameters may be off: the wider of this and its own 95 % interval.
+TOLERANCE = 0.10
+
+
+@cache
+def case(effect: str, seed: int = SEED) -> tuple[World, Hidden, Recording]:
+    """Return the arm as its model knows it, what was hidden, and the recording."""
+    known = World.draw(seed)
+    random = np.random.default_rng([seed, sorted(HIDERS).index(effect)])
+    world, hidden = hide(known, effect, random)
+    motion, noise = (int(n) for n in random.integers(1 << 30, size=2))
+    return known, hidden, world.record(motion, noise, DURATION)
+
+
+@cache
+def diagnosis_of(effect: str, seed: int = SEED) -> Diagnosis:
+    known, _, recording = case(effect, seed)
+    return diagnose(recording, known.model())
+
+
+NAMED = sorted(set(HIDERS) - {"nothing", "outside"})
+
+
+@pytest.mark.parametrize("effect", NAMED)
+def test_a_hidden_effect_is_named_with_its_joint(effect):
+    _, hidden, _ = case(effect)
+    diagnosis = diagnosis_of(effect)
+
+    claims = [
+        (claim.effect, set(claim.joints))
+        for finding in diagnosis.findings
+        for claim in (finding, *finding.alternatives)
+    ]
+
+    assert (effect, set(hidden.joints)) in claims
+    assert diagnosis.findings[0].effect == effect or diagnosis.verdict == "ambiguous"
+
+
+@pytest.mark.parametrize("effect", NAMED)
+def test_its_size_is_right(effect):
+    _, hidden, _ = case(effect)
+    finding = next((f for f in diagnosis_of(effect).findings if f.effect == effect), None)
+    if finding is None:
+        pytest.skip("listed as an alternative only: it has no estimate of its own")
+
+    for name in hidden.parameters.keys() & finding.parameters.keys():
+        truth, found = hidden.parameters[name], finding.parameters[name]
+        near = abs(found.value - truth) <= TOLERANCE * abs(truth)
+        assert near or found.low <= truth <= found.high, name
+
+
+@pytest.mark.parametrize("effect", NAMED)
+def test_it_brings_most_of_the_attainable_gain(effect):
+    diagnosis = diagnosis_of(effect)
+    before = np.array(list(diagnosis.before.values()))
+    after = np.array(list(diagnosis.after.values()))
+    floor = np.array(list(diagnosis.floor.values()))
+
+    joint = int(np.argmax(before / floor))
+
+    assert before[joint] - after[joint] >= 0.8 * (before[joint] - floor[joint])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_it_is_silent_where_nothing_is_hidden(seed):
+    diagnosis = diagnosis_of("nothing", seed)
+
+    assert diagnosis.verdict == "nothing_to_explain"
+    assert diagnosis.findings == ()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_has_no_name_is_called_unknown(seed):
+    _, hidden, _ = case("outside", seed)
+    diagnosis = diagnosis_of("outside", seed)
+
+    assert diagnosis.verdict in ("unexplained", "partly_explained")
+    assert {f.joints for f in diagnosis.findings if f.effect == "unknown"} >= {hidden.joints}
+
+
+def test_two_effects_at_once_are_both_found():
+    known = World.draw(3)
+    random = np.random.default_rng(3)
+    world, first = hide(known, "coulomb_friction", random)
+    world, second = hide(world, "payload", random)
+
+    diagnosis = diagnose(world.record(11, 12, DURATION), known.model())
+
+    found = [(f.effect, f.joints) for f in diagnosis.findings]
+    assert (first.effect, first.joints) in found
+    assert (second.effect, second.joints) in found
+
+
+def test_static_poses_show_a_base_that_is_tilted():
+    known = World.draw(4)
+    world, hidden = hide(known, "base_tilt", np.random.default_rng(4))
+
+    diagnosis = diagnose(world.record_poses(5, 6, count=90), known.model())
+
+    tilt = diagnosis.findings[0]
+    assert tilt.effect == "base_tilt"
+    assert tilt.parameters["roll"].value == pytest.approx(hidden.parameters["roll"], abs=0.005)
+    assert tilt.parameters["pitch"].value == pytest.approx(hidden.parameters["pitch"], abs=0.005)

@@ -1,0 +1,180 @@
+"""The estimator's parts against independent answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.gravity import regressor as gravity_regressor
+from dvrk_gravity.identify.columns import Columns, base_directions, beta_map
+from dvrk_gravity.identify.covariance import uncertainty
+from dvrk_gravity.identify.errors import joint_errors
+from dvrk_gravity.identify.folds import GAP, find_period, make_folds
+from dvrk_gravity.identify.identifiability import base_parameters
+from dvrk_gravity.identify.moments import Design, Moments
+from dvrk_gravity.identify.regression import (
+    correlation_time,
+    huber_weights,
+    solve,
+    solve_signed,
+)
+from dvrk_gravity.terms import State, rigid_body
+
+ARM = Arm.load("mtmr")
+
+
+def design(x, y, rate: float = 50.0, q=None) -> Design:
+    columns = Columns(ARM, ARM.lower, ARM.upper)
+    q = np.zeros((len(y), 7)) if q is None else q
+    part = np.zeros(len(y), dtype=np.int64)
+    return Design(columns, x, y, np.arange(len(y)) / rate, part, State(q, q), rate)
+
+
+def test_signed_least_squares_are_scipys():
+    random = np.random.default_rng(0)
+    for _ in range(50):
+        x, y = random.normal(size=(40, 12)), random.normal(size=40)
+        positive = random.random(12) < 0.7
+        theta, free = solve_signed(x.T @ x, x.T @ y, positive)
+        lower = np.where(positive, 0.0, -np.inf)
+        expected = lsq_linear(x, y, (lower, np.full(12, np.inf)), method="bvls").x
+        np.testing.assert_allclose(theta, expected, atol=1e-7)
+        assert (theta[~free] == 0.0).all()
+
+
+def test_silent_data_leave_a_coefficient_at_zero_and_loud_data_overrule_the_prior():
+    random = np.random.default_rng(1)
+    x = np.zeros((200, 7, 2))
+    x[:, 0, 0] = random.normal(size=200)
+    y = np.zeros((200, 7))
+    y[:, 0] = 3.0 * x[:, 0, 0]
+    moments = Moments.of(x, y, np.ones_like(y))
+    solution = solve(moments, np.full(7, 1e6), np.ones(2), np.zeros(2, dtype=bool))
+    assert solution.theta == pytest.approx([3.0, 0.0], abs=1e-6)
+
+
+def test_moments_tell_the_error_without_the_samples():
+    random = np.random.default_rng(2)
+    x, y = random.normal(size=(50, 7, 5)), random.normal(size=(50, 7))
+    whole = Moments.of(x, y, np.ones_like(y))
+    half = Moments.of(x[:20], y[:20], np.ones_like(y[:20]))
+    theta = random.normal(size=3)
+    chosen = [0, 2, 4]
+    expected = ((y[20:] - x[20:, :, chosen] @ theta) ** 2).sum(axis=0)
+    np.testing.assert_allclose((whole - half).select(chosen).error(theta), expected, atol=1e-9)
+
+
+def test_outliers_lose_weight_and_others_keep_theirs():
+    residual = np.random.default_rng(3).normal(size=(500, 7))
+    residual[10, 2] = 50.0
+    weight = huber_weights(residual)
+    assert weight[10, 2] < 0.1
+    assert weight.mean() > 0.95
+
+
+def test_correlation_time_of_an_autoregression():
+    """Of AR(1) with coefficient a it is (1 + a) / (1 - a)."""
+    residual = autoregression(np.random.default_rng(4), 40_000, 0.8)
+    part = np.zeros(len(residual), dtype=np.int64)
+    together = correlation_time(residual, part, 200)
+    np.testing.assert_allclose(together, 9.0, rtol=0.25)
+
+
+def autoregression(random: np.random.Generator, count: int, a: float) -> np.ndarray:
+    from scipy.signal import lfilter
+
+    noise = random.normal(size=(count + 200, 7))
+    return lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], noise, axis=0)[200:]
+
+
+def test_intervals_hold_the_truth_although_the_noise_is_correlated():
+    """White-noise formulas would hold it in about half the cases here."""
+    random = np.random.default_rng(5)
+    time = np.arange(1500) / 50.0
+    x = np.zeros((len(time), 7, 3))
+    for j in range(7):
+        x[:, j] = np.stack(
+            [np.ones_like(time), np.sin(0.9 * time + j), np.cos(2.3 * time - j)], axis=1
+        )
+    truth = np.array([1.0, -2.0, 0.5])
+    hits = []
+    for _ in range(200):
+        noise = autoregression(random, len(time), 0.9)
+        data = design(x, x @ truth + noise)
+        weight = np.full(7, 1.0 / 19.0)
+        moments = Moments.of(data.x, data.y, np.ones_like(data.y))
+        solution = solve(moments, weight, np.full(3, 1e3), np.zeros(3, dtype=bool))
+        residual = data.y - data.x @ solution.theta
+        spread = uncertainty(data, range(3), solution, residual, weight)
+        for k, unit in enumerate(np.eye(3)):
+            low, high = spread.interval(solution.theta[k], unit)
+            hits.append(low <= truth[k] <= high)
+            assert spread.identifiable(unit)
+    assert 0.93 <= np.mean(hits) <= 0.97
+
+
+def test_a_period_is_found_and_noise_has_none():
+    time = np.arange(1500) / 50.0
+    phase = 2.0 * np.pi * time[:, None] / 11.66
+    joint = np.arange(1, 8)
+    q = np.sin(phase * (1 + joint % 3) + joint) + 0.3 * np.cos(phase * 5)
+    assert find_period(q, 50.0) == pytest.approx(11.66, abs=0.03)
+    drifting = np.cumsum(np.random.default_rng(6).normal(size=(1500, 7)), axis=0)
+    assert find_period(drifting, 50.0) is None
+
+
+def test_equal_phases_are_held_out_together_and_a_gap_is_kept():
+    time = np.arange(1500) / 50.0
+    q = np.sin(2.0 * np.pi * time[:, None] / 10.0 * np.arange(1, 8))
+    data = design(np.zeros((1500, 7, 1)), np.zeros((1500, 7)), q=q)
+    folds = make_folds(data)
+    assert "repeats every 10 s" in folds.how
+    np.testing.assert_array_equal(folds.held_out[:500], folds.held_out[500:1000])
+    for fold in range(12):
+        held = np.flatnonzero(folds.held_out == fold)
+        fitted = np.flatnonzero(~folds.excluded[fold])
+        assert np.abs(held[:, None] - fitted).min() / 50.0 >= GAP - 0.021
+
+
+def test_base_parameters_span_what_torque_depends_on():
+    """The pivoted combinations, times their own regressor columns, give every torque."""
+    q, qd, qdd = np.random.default_rng(7).normal(size=(3, 200, 7))
+    full = rigid_body.regressor(ARM, q, qd, qdd, ARM.gravity).reshape(-1, 90)
+    rank = np.linalg.matrix_rank(full, tol=1e-9 * np.linalg.norm(full))
+    combinations = np.array([one for _, _, one in base_parameters(ARM)])
+    assert len(combinations) == rank == base_directions(ARM).shape[1]
+    # Every row of the regressor is a combination of them.
+    left = full - full @ np.linalg.pinv(combinations) @ combinations
+    assert np.abs(left).max() < 1e-6 * np.abs(full).max()
+
+
+def test_beta_of_links_gives_their_weight():
+    q = np.random.default_rng(8).uniform(ARM.lower, ARM.upper, (20, 7))
+    links = np.random.default_rng(9).normal(size=90)
+    weight = rigid_body.regressor(ARM, q, None, None, ARM.gravity) @ links
+    beta = beta_map(ARM) @ links
+    np.testing.assert_allclose(gravity_regressor(q, columns=12) @ beta, weight, atol=1e-9)
+
+
+def test_columns_and_the_model_built_from_them_agree():
+    columns = Columns(ARM, ARM.lower, ARM.upper)
+    random = np.random.default_rng(10)
+    theta = random.normal(size=len(columns.columns)) * columns.scale
+    theta = np.where(columns.positive, np.abs(theta), theta)
+    state = State(random.uniform(ARM.lower, ARM.upper, (30, 7)), *random.normal(size=(2, 30, 7)))
+    from dvrk_gravity.model import TorqueModel
+
+    model = TorqueModel(ARM, columns.terms(theta))
+    at_motors = columns.regressor(state, columns.history(state)) @ theta
+    np.testing.assert_allclose(ARM.actuator_effort(model.torque_at(state)), at_motors, atol=1e-9)
+
+
+def test_error_measures():
+    measured = np.array([[3.0, 0.0], [4.0, 0.0]])
+    errors = joint_errors(("a", "b"), measured, np.array([[3.0, 1.0], [3.0, 0.0]]))
+    assert errors["a"].rmse == pytest.approx(np.sqrt(0.5))
+    assert errors["a"].nrmse == pytest.approx(1.0 / 5.0)
+    assert errors["a"].r2 == pytest.approx(1.0 - 1.0 / 0.5)
+    assert errors["b"].nrmse == 1.0

@@ -1,0 +1,91 @@
+"""The HTML report of an identification: complete in itself, escaped, and honest."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.identify.result import (
+    Choice,
+    Fit,
+    FittedParameter,
+    Identifiability,
+    JointError,
+    Trace,
+)
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.report.identification import render
+
+ERRORS = {name: JointError(0.01 * k, 0.1 * k, 0.9) for k, name in enumerate(JOINT_NAMES, start=1)}
+
+
+def fit_of(time) -> Fit:
+    values = np.random.default_rng(0).normal(size=(200, 7))
+    trace = Trace(
+        JOINT_NAMES, time, values, None if time is None else values, values, 0.9 * values,
+        "joint", True,
+    )  # fmt: skip
+    return Fit(
+        model=TorqueModel(Arm.load("mtmr"), ()),
+        held_out=ERRORS,
+        training=ERRORS,
+        parameters=(
+            FittedParameter("beta[0]", 0.5913, "N·m", (0.54, 0.64)),
+            FittedParameter("mcx(<crank>)", 0.0, "kg·m", (-1.0, 1.0), False),
+        ),
+        identifiability=Identifiability(7, 9, 12.0, ("a and b cannot be separated",)),
+        choices=(Choice("coulomb_friction elbow_pitch", False, 0.2, 0.2, "does not pay"),),
+        warnings=(),
+        handling=("low-pass 5.65 Hz",),
+        validation="12 blocks",
+        coordinates="joint",
+        samples=200,
+        physical={},
+        traces=(trace,),
+    )
+
+
+class Page(HTMLParser):
+    """Collects every address, and the tags that are open."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.addresses += [value for name, value in attributes if name in ("src", "href")]
+        if tag not in ("meta", "img", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.mark.parametrize("time", [np.arange(200) / 50.0, None], ids=["trajectory", "poses"])
+def test_the_page_is_whole_and_needs_no_network(time):
+    page = Page(render(fit_of(time), "run.csv"))
+    assert page.open == []
+    assert len(page.addresses) == 14  # two pictures a joint
+    assert all(address.startswith("data:image/png;base64,") for address in page.addresses)
+
+
+def test_names_of_files_and_parameters_are_escaped():
+    text = render(fit_of(None), "<script>alert(1)</script>.csv")
+    assert "<script>" not in text
+    assert "mcx(&lt;crank&gt;)" in text
+
+
+def test_what_is_not_known_stands_beside_what_is():
+    text = render(fit_of(None), "run.csv")
+    assert "a and b cannot be separated" in text
+    assert re.search(r'<tr class="open">\s*<td>mcx', text)
+    assert re.search(r"<tr>\s*<td>beta\[0\]", text)
+    assert "does not pay" in text
+    for name in JOINT_NAMES:
+        assert name in text
