@@ -63,12 +63,6 @@ def rival(arm: FakeArm, node: NodeProcess) -> None:
     arm.run_until(lambda: bool(arm.holds), "the hold", 5.0)
 
 
-def disabled(arm: FakeArm, node: NodeProcess) -> None:
-    """Switch the compensator off."""
-    arm.client.set_parameters({"enabled": False})
-    arm.run_until(lambda: bool(arm.holds), "the hold", 5.0)
-
-
 # What happens, what holds, and until when, s; what is not a time-out is due in the next message.
 FAULTS: dict[str, tuple[Fault, str, float]] = {
     "input stops": (silent, "compensator", 1.25 * TIMEOUT),
@@ -77,7 +71,6 @@ FAULTS: dict[str, tuple[Fault, str, float]] = {
     "out of range": (publishing(position=[9.0] * 7), "compensator", 1.25 * TIMEOUT),
     "built-in switched on": (builtin, "compensator", 0.05),
     "another node commands": (rival, "compensator", 0.05),
-    "switched off": (disabled, "compensator", 0.05),
     "SIGINT": (signalled(signal.SIGINT), "compensator", 0.05),
     "SIGTERM": (signalled(signal.SIGTERM), "compensator", 0.05),
     "SIGKILL": (signalled(signal.SIGKILL), "watchdog", 1.25 * TIMEOUT),

@@ -3,17 +3,22 @@
     PYTHONPATH=. python benchmark/startup.py [--repeats N] [--json FILE]
 
 From the start of the process to the first command, the arm publishing at 200 Hz all the while;
-0.3 s of it are spent listening for others that command the arm. Median and worst of some starts.
+0.3 s of it are spent listening for others that command the arm. A bare relay, started in turn with
+it, tells what ROS takes for itself: DDS repeats what a busy machine lost of its first greetings only
+3 s later. Median and worst of some starts.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from round_trip import RoundTrip
@@ -23,23 +28,36 @@ from dvrk_gravity.cli import VERBS
 from dvrk_gravity.nodes.client import Client
 from dvrk_gravity.processes import NodeProcess, private_domain
 
-MODEL = Path(__file__).resolve().parents[1] / "config" / "mtmr_28002.yaml"
+HERE = Path(__file__).resolve().parent
+RELAY = HERE / "relay.py"
+MODEL = HERE.parent / "config" / "mtmr_28002.yaml"
 READY_TARGET, HELP_TARGET = 1.5, 0.3
 
 
-def ready(repeats: int) -> list[float]:
-    """Return the times from start to first command, s."""
-    times = []
-    for _ in range(repeats):
-        with private_domain(), Client("/MTMR") as client:
-            trip = RoundTrip(client, "/MTMR")
-            begin = time.monotonic()
-            with NodeProcess("compensator", "--params-file", str(MODEL)):
-                while not trip.answered and time.monotonic() - begin < 20.0:
-                    trip.send()
-                    client.spin(0.005)
-                times.append(min(trip.answered.values(), default=np.inf) - begin)
-    return times
+def relay() -> subprocess.Popen[bytes]:
+    """Start a node that does nothing but answer: what ROS and DDS need for themselves."""
+    return subprocess.Popen([sys.executable, str(RELAY), "--ros-args", "-r", "__ns:=/MTMR"])
+
+
+def compensator() -> subprocess.Popen[str]:
+    """Start the compensator."""
+    return NodeProcess("compensator", "--params-file", str(MODEL)).process
+
+
+def ready(start: Callable[[], subprocess.Popen[Any]]) -> float:
+    """Return the time from the start of a process to its first answer, s."""
+    with private_domain(), Client("/MTMR") as client:
+        trip = RoundTrip(client, "/MTMR")
+        begin = time.monotonic()
+        process = start()
+        try:
+            while not trip.answered and time.monotonic() - begin < 20.0:
+                trip.send()
+                client.spin(0.005)
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(10)
+        return min(trip.answered.values(), default=np.inf) - begin
 
 
 def help_of(verb: str, repeats: int) -> list[float]:
@@ -64,17 +82,23 @@ def main() -> int:
     arguments = parser.parse_args()
     rows = {}
     print(f"{'s':<24}{'median':>8}{'worst':>8}{'target':>8}")
-    measured = {"ready to command": (ready(arguments.repeats), READY_TARGET)}
+    starts: list[list[float]] = [[], []]
+    for _ in range(arguments.repeats):
+        for times, start in zip(starts, (relay, compensator), strict=True):
+            times.append(ready(start))
+    measured = {"relay ready": (starts[0], np.inf), "compensator ready": (starts[1], READY_TARGET)}
     for verb in VERBS:
         measured[f"{verb} --help"] = (help_of(verb, arguments.repeats), HELP_TARGET)
     for name, (times, target) in measured.items():
         median = float(np.median(times))
-        rows[name] = {"median": median, "worst": max(times), "target": target}
+        rows[name] = {"median": median, "worst": max(times)}
+        if np.isfinite(target):
+            rows[name]["target"] = target
         verdict = "" if median <= target else "  MISSED"
         print(f"{name:<24}{median:>8.2f}{max(times):>8.2f}{target:>8.2f}{verdict}")
     if arguments.json is not None:
         text_file.write(arguments.json, json.dumps(rows, indent=1) + "\n")
-    return 0 if all(row["median"] <= row["target"] for row in rows.values()) else 1
+    return 0 if all(row["median"] <= row.get("target", np.inf) for row in rows.values()) else 1
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ import numpy as np
 
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from dvrk_gravity.diagnosis.bench import Bench
-from dvrk_gravity.diagnosis.motion import load
+from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.simulate.hidden import HIDERS, Hidden, hide
 from dvrk_gravity.simulate.world import World
 
@@ -272,7 +272,7 @@ def main() -> int:
     outcomes.sort(key=lambda o: (o.static, o.effects, o.seed))
     if args.json:
         with open(args.json, "w", encoding="utf-8") as stream:
-            json.dump([asdict(o) for o in outcomes], stream, indent=1)
+            json.dump([asdict(o) for o in outcomes], stream, indent=1, default=float)
     print(report(outcomes))
     return 0
 

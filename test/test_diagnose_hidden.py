@@ -12,7 +12,7 @@ from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.hidden import HIDERS, Hidden, hide
 from dvrk_gravity.simulate.world import World
 
-DURATION = 24.0  # s
+DURATION, RATE = 20.0, 100.0  # s, Hz
 SEED = 7
 # What an effect's parameters may be off: the wider of this and its own 95 % interval.
 TOLERANCE = 0.10
@@ -25,7 +25,7 @@ def case(effect: str, seed: int = SEED) -> tuple[World, Hidden, Recording]:
     random = np.random.default_rng([seed, sorted(HIDERS).index(effect)])
     world, hidden = hide(known, effect, random)
     motion, noise = (int(n) for n in random.integers(1 << 30, size=2))
-    return known, hidden, world.record(motion, noise, DURATION)
+    return known, hidden, world.record(motion, noise, DURATION, RATE)
 
 
 @cache
@@ -100,7 +100,7 @@ def test_two_effects_at_once_are_both_found():
     world, first = hide(known, "coulomb_friction", random)
     world, second = hide(world, "payload", random)
 
-    diagnosis = diagnose(world.record(11, 12, DURATION), known.model())
+    diagnosis = diagnose(world.record(11, 12, DURATION, RATE), known.model())
 
     found = [(f.effect, f.joints) for f in diagnosis.findings]
     assert (first.effect, first.joints) in found

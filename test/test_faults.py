@@ -318,7 +318,8 @@ def test_a_second_compensator_refuses_and_the_first_goes_on(arm, start):
     (first,) = senders(arm, 0.0)
     second = start("compensator", *PATIENT, "-r", "__node:=second", wait=False)
     arm.run_until(lambda: arm.client.state("second").startswith("fault"), "the refusal")
-    assert "commands /MTMR/servo_jf: stop it first" in second.output
+    arm.client.wait(lambda: "commands /MTMR/servo_jf: stop it first" in second.output, "the log")
+    assert not arm.holds  # that would take the arm out of the first's hands
     answer = arm.client.enable(True, "second")
     assert not answer.success
     assert "another node" in answer.message

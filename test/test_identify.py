@@ -255,3 +255,16 @@ def test_measured_trajectory_is_explained_on_phases_that_were_held_out(measured_
     errors = [error.nrmse for error in fit.held_out.values()]
     limits = [0.08, 0.20, 0.16, 0.16, 0.25, 0.24, 0.33]
     assert all(error < limit for error, limit in zip(errors, limits, strict=True)), errors
+
+
+def test_physical_links_are_certified_and_cost_little(fit):
+    recording = truth(1, 16.0)
+    found = identify([recording], ARM, "joint", effects=["coulomb_friction"], physical=True)
+    assert len(found.physical) == 9
+    assert min(found.physical.values()) > 0.0
+    links = found.model.term("link_inertia").links
+    for row in links:
+        assert pin.PseudoInertia.FromDynamicParameters(row).toMatrix()[3, 3] > 0.0
+        assert np.linalg.eigvalsh(pin.PseudoInertia.FromDynamicParameters(row).toMatrix())[0] > 0.0
+    for name, error in found.held_out.items():
+        assert error.nrmse < 0.4, name

@@ -178,3 +178,45 @@ def test_error_measures():
     assert errors["a"].nrmse == pytest.approx(1.0 / 5.0)
     assert errors["a"].r2 == pytest.approx(1.0 - 1.0 / 0.5)
     assert errors["b"].nrmse == 1.0
+
+
+def test_pseudo_inertia_of_a_sphere_is_positive_and_of_an_impossible_body_is_not():
+    import pinocchio as pin
+
+    from dvrk_gravity.identify.physical import certificate, pseudo_inertia
+
+    body = pin.Inertia.FromEllipsoid(0.7, 0.1, 0.2, 0.3)
+    body.lever = np.array([0.1, -0.2, 0.05])
+    row = body.toDynamicParameters()
+    expected = pin.PseudoInertia.FromDynamicParameters(row).toMatrix()
+    np.testing.assert_allclose(pseudo_inertia(row), expected, atol=1e-12)
+    assert min(certificate(np.tile(row, 9)).values()) > 0.0
+    row[0] = 0.01  # too light for where its first moment says it is
+    assert max(certificate(np.tile(row, 9)).values()) < 0.0
+
+
+def test_constrained_links_are_bodies_and_fit_data_of_such_bodies():
+    import pinocchio as pin
+
+    from dvrk_gravity.identify.physical import certificate, physical_links
+    from dvrk_gravity.tree import TREE_LINKS
+
+    columns = Columns(ARM, ARM.lower, ARM.upper)
+    chosen = columns.select(effect="link_inertia")
+    random = np.random.default_rng(11)
+    links = []
+    for _ in TREE_LINKS:
+        body = pin.Inertia.FromSphere(random.uniform(0.1, 0.4), 0.08)
+        body.lever = random.uniform(-0.05, 0.05, 3)
+        links.append(body.toDynamicParameters())
+    q, qd, qdd = random.normal(size=(3, 300, 7))
+    full = rigid_body.regressor(ARM, q, qd, qdd, ARM.gravity)
+    y = full @ np.ravel(links)
+    x = full @ columns.base
+    moments = Moments.of(x, y + 0.01 * random.normal(size=y.shape), np.ones_like(y))
+    scale, positive = columns.scale[chosen], columns.positive[chosen]
+    solution = solve(moments, np.full(7, 1e4), scale, positive)
+    theta, found = physical_links(columns, chosen, solution)
+    assert min(certificate(found).values()) > 0.0
+    np.testing.assert_allclose(full @ found, x @ theta, atol=1e-9)
+    assert np.sqrt(np.mean((full @ found - y) ** 2)) < 0.005

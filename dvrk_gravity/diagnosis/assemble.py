@@ -9,23 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.diagnosis.bench import Bench
-from dvrk_gravity.diagnosis.contest import Candidate, Contest
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.extend import extended
 from dvrk_gravity.diagnosis.findings import (
     Alternative,
     Diagnosis,
     Estimate,
     Finding,
-    Gain,
-    Picture,
     Rejected,
     Verdict,
     by_joint,
 )
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.diagnosis.judge import Judge, estimates, setting_columns
-from dvrk_gravity.diagnosis.motion import Loaded, Motion
+from dvrk_gravity.diagnosis.load import Loaded
+from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.other_findings import (
+    as_read_before,
+    picture_of,
+    reading_finding,
+    shapeless_finding,
+    unknown_finding,
+)
 from dvrk_gravity.diagnosis.readings import ReadingScore
 from dvrk_gravity.diagnosis.selection import Accepted, Tried
 from dvrk_gravity.diagnosis.separate import separation
@@ -54,8 +60,8 @@ def assemble(
     first = judge.error([])
     if readings:
         score, before, alike = readings[0]
-        first = _as_read_before(before, bench, judge)
-        findings.append(_reading_finding(score, alike, first, judge.error([]), judge))
+        first = as_read_before(before, bench, judge)
+        findings.append(reading_finding(score, alike, first, judge.error([]), judge))
     for i, one in enumerate(accepted):
         rows = slices[i]
         parameters = estimates(
@@ -64,7 +70,7 @@ def assemble(
         findings.append(_finding(judge, contest, accepted, i, parameters, theta[rows], carried[i]))
     last = judge.error(named)
     for tried in unknown:
-        findings.append(_unknown_finding(judge, contest, named, tried, last))
+        findings.append(unknown_finding(judge, contest, named, tried, last))
     after = judge.rmse(last)
     floor = bench.floor(loaded.floor)
     told = {name for finding in findings if finding.effect == "unknown" for name in finding.joints}
@@ -73,12 +79,7 @@ def assemble(
         for joint in range(N_JOINTS)
         if after[joint] > _ABOVE_FLOOR * floor[joint] and JOINT_NAMES[joint] not in told
     ]
-    findings += [_shapeless_finding(joint, after[joint], floor[joint]) for joint in shapeless]
-    floor = np.where(
-        np.isfinite(floor), np.minimum(floor, np.where(after > 0, after, np.inf)), floor
-    )
-    if bench.band is None:
-        floor = after if not unknown else np.full(N_JOINTS, np.nan)
+    findings += [shapeless_finding(joint, after[joint], floor[joint]) for joint in shapeless]
     return Diagnosis(
         verdict=_verdict(findings),
         findings=tuple(findings),
@@ -170,7 +171,7 @@ def _finding(
             for other in one.rejected
         ),
         sentence=sentence_of(hypothesis, parameters, gain, JOINT_NAMES[joints[0]]),
-        picture=_picture(contest.bench, judge, hypothesis, joints[0], before, after),
+        picture=picture_of(contest.bench, judge, hypothesis, joints[0], before, after),
         in_model=carried,
     )
 
@@ -196,108 +197,6 @@ def _alternatives(
             Alternative(hypothesis.effect, hypothesis.names, f"{why}; {apart}" if apart else why)
         )
     return tuple(result)
-
-
-def _unknown_finding(
-    judge: Judge, contest: Contest, named: Sequence[Candidate], tried: Tried, before: Array
-) -> Finding:
-    hypothesis = tried.candidate.hypothesis
-    after = judge.error([*named, tried.candidate])
-    joint = hypothesis.joints[0]
-    gain = judge.gain(before, after, [joint])
-    rms = float(np.sqrt(max(judge.rmse(before)[joint] ** 2 - judge.rmse(after)[joint] ** 2, 0.0)))
-    return Finding(
-        effect="unknown",
-        joints=hypothesis.names,
-        place=hypothesis.place,
-        parameters={"rms": Estimate(rms, rms, rms, "N·m")},
-        gain=gain,
-        alternatives=(),
-        rejected=(),
-        sentence=(
-            f"{hypothesis.names[0]} has structure of {1e3 * rms:.3g} mN·m that depends on "
-            f"{hypothesis.place}, and no known effect explains it"
-        ),
-        picture=_picture(contest.bench, judge, hypothesis, joint, before, after),
-        in_model=False,
-    )
-
-
-def _as_read_before(motion: Motion, bench: Bench, judge: Judge) -> Array:
-    """Return (H, 7) errors of the recording as it was read first, same samples."""
-    error = bench.reduce(motion.residual)[judge.rows]
-    return np.where(bench.usable[judge.rows], error, np.nan)
-
-
-def _reading_finding(
-    score: ReadingScore, alike: Sequence[ReadingScore], before: Array, after: Array, judge: Judge
-) -> Finding:
-    old, new = judge.rmse(before), judge.rmse(after)
-    joints = list(score.reading.joints) or [int(np.argmin(new / np.maximum(old, 1e-12)))]
-    gain: Gain = judge.gain(before, after, joints)
-    names = tuple(JOINT_NAMES[joint] for joint in score.reading.joints)
-    return Finding(
-        effect="wrong_coordinates",
-        joints=names,
-        place=score.reading.words,
-        parameters={},
-        gain=gain,
-        alternatives=tuple(
-            Alternative(
-                "wrong_coordinates",
-                tuple(JOINT_NAMES[joint] for joint in other.reading.joints),
-                f"{other.reading.words}: log-likelihood gain {other.gain:.0f} "
-                f"against {score.gain:.0f}",
-            )
-            for other in alike
-        ),
-        rejected=(),
-        sentence=(
-            f"The recording is read wrongly: {score.reading.words}; read rightly, "
-            f"{100 * gain.relative:.0f} % of the error at {JOINT_NAMES[joints[0]]} is gone"
-        ),
-        picture=None,
-        in_model=False,
-    )
-
-
-def _picture(
-    bench: Bench, judge: Judge, hypothesis: Hypothesis, joint: int, before: Array, after: Array
-) -> Picture:
-    motion = bench.motion
-    variable = hypothesis.variable if not motion.static else "position"
-    own = joint
-    if hypothesis.effect == "unknown" and hypothesis.place.startswith(f"{variable} of "):
-        own = JOINT_NAMES.index(hypothesis.place.split(" of ")[1])
-    name = JOINT_NAMES[own]
-    values, label = {
-        "position": (motion.q[:, own], f"position of {name} [rad]"),
-        "velocity": (motion.qd[:, own], f"velocity of {name} [rad/s]"),
-        "acceleration": (motion.qdd[:, own], f"acceleration of {name} [rad/s²]"),
-        "time": (motion.time, "time [s]"),
-    }[variable]
-    x = bench.reduce_state(values[:, None])[judge.rows, 0]
-    return Picture(JOINT_NAMES[joint], label, x, before[:, joint], after[:, joint])
-
-
-def _shapeless_finding(joint: int, after: float, floor: float) -> Finding:
-    rms = float(np.sqrt(after**2 - floor**2))
-    name = JOINT_NAMES[joint]
-    return Finding(
-        effect="unknown",
-        joints=(name,),
-        place="nothing that was tried",
-        parameters={"rms": Estimate(rms, rms, rms, "N·m")},
-        gain=Gain(0.0, 0.0, 0.0, 1.0),
-        alternatives=(),
-        rejected=(),
-        sentence=(
-            f"{name} is off by {1e3 * after:.3g} mN·m where noise alone would leave "
-            f"{1e3 * floor:.3g}, and it depends on nothing that was tried"
-        ),
-        picture=None,
-        in_model=False,
-    )
 
 
 def _verdict(findings: Sequence[Finding]) -> Verdict:

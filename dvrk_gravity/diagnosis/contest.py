@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,64 +11,17 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.diagnosis.bench import FOLDS, Bench
+from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.hypothesis import RANK, Hypothesis
 
 Array = NDArray[np.float64]
 
 _RIDGE = 1e-9
-PENALTY = 4.0  # log-likelihood that a parameter has to bring
 _SAMPLES_PER_INDEPENDENT = 2.5
 _FEWEST_BLOCKS = 10
 _ACTIVE = 0.03  # of the most active block's energy
 _LEAST_USABLE = 0.05  # part of the samples that a joint must have to be judged at all
 _CONTAINED = 1e-3  # part of a torque that may lie outside another's columns
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A hypothesis with its reduced columns.
-
-    Attributes:
-        hypothesis: The claim.
-        columns: (T, 7, k) columns as the bench compares them.
-    """
-
-    hypothesis: Hypothesis
-    columns: Array
-
-    @property
-    def size(self) -> int:
-        """Number of linear parameters."""
-        return self.columns.shape[2]
-
-    @property
-    def cost(self) -> float:
-        """Log-likelihood that it has to bring before it is worth having."""
-        return PENALTY * (self.size + len(self.hypothesis.refine)) + float(
-            np.log(self.hypothesis.prior_count)
-        )
-
-    @cached_property
-    def acts(self) -> NDArray[np.bool_]:
-        """(7,) joints that its torque acts on."""
-        return np.any(self.columns != 0.0, axis=(0, 2))
-
-
-@dataclass(frozen=True, eq=False)
-class Score:
-    """How a set of candidates does on samples that each fit has not seen.
-
-    Attributes:
-        rms: (7,) out-of-fold error, N·m.
-        loss: (blocks,) squared error of each block in units of the weights.
-        likelihood: Sum over joints of -n/2 log(mean squared error), costs taken off.
-        error: (R, 7) the errors, N·m.
-    """
-
-    error: Array
-    rms: Array
-    loss: Array
-    likelihood: float
 
 
 class Contest:
@@ -245,11 +197,22 @@ class Contest:
         """Tell whether a larger hypothesis is a smaller one with needless parameters."""
         if larger.size <= smaller.size:
             return False
-        theta, _ = self.fit([*rest, smaller])
-        torque = self._design([smaller]) @ theta[-smaller.size :]
-        columns = self._design([*rest, larger])
+        return self.overlap(smaller, larger, rest) > 1.0 - _CONTAINED
+
+    def overlap(self, mine: Candidate, other: Candidate, rest: Sequence[Candidate]) -> float:
+        """Return the part of a hypothesis' torque that another one's columns reproduce.
+
+        Both are taken beside the rest: what that reproduces anyway does not count.
+        """
+        theta, _ = self.fit([*rest, mine])
+        torque = self._design([mine]) @ theta[-mine.size :]
+        columns, base = self._design([other]), self._design(rest)
+        if base.shape[1]:
+            gram = base.T @ base
+            torque = torque - base @ _solve(gram, base.T @ torque)
+            columns = columns - base @ _solve(gram, base.T @ columns)
         left = torque - columns @ _solve(columns.T @ columns, columns.T @ torque)
-        return float(left @ left) < _CONTAINED * float(torque @ torque)
+        return 1.0 - float(left @ left) / max(float(torque @ torque), 1e-300)
 
     def misfit(self, candidates: Sequence[Candidate]) -> float:
         """Return minus the log-likelihood of a fit to all the samples of choice."""

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS
-from dvrk_gravity.diagnosis.contest import Candidate, Contest
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import Estimate, Gain
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis, unit_of
 

@@ -1,27 +1,19 @@
-"""Recordings made ready for diagnosis: a motion with everything hypotheses are built from."""
+"""A motion with everything that hypotheses are built from."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
-from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import DataWarning, LowPass, Recording, prepare
 from dvrk_gravity.terms import Gravity, State, rigid_body
 
 Array = NDArray[np.float64]
 
-KINEMATIC_BAND = 20.0  # Hz: what non-linear columns are computed from
-RATE = 200.0  # Hz; faster recordings are thinned to about this
-SHORTEST = 8.0  # s of motion, below which no choice among hypotheses can be judged
-FEWEST = 40  # static poses, likewise
 _SIGN_SPEED = 0.03  # of a joint's RMS speed: below, the direction of motion is uncertain
 _SLOWEST = 0.005  # rad/s
 _SHIFT = 0.01  # rad
@@ -171,159 +163,3 @@ class Motion:
         """(3,) gravity in the base as the model has it, m/s^2."""
         term = self.model.term(Gravity.NAME)
         return term.vector if isinstance(term, Gravity) else self.arm.gravity
-
-
-@dataclass(frozen=True, eq=False)
-class Loaded:
-    """A motion, and what was found on the way to it.
-
-    Attributes:
-        motion: The motion.
-        warnings: What the recordings' checks found.
-        handling: What was done to them.
-        floor: (7,) noise of the effort as high frequencies show it, density in N·m/sqrt(Hz);
-            NaN where it cannot be told.
-    """
-
-    motion: Motion
-    warnings: tuple[DataWarning, ...]
-    handling: tuple[str, ...]
-    floor: Array
-
-
-def load(recordings: Sequence[Recording], model: TorqueModel) -> Loaded:
-    """Prepare recordings for diagnosis.
-
-    Args:
-        recordings: Trajectories, or static poses, not both; joint or actuator coordinates.
-        model: The model on trial.
-
-    Raises:
-        RecordingError: Naming what is missing: effort, samples, motion.
-    """
-    if not recordings:
-        raise RecordingError("recordings", "there are none, expected at least one")
-    kinds = {recording.time is None for recording in recordings}
-    if len(kinds) > 1:
-        raise RecordingError(
-            recordings[0].source, "static poses and trajectories cannot be diagnosed together"
-        )
-    static = kinds.pop()
-    for recording in recordings:
-        if recording.effort is None:
-            raise RecordingError(recording.source, "has no effort, which is to be explained")
-    if {recording.joints for recording in recordings} != {recordings[0].joints}:
-        raise RecordingError(recordings[0].source, "the recordings hold different joints")
-    pieces: list[Motion] = []
-    warnings: list[DataWarning] = []
-    handling: list[str] = []
-    floors = []
-    start = 0.0
-    rates = [recording.rate for recording in recordings]
-    for recording, rate in zip(recordings, rates, strict=True):
-        band = KINEMATIC_BAND if rate is None else min(KINEMATIC_BAND, rate / 5.0)
-        if not static and recording.time is not None:
-            duration = float(recording.time[-1] - recording.time[0])
-            if len(recordings) == 1 and duration < SHORTEST:
-                raise RecordingError(
-                    recording.source,
-                    f"lasts {duration:.3g} s, a diagnosis needs at least {SHORTEST:g} s of motion",
-                )
-            start = recording.start_ns * 1e-9 - recordings[0].start_ns * 1e-9
-        prepared = prepare(recording, band)
-        warnings += [w for w in prepared.warnings if w not in warnings]
-        handling += [h for h in prepared.handling if h not in handling]
-        thin = 1 if rate is None else max(1, round(rate / RATE))
-        for segment in prepared.segments:
-            rows = segment.core
-            pieces.append(_piece(segment.recording, segment.acceleration, rows, thin, model, start))
-        floors.append(_noise_density(recording, model.arm))
-    motion = _join(pieces)
-    if static and len(motion.q) < FEWEST:
-        raise RecordingError(
-            recordings[0].source,
-            f"holds {len(motion.q)} static poses, a diagnosis needs at least {FEWEST}",
-        )
-    if not static:
-        total = len(motion.q) / (motion.rate or 1.0)
-        if total < SHORTEST:
-            raise RecordingError(
-                recordings[0].source,
-                f"holds {total:.3g} s of usable motion, a diagnosis needs at least {SHORTEST:g} s",
-            )
-    floor = np.sqrt(np.nanmean(np.square(floors), axis=0)) if not static else np.full(7, np.nan)
-    return Loaded(motion, tuple(warnings), tuple(handling), floor)
-
-
-def _piece(
-    recording: Recording,
-    acceleration: Array | None,
-    rows: slice,
-    thin: int,
-    model: TorqueModel,
-    start: float,
-) -> Motion:
-    def full(values: Array | None, fill: float = 0.0) -> Array:
-        result = np.full((len(recording), N_JOINTS), fill)
-        if values is not None:
-            result[:, columns] = values
-        return result[rows][::thin]
-
-    columns = [JOINT_NAMES.index(joint) for joint in recording.joints]
-    present = np.isin(np.arange(N_JOINTS), columns)
-    q, qd, qdd = full(recording.position), full(recording.velocity), full(acceleration)
-    effort = full(recording.effort)
-    direction = None if recording.direction is None else full(recording.direction, 1.0)
-    if recording.coordinates == "actuator":
-        arm = model.arm
-        q, qd, qdd = (arm.joint_position(array) for array in (q, qd, qdd))
-        effort = arm.joint_effort(effort)
-        if direction is not None:
-            direction = np.sign(arm.joint_position(direction))
-    if recording.time is None:
-        qd, qdd = np.zeros_like(q), np.zeros_like(q)
-        time, rate = np.arange(len(q), dtype=float), None
-    else:
-        time = recording.time[rows][::thin] + start
-        rate = (recording.rate or 1.0) / thin
-    return Motion(model, q, qd, qdd, effort, direction, time, (slice(0, len(q)),), rate, present)
-
-
-def _join(pieces: Sequence[Motion]) -> Motion:
-    edges = np.concatenate([[0], np.cumsum([len(piece.q) for piece in pieces])]).tolist()
-    first = pieces[0]
-    directions = [piece.direction for piece in pieces]
-    known = [direction for direction in directions if direction is not None]
-    return replace(
-        first,
-        q=np.vstack([piece.q for piece in pieces]),
-        qd=np.vstack([piece.qd for piece in pieces]),
-        qdd=np.vstack([piece.qdd for piece in pieces]),
-        effort=np.vstack([piece.effort for piece in pieces]),
-        direction=np.vstack(known) if len(known) == len(pieces) else None,
-        time=np.concatenate([piece.time for piece in pieces]),
-        parts=tuple(slice(a, b) for a, b in pairwise(edges)),
-    )
-
-
-def _noise_density(recording: Recording, arm: Arm) -> Array:
-    """Return (7,) effort noise in N·m/sqrt(Hz) from what lies above the kinematic band."""
-    density = np.full(N_JOINTS, np.nan)
-    rate = recording.rate
-    if rate is None or recording.effort is None or rate < 4.0 * KINEMATIC_BAND:
-        return density
-    cutoff = min(1.5 * KINEMATIC_BAND, 0.3 * rate)
-    low = LowPass(cutoff, rate)
-    if len(recording) <= 4 * low.edge:
-        return density
-    high = recording.effort - low(recording.effort)
-    frequency = np.linspace(0.0, rate / 2.0, 2000)
-    # Two runs of a second-order Butterworth: amplitude 1 / (1 + (f / fc)^4).
-    left = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
-    variance = np.mean(high[low.edge : -low.edge] ** 2, axis=0) / left
-    columns = [JOINT_NAMES.index(joint) for joint in recording.joints]
-    density[columns] = np.sqrt(variance / (rate / 2.0))
-    if recording.coordinates == "actuator":
-        known = np.nan_to_num(density)
-        density = np.sqrt((known**2) @ (arm.joint_to_actuator**2))
-    return density

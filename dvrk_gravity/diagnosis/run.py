@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from dvrk_gravity.diagnosis import columns_body, columns_friction, columns_reading, columns_search
 from dvrk_gravity.diagnosis.assemble import assemble
 from dvrk_gravity.diagnosis.bench import Bench
-from dvrk_gravity.diagnosis.contest import Candidate, Contest
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import Diagnosis
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
-from dvrk_gravity.diagnosis.motion import Loaded, Motion, load
+from dvrk_gravity.diagnosis.load import Loaded, load
+from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import ReadingScore, try_readings
 from dvrk_gravity.diagnosis.selection import LEAST_GAIN, Accepted, Selection, Tried
 from dvrk_gravity.model import TorqueModel
@@ -105,6 +107,7 @@ def investigate(
     if np.any(contest.score(chosen).rms > _MODEL_DOUBTFUL * floor):
         selection, chosen = _with_model_moving(contest, pool, selection, chosen, say)
     say("comparing alternatives")
+    chosen = selection.settled(chosen)
     accepted = selection.explained(chosen)
     say("looking for structure without a name")
     accepted, unknown = _nameless(contest, selection, accepted, floor)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis import columns_search
-from dvrk_gravity.diagnosis.contest import Candidate, Contest, Score, readiest
+from dvrk_gravity.diagnosis.candidate import Candidate, Score
+from dvrk_gravity.diagnosis.contest import Contest, readiest
 from dvrk_gravity.diagnosis.hypothesis import plausible
 
 Array = NDArray[np.float64]
@@ -23,6 +24,7 @@ _REFINED = 6
 _CLOSE = 0.15  # of the best gain: worth refining
 _EQUAL = 0.02  # of the best gain: as good as the best
 _EQUAL_LEAST = 5.0
+_OVERLAP = 0.5  # part of a torque that another must reproduce to stand in its place
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +109,7 @@ class Selection:
                 break
             self._report(f"accepted: {best.hypothesis}")
             accepted = self._prune([*accepted, best])
-        return self._swap(accepted)
+        return accepted
 
     def explained(self, accepted: Sequence[Candidate]) -> list[Accepted]:
         """Return the accepted hypotheses with those that could stand in their places."""
@@ -214,9 +216,11 @@ class Selection:
         removed = float(np.max(1.0 - whole.rms[used] / without.rms[used]))
         return Tried(one, whole, whole.likelihood - without.likelihood, p_value, removed, True)
 
-    def _swap(self, accepted: list[Candidate]) -> list[Candidate]:
+    def settled(self, accepted: list[Candidate]) -> list[Candidate]:
         """Give every place to the best for it, now that the others are known."""
-        for i in range(len(self._always), len(accepted)):
+        for i in range(len(accepted)):
+            if accepted[i] in self._always:
+                continue
             rest = [*accepted[:i], *accepted[i + 1 :]]
             self.contest.weigh(self.contest.out_of_fold(accepted))
             refined = self.contest.refined(accepted[i], rest)
@@ -251,6 +255,7 @@ class Selection:
         others = [
             one for one in others
             if not self.contest.contains(one.candidate, accepted[i], rest)
+            and self.contest.overlap(accepted[i], one.candidate, rest) > _OVERLAP
         ]  # fmt: skip
         alike = tuple(one for one in others if one.gain > mine.gain - margin)
         worse = tuple(one for one in others if one.gain <= mine.gain - margin)

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES
-from dvrk_gravity.diagnosis.contest import Candidate, Contest
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.contest import Contest
 
 _POSES = 400
 _PATH = ("presliding_hysteresis", "thermal_drift", "contact", "time_delay", "unknown")

@@ -65,7 +65,8 @@ def uncertainty(
         design: The samples.
         chosen: Columns of the fit.
         solution: The fit.
-        residual: (n, 7) N·m.
+        residual: (n, 7) N·m, best of samples that were held out: a fit bends itself towards the
+            noise that it has seen (as HC3 and the jackknife have it, MacKinnon and White 1985).
         weight: (7,) inverse variance of one sample of each motor, correlation included.
     """
     longest = int(LONGEST * design.rate)
@@ -73,22 +74,15 @@ def uncertainty(
     variance = np.mean(residual**2, axis=0)
     meat = np.zeros_like(solution.data)
     index = list(chosen)
-    freedom = 0.0
     for j in range(residual.shape[1]):
-        count = len(residual) / max(1.0, 1.0 + 2.0 * float(rho[1:, j].sum()))
-        freedom += count
         for part in np.unique(design.part):
             columns = design.x[design.part == part, j][:, index]
             smoothed = _convolve(columns, rho[:, j])
             meat += weight[j] ** 2 * variance[j] * (columns.T @ smoothed)
-    # The fit has bent itself towards the noise: its residual is too small by the share of the
-    # independent samples that the coefficients took.
     inverse = np.zeros_like(meat)
     free = np.flatnonzero(solution.free)
     grid = np.ix_(free, free)
     inverse[grid] = np.linalg.inv(solution.precision[grid])
-    taken = float(np.trace(inverse @ solution.data))
-    meat *= freedom / max(freedom - taken, 0.1 * freedom)
     prior = solution.precision - solution.data
     return Uncertainty(inverse @ meat @ inverse, inverse @ prior @ inverse)
 

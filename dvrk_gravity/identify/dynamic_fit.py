@@ -92,9 +92,9 @@ def fit_dynamic(
         theta, links = physical_links(columns, chosen, solution)
         solution = replace(solution, theta=theta)
     predicted = design.x[:, :, chosen] @ solution.theta
-    spread = uncertainty(design, chosen, solution, design.y - predicted, weighting.motor)
-    parameters, identifiability = describe(columns, chosen, solution, spread, design)
     blind = _held_out(design, folds, selection, chosen, physical)
+    spread = uncertainty(design, chosen, solution, design.y - blind, weighting.motor)
+    parameters, identifiability = describe(columns, chosen, solution, spread, design)
     return Fit(
         model=_model(columns, chosen, solution, links),
         held_out=_errors(design, blind, coordinates),

@@ -54,7 +54,10 @@ def make_folds(design: Design, count: int = COUNT) -> Folds:
             if not period:
                 distance = np.abs(phase - (fold + 0.5))
             excluded[fold, rows] = distance < 0.5 + gap
-    text = f"{count} blocks, each predicted by a fit to the others with a gap of {GAP:g} s"
+    text = (
+        f"{count} blocks, each predicted by a fit to the others with a gap of {GAP:g} s; "
+        "the choice of terms looked at them"
+    )
     found = sorted({round(period, 2) for period in periods if period})
     if found:
         shown = ", ".join(f"{period:g}" for period in found)

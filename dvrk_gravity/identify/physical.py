@@ -41,8 +41,8 @@ def physical_links(
     index = list(chosen)
     bodies = len(columns.select(effect="link_inertia"))
     scale = prior_scale()
-    # (b, 90): what torque sees of the links.
-    seen = np.linalg.pinv(columns.base)
+    # (b, 90): what torque sees of the links; see base_directions.
+    seen = columns.base.T / scale**2
     others = np.arange(bodies, len(index))
     start, lower = _start()
     # |factor (theta - best)|^2 is what the data have against a theta.

@@ -115,7 +115,8 @@ class Fit:
 
     Attributes:
         model: The model, ready to be saved as the compensator's parameter file.
-        held_out: Error by joint on data that neither fit nor choice had seen.
+        held_out: Error by joint on data that the fit had not seen; ``validation`` says how, and
+            whether the choice of terms had.
         training: Error by joint on the data fitted.
         parameters: Identified numbers with confidence.
         identifiability: What the data cannot tell.

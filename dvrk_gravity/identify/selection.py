@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.identify.columns import DEGREE, DISPLACEMENTS, Columns
 from dvrk_gravity.identify.folds import Folds
 from dvrk_gravity.identify.moments import Design, Moments
-from dvrk_gravity.identify.regression import solve
+from dvrk_gravity.identify.regression import solve_signed
 from dvrk_gravity.identify.result import Choice
 from dvrk_gravity.recording.data import Array
 
@@ -80,12 +81,22 @@ class Selection:
     def score(self, chosen: Sequence[int]) -> Array:
         """Return (folds, 7) held-out sums of squared errors."""
         index = list(chosen)
-        scale, positive = self.columns.scale[index], self.columns.positive[index]
+        grid = np.ix_(index, index)
+        ridge = np.diag(1.0 / self.columns.scale[index] ** 2)
+        positive = self.columns.positive[index]
         errors = []
-        for train, test in zip(self.train, self.test, strict=True):
-            theta = solve(train.select(index), self.weight, scale, positive).theta
+        for (data, right), test in zip(self._weighted, self.test, strict=True):
+            theta, _ = solve_signed(data[grid] + ridge, right[index], positive)
             errors.append(test.select(index).error(theta))
         return np.array(errors)
+
+    @cached_property
+    def _weighted(self) -> list[tuple[Array, Array]]:
+        """What each fold's fit sees, motors added up by their weights: (p, p) and (p,)."""
+        return [
+            (np.tensordot(self.weight, train.gram, 1), self.weight @ train.cross)
+            for train in self.train
+        ]
 
     def compare(self, before: Array, after: Array) -> tuple[float, float]:
         """Return the mean relative gain and its standard error over the blocks.

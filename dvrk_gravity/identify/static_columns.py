@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
@@ -14,14 +15,20 @@ from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
 from dvrk_gravity.identify.static_poses import Poses
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.terms.held_load import pose_functions
-from dvrk_gravity.terms.polynomial import Range
+from dvrk_gravity.terms.polynomial import MAX_DEGREE, Range
 
 N_BETA = 10
 ORDER = 4
-# A function of order n is taken to be n^2 times smaller than one of order 1: what cables and
-# stiction do is smooth, and five positions of a joint do not tell what lies between them.
-SMOOTHNESS = 2
+# Prior sizes of orders 0 to 4 relative to the mean's order 1: what cables and stiction do is
+# smooth, and five positions of a joint do not tell what lies between them. For functions of the
+# joint's own position they are those of the calibration files of real arms that dVRK groups have
+# published (root mean squares over seven arms, joints 3 to 6); for others n^-2.
+OWN_MEAN = (1.0, 1.0, 0.4, 0.4, 0.1)
+OWN_DIFFERENCE = (1.0, 0.1, 0.1, 0.05, 0.05)
 CONSTANT_SD = 1.0  # N·m, a constant is hardly held back
+# Springs and counterweights act like gravity, with the sine of an angle, and no polynomial of order
+# four is a sine over 250 deg. N·m: as much as a wrist weighs.
+WAVE_SD = 0.1
 
 Group = tuple[int, ...]  # joints on which the functions depend, all of them
 
@@ -35,25 +42,34 @@ class JointColumns:
         groups: Groups of columns; the joint's own position first.
         group: (p,) index of each column's group.
         orders: (p, 7) order of each joint's Chebyshev polynomial.
+        own: (p0, 13) Chebyshev series of the first p0 columns, functions of the joint's own
+            position, in place of their orders.
         along: (p,) whether the column follows the direction of approach.
-        size: (p,) prior standard deviation relative to that of order one; of constants, N·m.
+        size: (p,) prior standard deviation relative to that of order one.
+        absolute: (p,) prior standard deviation where it is known beforehand, N·m, else NaN.
     """
 
     joint: int
     groups: tuple[Group, ...]
     group: NDArray[np.int64]
     orders: NDArray[np.int64]
+    own: Array
     along: NDArray[np.bool_]
     size: Array
-
-    @property
-    def constant(self) -> NDArray[np.bool_]:
-        """(p,) whether the column is the same at all poses."""
-        return np.asarray(self.orders.sum(axis=1) == 0)
+    absolute: Array
 
     def matrix(self, poses: Poses, valid: Range) -> Array:
         """Return the (N, p) columns at some poses."""
-        values = pose_functions(poses.q, self.orders, valid)
+        count = len(self.own)
+        single = np.zeros((1 + MAX_DEGREE, N_JOINTS), dtype=np.int64)
+        single[:, self.joint] = np.arange(1 + MAX_DEGREE)
+        values = np.concatenate(
+            [
+                pose_functions(poses.q, single, valid) @ self.own.T,
+                pose_functions(poses.q, self.orders[count:], valid),
+            ],
+            axis=1,
+        )
         return np.where(self.along, poses.direction[:, self.joint, None] * values, values)
 
     def of(self, chosen: Sequence[Group]) -> NDArray[np.int64]:
@@ -64,37 +80,56 @@ class JointColumns:
     def prior(self, own: float, others: float) -> Array:
         """Return (p,) standard deviations, N·m, for the sizes of order one that are given."""
         scale = np.where(self.group == 0, own, others) * self.size
-        return np.where(self.constant, CONSTANT_SD, scale)
+        return np.where(np.isnan(self.absolute), scale, self.absolute)
 
 
-def joint_columns(joint: int, moving: Sequence[int], directed: bool) -> JointColumns:
-    """Return the columns of one joint, given which joints moved.
+def joint_columns(joint: int, poses: Poses) -> JointColumns:
+    """Return the columns that may explain one joint's torque at some poses.
 
-    The joint's own position to order four; every other joint's; every pair's products.
+    The joint's own position to order four, with a sine and a cosine; every other joint's; every
+    pair's products.
     """
-    own = (joint,)
-    groups: list[Group] = [own]
+    moving, directed = poses.moving, poses.directed[joint]
+    series, rows = _own_columns(joint, poses)
+    groups: list[Group] = [(joint,)]
     if joint in moving:
         groups += [(other,) for other in moving if other != joint]
         groups += list(combinations(moving, 2))
-    rows: list[tuple[int, Array, bool, float]] = []
-    for number, group in enumerate(groups):
-        lowest = 0 if group == own else 1
-        highest = ORDER if group != own or joint in moving else 0
-        for orders in product(range(lowest, highest + 1), repeat=len(group)):
-            total = sum(orders)
-            if total > ORDER:
-                continue
-            row = np.zeros(N_JOINTS, dtype=np.int64)
-            row[list(group)] = orders
-            size = float(max(total, 1)) ** -SMOOTHNESS
-            rows += [
-                (number, row, along, size) for along in ((False, True) if directed else (False,))
-            ]
-    index, orders_, along_, size_ = zip(*rows, strict=True)
+    for number, group in enumerate(groups[1:], start=1):
+        for orders in product(range(1, ORDER + 1), repeat=len(group)):
+            if sum(orders) <= ORDER:
+                row = np.zeros(N_JOINTS, dtype=np.int64)
+                row[list(group)] = orders
+                size = float(sum(orders)) ** -2
+                rows += [(number, row, along, size, np.nan) for along in (False, True)[: 1 + directed]]
+    number_, orders_, along_, size_, absolute_ = (np.array(column) for column in zip(*rows, strict=True))
     return JointColumns(
-        joint, tuple(groups), np.array(index), np.array(orders_), np.array(along_), np.array(size_)
-    )
+        joint, tuple(groups), number_, orders_, series, along_, size_, absolute_
+    )  # fmt: skip
+
+
+def _own_columns(
+    joint: int, poses: Poses
+) -> tuple[Array, list[tuple[int, NDArray[np.int64], bool, float, float]]]:
+    """Return the Chebyshev series and the rows of functions of the joint's own position."""
+    directed = poses.directed[joint]
+    none = np.zeros(N_JOINTS, dtype=np.int64)
+    unit = np.eye(1 + MAX_DEGREE)
+    series = [unit[0]] * (1 + directed)
+    rows = [(0, none, along, 1.0, CONSTANT_SD) for along in (False, True)[: 1 + directed]]
+    if joint not in poses.moving:
+        return np.array(series), rows
+    for order in range(1, ORDER + 1):
+        for along in (False, True)[: 1 + directed]:
+            series.append(unit[order])
+            size = (OWN_DIFFERENCE if along else OWN_MEAN)[order]
+            rows.append((0, none, along, size, np.nan))
+    centre = 0.5 * (poses.lower[joint] + poses.upper[joint])
+    half = 0.5 * (poses.upper[joint] - poses.lower[joint])
+    for wave in (np.sin, np.cos):
+        series.append(chebyshev.chebinterpolate(lambda x, f=wave: f(centre + half * x), MAX_DEGREE))
+        rows.append((0, none, False, 1.0, WAVE_SD))
+    return np.array(series), rows
 
 
 def gravity_rows(poses: Poses, arm: Arm) -> Array:

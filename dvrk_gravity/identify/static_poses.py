@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identify.motion import require_all
 from dvrk_gravity.recording import DataWarning, Recording, prepare
@@ -140,7 +140,8 @@ def inner_slabs(poses: Poses) -> list[NDArray[np.bool_]]:
     return found
 
 
-def blocks(poses: Poses) -> list[NDArray[np.bool_]]:
+def blocks(poses: Poses, count: int = BLOCKS) -> list[NDArray[np.bool_]]:
     """Return the (N,) masks of blocks of poses that followed each other."""
-    number = np.arange(len(poses)) * BLOCKS // len(poses)
-    return [number == k for k in range(BLOCKS)]
+    count = min(count, len(poses))
+    number = np.arange(len(poses)) * count // len(poses)
+    return [number == k for k in range(count)]

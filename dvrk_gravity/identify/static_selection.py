@@ -17,7 +17,7 @@ from dvrk_gravity.recording.data import Array
 
 # Prior size of the own function of order one, in robust standard deviations of the joint's torque
 # without it; of the others, in those of what the joint's own position leaves.
-OWN = (0.25, 0.5, 1.0, 2.0, 4.0)
+OWN = (0.5, 1.0, 2.0, 4.0, 8.0)
 OTHERS = (0.5, 1.5, 5.0)
 # A group must lower the held-out squared error by so much, and by one standard error of the slabs'
 # gains: one slab's luck is no reason.

@@ -25,7 +25,7 @@ BETA_SD = 1.0  # N·m: no MTM's first moments are larger, times g
 HUBER = 2.0  # residuals, in standard deviations, from which on they count less
 OUTLIER = 8.0  # and from which on they do not count at all
 ROUNDS = 3
-LEAST_SCALE = 1e-5  # N·m, well below any motor's resolution
+LEAST_SCALE = 3e-4  # N·m, less than any motor resolves
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,7 @@ class Table:
     def of(cls, poses: Poses, arm: Arm) -> Table:
         """Evaluate all columns at the poses."""
         valid = Range(poses.lower, poses.upper)
-        joints = tuple(
-            joint_columns(joint, poses.moving, poses.directed[joint]) for joint in range(N_JOINTS)
-        )
+        joints = tuple(joint_columns(joint, poses) for joint in range(N_JOINTS))
         matrices = tuple(columns.matrix(poses, valid) for columns in joints)
         return cls(poses, valid, gravity_rows(poses, arm), joints, matrices)
 

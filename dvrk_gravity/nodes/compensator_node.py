@@ -58,7 +58,7 @@ class Compensator(Node):
         self._statistics = Statistics()
         self._told: tuple[Status, str] | None = None
         self._no_velocity_told = False
-        self._listening = True
+        self._listening = True  # for others that command the arm
         self._connect()
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -163,6 +163,8 @@ class Compensator(Node):
         """Leave the arm to another node that commands it."""
         if self._supervisor.status not in (Status.DISABLED, Status.FAULT):
             self._supervisor.fail(self._rivals.reason())
+            if self._rivals.elder:
+                self._supervisor.hold_due = False  # would take the arm out of the other's hands
             self._settle()
 
     # --- control -------------------------------------------------------------------------
@@ -225,7 +227,7 @@ class Compensator(Node):
         text = f"{status.value}: {reason}"
         self._state.publish(String(data=text))
         if status is Status.FAULT:
-            self.get_logger().error(f"{text} — the arm holds; call ~/enable to go on")
+            self.get_logger().error(f"{text} — no command until ~/enable is called")
         else:
             self.get_logger().info(text)
 

@@ -3,7 +3,8 @@
 A publisher alone proves nothing: crtk clients have one for every command and most never use it.
 What counts is a command that is not ours, which is told from ours by the mark that ours bear.
 Of two compensators the one that started later gives way: marks tell when. It hears the other before
-it commands itself, but for two that start together or that DDS brings together late.
+it commands itself, unless both start together or DDS, which may know of a publisher for seconds
+before it delivers, brings them together late.
 
 Nothing is listened to while we command and no other publisher exists: hearing all of our own
 commands costs as much as taking the measurements does.
@@ -35,6 +36,7 @@ class Rivals:
 
     Attributes:
         mark: Text that every command of ours bears, and nobody else's does.
+        elder: What was heard last comes from a compensator that started before us.
     """
 
     def __init__(self, node: Node, publisher: Publisher, heard: Callable[[], None]) -> None:
@@ -47,6 +49,7 @@ class Rivals:
         self._subscription: Any = None
         self._last = -math.inf  # when a command was heard, and the first of those in a row
         self._first = -math.inf
+        self.elder = False
         self._commanding = False
         self._since = time.monotonic()
         self._others = False
@@ -109,6 +112,7 @@ class Rivals:
         self._last = now
         mark = _MARK.search(data)
         later = mark is not None and int(mark[1]) > self._start
+        self.elder = mark is not None and not later
         if later and self._commanding and now - self._first < PATIENCE:
             return
         self._heard()

@@ -9,6 +9,7 @@ from dvrk_gravity.terms.held_load import HeldLoad
 from dvrk_gravity.terms.link_inertia import LinkInertia
 from dvrk_gravity.terms.presliding_hysteresis import PreslidingHysteresis
 from dvrk_gravity.terms.rotor_inertia import RotorInertia
+from dvrk_gravity.terms.shown_torque import ShownTorque
 from dvrk_gravity.terms.viscous_friction import ViscousFriction
 
 TERMS: tuple[type[Term], ...] = (
@@ -21,6 +22,7 @@ TERMS: tuple[type[Term], ...] = (
     RotorInertia,
     PreslidingHysteresis,
     HeldLoad,
+    ShownTorque,
 )
 
 __all__ = [
@@ -34,6 +36,7 @@ __all__ = [
     "LinkInertia",
     "PreslidingHysteresis",
     "RotorInertia",
+    "ShownTorque",
     "State",
     "Term",
     "ViscousFriction",

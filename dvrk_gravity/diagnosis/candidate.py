@@ -1,0 +1,62 @@
+"""A hypothesis with its columns, and how a set of them does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.diagnosis.hypothesis import Hypothesis
+
+Array = NDArray[np.float64]
+
+PENALTY = 4.0  # log-likelihood that a parameter has to bring
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A hypothesis with its reduced columns.
+
+    Attributes:
+        hypothesis: The claim.
+        columns: (T, 7, k) columns as the bench compares them.
+    """
+
+    hypothesis: Hypothesis
+    columns: Array
+
+    @property
+    def size(self) -> int:
+        """Number of linear parameters."""
+        return self.columns.shape[2]
+
+    @property
+    def cost(self) -> float:
+        """Log-likelihood that it has to bring before it is worth having."""
+        return PENALTY * (self.size + len(self.hypothesis.refine)) + float(
+            np.log(self.hypothesis.prior_count)
+        )
+
+    @cached_property
+    def acts(self) -> NDArray[np.bool_]:
+        """(7,) joints that its torque acts on."""
+        return np.any(self.columns != 0.0, axis=(0, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """How a set of candidates does on samples that each fit has not seen.
+
+    Attributes:
+        rms: (7,) out-of-fold error, N·m.
+        loss: (blocks,) squared error of each block in units of the weights.
+        likelihood: Sum over joints of -n/2 log(mean squared error), costs taken off.
+        error: (R, 7) the errors, N·m.
+    """
+
+    error: Array
+    rms: Array
+    loss: Array
+    likelihood: float

@@ -1,0 +1,133 @@
+"""Findings that are no named effect: wrong readings, and structure without a name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.diagnosis.bench import Bench
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.contest import Contest
+from dvrk_gravity.diagnosis.findings import (
+    Alternative,
+    Estimate,
+    Finding,
+    Gain,
+    Picture,
+)
+from dvrk_gravity.diagnosis.hypothesis import Hypothesis
+from dvrk_gravity.diagnosis.judge import Judge
+from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.readings import ReadingScore
+from dvrk_gravity.diagnosis.selection import Tried
+
+Array = NDArray[np.float64]
+
+
+def unknown_finding(
+    judge: Judge, contest: Contest, named: Sequence[Candidate], tried: Tried, before: Array
+) -> Finding:
+    """Return the finding of structure that no name fits."""
+    hypothesis = tried.candidate.hypothesis
+    after = judge.error([*named, tried.candidate])
+    joint = hypothesis.joints[0]
+    gain = judge.gain(before, after, [joint])
+    rms = float(np.sqrt(max(judge.rmse(before)[joint] ** 2 - judge.rmse(after)[joint] ** 2, 0.0)))
+    return Finding(
+        effect="unknown",
+        joints=hypothesis.names,
+        place=hypothesis.place,
+        parameters={"rms": Estimate(rms, rms, rms, "N·m")},
+        gain=gain,
+        alternatives=(),
+        rejected=(),
+        sentence=(
+            f"{hypothesis.names[0]} has structure of {1e3 * rms:.3g} mN·m that depends on "
+            f"{hypothesis.place}, and no known effect explains it"
+        ),
+        picture=picture_of(contest.bench, judge, hypothesis, joint, before, after),
+        in_model=False,
+    )
+
+
+def as_read_before(motion: Motion, bench: Bench, judge: Judge) -> Array:
+    """Return (H, 7) errors of the recording as it was read first, same samples."""
+    error = bench.reduce(motion.residual)[judge.rows]
+    return np.where(bench.usable[judge.rows], error, np.nan)
+
+
+def reading_finding(
+    score: ReadingScore, alike: Sequence[ReadingScore], before: Array, after: Array, judge: Judge
+) -> Finding:
+    """Return the finding that the recording was read wrongly."""
+    old, new = judge.rmse(before), judge.rmse(after)
+    joints = list(score.reading.joints) or [int(np.argmin(new / np.maximum(old, 1e-12)))]
+    gain: Gain = judge.gain(before, after, joints)
+    names = tuple(JOINT_NAMES[joint] for joint in score.reading.joints)
+    return Finding(
+        effect="wrong_coordinates",
+        joints=names,
+        place=score.reading.words,
+        parameters={},
+        gain=gain,
+        alternatives=tuple(
+            Alternative(
+                "wrong_coordinates",
+                tuple(JOINT_NAMES[joint] for joint in other.reading.joints),
+                f"{other.reading.words}: log-likelihood gain {other.gain:.0f} "
+                f"against {score.gain:.0f}",
+            )
+            for other in alike
+        ),
+        rejected=(),
+        sentence=(
+            f"The recording is read wrongly: {score.reading.words}; read rightly, "
+            f"{100 * gain.relative:.0f} % of the error at {JOINT_NAMES[joints[0]]} is gone"
+        ),
+        picture=None,
+        in_model=False,
+    )
+
+
+def picture_of(
+    bench: Bench, judge: Judge, hypothesis: Hypothesis, joint: int, before: Array, after: Array
+) -> Picture:
+    """Return the held-out error of a joint against what a hypothesis depends on."""
+    motion = bench.motion
+    variable = hypothesis.variable if not motion.static else "position"
+    own = joint
+    if hypothesis.effect == "unknown" and hypothesis.place.startswith(f"{variable} of "):
+        own = JOINT_NAMES.index(hypothesis.place.split(" of ")[1])
+    name = JOINT_NAMES[own]
+    values, label = {
+        "position": (motion.q[:, own], f"position of {name} [rad]"),
+        "velocity": (motion.qd[:, own], f"velocity of {name} [rad/s]"),
+        "acceleration": (motion.qdd[:, own], f"acceleration of {name} [rad/s²]"),
+        "time": (motion.time, "time [s]"),
+    }[variable]
+    x = bench.reduce_state(values[:, None])[judge.rows, 0]
+    return Picture(JOINT_NAMES[joint], label, x, before[:, joint], after[:, joint])
+
+
+def shapeless_finding(joint: int, after: float, floor: float) -> Finding:
+    """Return the finding that a joint is off by more than noise, whatever it depends on."""
+    rms = float(np.sqrt(after**2 - floor**2))
+    name = JOINT_NAMES[joint]
+    return Finding(
+        effect="unknown",
+        joints=(name,),
+        place="nothing that was tried",
+        parameters={"rms": Estimate(rms, rms, rms, "N·m")},
+        gain=Gain(0.0, 0.0, 0.0, 1.0),
+        alternatives=(),
+        rejected=(),
+        sentence=(
+            f"{name} is off by {1e3 * after:.3g} mN·m where noise alone would leave "
+            f"{1e3 * floor:.3g}, and it depends on nothing that was tried"
+        ),
+        picture=None,
+        in_model=False,
+    )

@@ -1,0 +1,130 @@
+"""Identification from static poses, each approached in a known direction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.identify import result, static_report
+from dvrk_gravity.identify.errors import joint_errors
+from dvrk_gravity.identify.result import Fit, Trace
+from dvrk_gravity.identify.static_model import fit_poses
+from dvrk_gravity.identify.static_poses import Poses, blocks, inner_slabs, read_poses, slabs
+from dvrk_gravity.identify.static_selection import choose
+from dvrk_gravity.identify.static_solver import OUTLIER, Table
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import Recording
+from dvrk_gravity.recording.data import Array, Coordinates
+
+Report = Callable[[str, float], None]
+FEW = 5  # blocks held out where no joint has three positions
+
+
+def fit_static(
+    recordings: Sequence[Recording],
+    arm: Arm,
+    coordinates: Coordinates = "joint",
+    report: Report = lambda stage, share: None,
+) -> Fit:
+    """Fit gravity, cables and what stiction holds to static poses.
+
+    Which functions of the pose a joint's torque has, and how smooth they are, is chosen by the
+    error on slabs of poses held out. All coefficients are then solved for at once, with a robust
+    loss and with priors that keep in check what the poses do not determine.
+
+    Args:
+        recordings: Static poses of all seven joints with efforts, best in both directions.
+        arm: The arm.
+        coordinates: Of the recordings; the direction of approach is each joint's own.
+        report: Called with the stage and the share of it that is done.
+
+    Raises:
+        RecordingError: A joint or the efforts missing, too few poses, or nothing that moves.
+    """
+    poses, warnings = read_poses(recordings, arm, coordinates)
+    held_out, predicted = _held_out(poses, arm, lambda share: report("held-out error", share))
+    report("fit", 0.0)
+    tried: list[result.Choice] = []
+    table = Table.of(poses, arm)
+    model, solution, _, weight = fit_poses(table, choose(table, tried.append), arm)
+    spread = static_report.uncertainty(table, solution, weight)
+    fitted = model.torque(poses.q, direction=poses.direction)
+
+    def shown(effort: Array) -> Array:
+        return arm.actuator_effort(effort) if coordinates == "actuator" else effort
+
+    measured = shown(poses.effort)
+    return Fit(
+        model=model,
+        held_out=joint_errors(JOINT_NAMES, measured[held_out], shown(predicted)),
+        training=joint_errors(JOINT_NAMES, measured, shown(fitted)),
+        parameters=static_report.parameters(table, solution, spread),
+        identifiability=static_report.identifiability(table, solution, spread),
+        choices=tuple(tried),
+        warnings=warnings,
+        handling=tuple(_handling(poses, weight)),
+        validation="one slab of poses for each joint that moved, at positions of that joint which "
+        "neither fit nor choice had seen",
+        coordinates=coordinates,
+        samples=len(poses),
+        physical={},
+        traces=tuple(_traces(poses, measured, shown(fitted), arm, coordinates)),
+    )
+
+
+def predict_unseen(poses: Poses, unseen: NDArray[np.bool_], arm: Arm) -> Array:
+    """Return (n, 7) torques at the unseen poses, all choices made on the others, N·m."""
+    model = fit_model(poses.rows(~unseen), arm)
+    return model.torque(poses.q[unseen], direction=poses.direction[unseen])
+
+
+def fit_model(poses: Poses, arm: Arm) -> TorqueModel:
+    """Return the model that :func:`fit_static` would choose for some poses."""
+    table = Table.of(poses, arm)
+    return fit_poses(table, choose(table), arm)[0]
+
+
+def _held_out(
+    poses: Poses, arm: Arm, progress: Callable[[float], None]
+) -> tuple[NDArray[np.int64], Array]:
+    """Return rows of held-out poses and their (n, 7) predictions by fits that never saw them."""
+    masks = middle_slabs(poses)
+    predicted = []
+    for number, mask in enumerate(masks):
+        progress(number / len(masks))
+        predicted.append(predict_unseen(poses, mask, arm))
+    return np.concatenate([np.flatnonzero(mask) for mask in masks]), np.concatenate(predicted)
+
+
+def middle_slabs(poses: Poses) -> list[NDArray[np.bool_]]:
+    """Return the (N,) mask of the slab in the middle of each joint that moved."""
+    if not inner_slabs(poses):
+        return blocks(poses, FEW)
+    numbers = (slabs(poses.q[:, joint]) for joint in poses.moving)
+    return [number == (number.max() + 1) // 2 for number in numbers if number.max() >= 2]
+
+
+def _handling(poses: Poses, weight: Array) -> list[str]:
+    lines = ["static poses, used as they are; Huber's loss"]
+    for joint, name in enumerate(JOINT_NAMES):
+        left = int((weight[:, joint] == 0.0).sum())
+        if left:
+            worst = float(np.abs(poses.effort[weight[:, joint] == 0.0, joint]).max())
+            lines.append(
+                f"{name}: {left} of {len(poses)} poses left out, more than {OUTLIER:g} standard "
+                f"deviations off all others (up to {worst:.3f} N·m)"
+            )
+    return lines
+
+
+def _traces(
+    poses: Poses, measured: Array, fitted: Array, arm: Arm, coordinates: Coordinates
+) -> list[Trace]:
+    q = arm.actuator_position(poses.q) if coordinates == "actuator" else poses.q
+    return [
+        Trace(JOINT_NAMES, None, q[rows], None, measured[rows], fitted[rows], coordinates, False)
+        for rows in (poses.part == part for part in np.unique(poses.part))
+    ]

@@ -1,0 +1,112 @@
+"""From the coefficients of static poses to a torque model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.polynomial import chebyshev, polynomial
+
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.identify.static_solver import Choice, Solution, Table, solve_robust
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.parameter import Value
+from dvrk_gravity.recording.data import Array
+from dvrk_gravity.terms.base import as_value
+from dvrk_gravity.terms.polynomial import MAX_DEGREE
+
+# In motion: part of the difference between the directions that a compensator may safely apply,
+# and the speeds between which it comes in.
+RATIO = 0.5
+DEAD_BAND = 0.02  # rad/s
+SATURATION = 0.2  # rad/s
+
+
+def fit_poses(
+    table: Table, choices: Sequence[Choice], arm: Arm
+) -> tuple[TorqueModel, Solution, Array, Array]:
+    """Fit what was chosen and build the model.
+
+    Returns:
+        The model, the solution, (7,) robust residual scale in N·m and (N, 7) weights.
+    """
+    solution, scale, weight = solve_robust(table, choices)
+    values: dict[str, Value] = {"arm": arm.source or arm.name, "beta": as_value(solution.beta)}
+    values["gravity_vector"] = as_value(arm.gravity)
+    values |= _cables(table, solution)
+    values |= _held(table, solution)
+    values |= _shown(table, scale, weight)
+    return TorqueModel.from_parameters(values), solution, scale, weight
+
+
+def cable_rows(table: Table, solution: Solution, joint: int) -> dict[str, Array]:
+    """Return (13, p) matrices from theta to a joint's coefficients, lowest power first.
+
+    Keys: ``positive`` and ``negative``.
+    """
+    columns = table.joints[joint]
+    centre = 0.5 * (table.valid.lower[joint] + table.valid.upper[joint])
+    half = 0.5 * (table.valid.upper[joint] - table.valid.lower[joint])
+    argument = polynomial.Polynomial([-centre / half, 1.0 / half] if half > 0.0 else [0.0])
+    rows = {name: np.zeros((1 + MAX_DEGREE, len(solution.theta))) for name in ("positive", "negative")}
+    for place, column in zip(solution.places(joint), solution.columns[joint], strict=True):
+        if columns.group[column] != 0:
+            continue
+        series = polynomial.Polynomial(chebyshev.cheb2poly(columns.own[column]))
+        powers = series(argument).coef if joint in table.poses.moving else series.coef[:1]
+        sign = -1.0 if columns.along[column] else 1.0
+        rows["positive"][: len(powers), place] += powers
+        rows["negative"][: len(powers), place] += sign * powers
+    return rows
+
+
+def _cables(table: Table, solution: Solution) -> dict[str, Value]:
+    values: dict[str, Value] = {}
+    for joint, name in enumerate(JOINT_NAMES):
+        for side, rows in cable_rows(table, solution, joint).items():
+            values[f"directional_cable.{side}.{name}"] = as_value(rows @ solution.theta)
+    settings = {"dead_band": DEAD_BAND, "saturation_velocity": SATURATION, "ratio": RATIO}
+    for setting, value in settings.items():
+        values[f"directional_cable.{setting}"] = (value,) * N_JOINTS
+    return values | _range("directional_cable", table)
+
+
+def _held(table: Table, solution: Solution) -> dict[str, Value]:
+    """Return the parameters of the functions of other joints' positions, if there are any."""
+    index: dict[tuple[int, ...], int] = {}
+    entries = []
+    for joint in range(N_JOINTS):
+        columns = table.joints[joint]
+        for place, column in zip(solution.places(joint), solution.columns[joint], strict=True):
+            if columns.group[column] != 0:
+                function = index.setdefault(tuple(columns.orders[column].tolist()), len(index))
+                kind = "difference" if columns.along[column] else "mean"
+                entries.append((kind, joint, function, solution.theta[place]))
+    if not index:
+        return {}
+    sizes = {kind: np.zeros((len(index), N_JOINTS)) for kind in ("mean", "difference")}
+    for kind, joint, function, value in entries:
+        sizes[kind][function, joint] = value
+    values: dict[str, Value] = {
+        "held_load.orders": tuple(float(order) for function in index for order in function)
+    }
+    for kind, size in sizes.items():
+        for joint, name in enumerate(JOINT_NAMES):
+            if size[:, joint].any():
+                values[f"held_load.{kind}.{name}"] = as_value(size[:, joint])
+    return values | _range("held_load", table)
+
+
+def _shown(table: Table, scale: Array, weight: Array) -> dict[str, Value]:
+    effort = table.poses.effort
+    used = weight > 0.0
+    lower = np.where(used, effort, np.inf).min(axis=0) - scale
+    upper = np.where(used, effort, -np.inf).max(axis=0) + scale
+    return {"shown_torque.lower": as_value(lower), "shown_torque.upper": as_value(upper)}
+
+
+def _range(term: str, table: Table) -> dict[str, Value]:
+    return {
+        f"{term}.valid_lower": as_value(table.valid.lower),
+        f"{term}.valid_upper": as_value(table.valid.upper),
+    }

@@ -1,0 +1,111 @@
+"""What static poses tell about the parameters, and what they cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.gravity import BETA_NAMES
+from dvrk_gravity.identify.covariance import Uncertainty
+from dvrk_gravity.identify.result import FittedParameter, Identifiability
+from dvrk_gravity.identify.static_columns import N_BETA
+from dvrk_gravity.identify.static_model import cable_rows
+from dvrk_gravity.identify.static_poses import blocks
+from dvrk_gravity.identify.static_solver import Solution, Table
+from dvrk_gravity.recording.data import Array
+
+INSEPARABLE = 0.98  # correlation of two parameters
+CLUSTERS = 50
+
+
+def uncertainty(table: Table, solution: Solution, weight: Array) -> Uncertainty:
+    """Return the covariance of the coefficients.
+
+    Stiction's residuals hang together over neighbouring poses; the sandwich sums them over
+    contiguous blocks of poses (Liang and Zeger 1986) before squaring.
+    """
+    residual = table.poses.effort - solution.predict(table)
+    meat = np.zeros_like(solution.data)
+    for mask in blocks(table.poses, CLUSTERS):
+        score = np.zeros(len(solution.theta))
+        for joint in range(N_JOINTS):
+            pull = weight[mask, joint] * residual[mask, joint]
+            score[:N_BETA] += table.gravity[mask, joint].T @ pull
+            chosen = table.matrices[joint][mask][:, solution.columns[joint]]
+            score[solution.places(joint)] += chosen.T @ pull
+        meat += np.outer(score, score)
+    inverse = np.linalg.inv(solution.precision)
+    prior = solution.precision - solution.data
+    return Uncertainty(inverse @ meat @ inverse, inverse @ prior @ inverse)
+
+
+def parameters(
+    table: Table, solution: Solution, spread: Uncertainty
+) -> tuple[FittedParameter, ...]:
+    """Return beta and the cables' coefficients with confidence."""
+    found = []
+    for name, unit, direction in _quantities(table, solution):
+        value = float(direction @ solution.theta)
+        found.append(
+            FittedParameter(
+                name,
+                value,
+                unit,
+                spread.interval(value, direction),
+                spread.identifiable(direction),
+            )
+        )
+    return tuple(found)
+
+
+def identifiability(table: Table, solution: Solution, spread: Uncertainty) -> Identifiability:
+    """Say what the poses determine."""
+    prior = np.sqrt(np.diag(solution.precision - solution.data))
+    scaled = solution.data / prior / prior[:, None]
+    information = np.linalg.eigvalsh(scaled)
+    known = information[information > 1.0]  # more from the data than from the prior
+    condition = float(np.sqrt(known[-1] / known[0])) if len(known) else float("inf")
+    return Identifiability(
+        len(known), len(information), condition, tuple(_statements(table, solution, spread))
+    )
+
+
+def _quantities(table: Table, solution: Solution) -> Iterator[tuple[str, str, Array]]:
+    identity = np.eye(len(solution.theta))
+    for k in range(N_BETA):
+        yield f"beta{k + 1} ({BETA_NAMES[k]})", "N·m", identity[k]
+    for joint, name in enumerate(JOINT_NAMES):
+        for side, rows in cable_rows(table, solution, joint).items():
+            for power, row in enumerate(rows):
+                if row.any():
+                    unit = "N·m" if power == 0 else f"N·m/rad^{power}"
+                    yield f"directional_cable.{side}.{name}[{power}]", unit, row
+
+
+def _statements(table: Table, solution: Solution, spread: Uncertainty) -> Iterator[str]:
+    poses = table.poses
+    for joint, name in enumerate(JOINT_NAMES):
+        if joint not in poses.moving:
+            yield (
+                f"{name} was posed at {np.degrees(poses.q[:, joint].mean()):.0f} deg only: a "
+                "constant is all that is known of it"
+            )
+        if not poses.directed[joint]:
+            yield (
+                f"{name} came from one direction only, or from unknown ones: its friction cannot "
+                "be told from its cable; approach every pose from both"
+            )
+    quantities = {name: direction for name, _, direction in _quantities(table, solution)}
+    for k in range(N_BETA):
+        first = f"beta{k + 1} ({BETA_NAMES[k]})"
+        for joint in poses.moving:
+            second = f"directional_cable.positive.{JOINT_NAMES[joint]}[1]"
+            together = spread.correlation(quantities[first], quantities[second])
+            if abs(together) > INSEPARABLE:
+                low, high = np.degrees([poses.lower[joint], poses.upper[joint]])
+                yield (
+                    f"{first} and {second} cannot be separated (correlation {together:+.3f}): "
+                    f"a wider range of {JOINT_NAMES[joint]} than {low:.0f} to {high:.0f} deg would"
+                )

@@ -1,0 +1,151 @@
+"""Wrong readings, hidden in what the sensors say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.recording import Recording
+from dvrk_gravity.simulate.hidden_parts import (
+    LEVEL,
+    LOADED,
+    Array,
+    Hidden,
+    Random,
+    found,
+    sign,
+    size,
+)
+from dvrk_gravity.simulate.world import World
+
+
+def _joint_offset(world: World, random: Random) -> tuple[World, Hidden]:
+    joint = int(random.choice([1, 2, 3, 4, 5]))
+    offset = np.radians(random.uniform(3.0, 8.0)) * sign(random)
+    shift = np.zeros(N_JOINTS)
+    shift[joint] = offset
+
+    def reading(recording: Recording) -> Recording:
+        return replace(recording, position=recording.position + shift)
+
+    return _read(world, reading), found("joint_offset", joint, offset=float(offset))
+
+
+def _torque_scale(world: World, random: Random) -> tuple[World, Hidden]:
+    joint = int(random.choice(LOADED))
+    factor = float(random.choice([random.uniform(0.5, 0.85), random.uniform(1.15, 1.7)]))
+    scale = np.ones(N_JOINTS)
+    scale[joint] = factor
+    return _read(world, _effort(lambda effort: effort * scale)), found(
+        "torque_scale", joint, factor=factor
+    )
+
+
+def _torque_offset(world: World, random: Random) -> tuple[World, Hidden]:
+    joint = int(random.integers(N_JOINTS))
+    offset = LEVEL[joint] * size(random) * sign(random)
+    shift = np.zeros(N_JOINTS)
+    shift[joint] = offset
+    return _read(world, _effort(lambda effort: effort + shift)), found(
+        "torque_offset", joint, offset=offset
+    )
+
+
+def _coupling(world: World, random: Random) -> tuple[World, Hidden]:
+    source, target = (int(j) for j in random.choice([(1, 2), (2, 3), (1, 3), (2, 4), (4, 5)]))
+    factor = random.uniform(0.08, 0.3) * sign(random)
+    leak = np.eye(N_JOINTS)
+    leak[source, target] = factor
+    hidden = Hidden(
+        "joint_coupling", (JOINT_NAMES[target], JOINT_NAMES[source]), {"factor": factor}
+    )
+    return _read(world, _effort(lambda effort: effort @ leak)), hidden
+
+
+def _coordinates(world: World, random: Random) -> tuple[World, Hidden]:
+    which = random.choice(["actuator", "sign", "swap"])
+    arm = world.arm
+    if which == "actuator":
+
+        def reading(recording: Recording) -> Recording:
+            assert recording.velocity is not None
+            assert recording.effort is not None
+            return replace(
+                recording,
+                position=arm.actuator_position(recording.position),
+                velocity=arm.actuator_position(recording.velocity),
+                effort=arm.actuator_effort(recording.effort),
+            )
+
+        return _read(world, reading), found("wrong_coordinates", None)
+    order, sign = np.arange(N_JOINTS), np.ones(N_JOINTS)
+    joint = int(random.choice(LOADED))
+    hidden = found("wrong_coordinates", joint)
+    if which == "sign":
+        sign[joint] = -1.0
+    else:
+        order[[4, 5]] = (5, 4)
+        hidden = Hidden("wrong_coordinates", (JOINT_NAMES[4], JOINT_NAMES[5]), {})
+
+    def mixed(recording: Recording) -> Recording:
+        def turn(values: Array) -> Array:
+            return values[:, order] * sign
+
+        assert recording.velocity is not None
+        assert recording.effort is not None
+        return replace(
+            recording,
+            position=turn(recording.position),
+            velocity=turn(recording.velocity),
+            effort=turn(recording.effort),
+        )
+
+    return _read(world, mixed), hidden
+
+
+def _delay(world: World, random: Random) -> tuple[World, Hidden]:
+    delay = round(float(random.uniform(0.008, 0.04)), 3)
+    sensors = replace(world.sensors, effort_delay=delay)
+    return replace(world, sensors=sensors), found("time_delay", None, delay=delay)
+
+
+def _saturation(world: World, random: Random) -> tuple[World, Hidden]:
+    joint = int(random.choice(LOADED))
+    part = random.uniform(0.5, 0.75)
+    hidden = found("effort_saturation", joint)
+
+    def reading(recording: Recording) -> Recording:
+        assert recording.effort is not None
+        effort = recording.effort.copy()
+        limit = part * np.percentile(np.abs(effort[:, joint]), 99.5)
+        effort[:, joint] = np.clip(effort[:, joint], -limit, limit)
+        return replace(recording, effort=effort)
+
+    return _read(world, reading), hidden
+
+
+def _read(world: World, reading: Callable[[Recording], Recording]) -> World:
+    return replace(world, readings=(*world.readings, reading))
+
+
+def _effort(change: Callable[[Array], Array]) -> Callable[[Recording], Recording]:
+    def reading(recording: Recording) -> Recording:
+        assert recording.effort is not None
+        return replace(recording, effort=change(recording.effort))
+
+    return reading
+
+
+READINGS: Mapping[str, Callable[[World, Random], tuple[World, Hidden]]] = {
+    "joint_offset": _joint_offset,
+    "torque_scale": _torque_scale,
+    "torque_offset": _torque_offset,
+    "joint_coupling": _coupling,
+    "wrong_coordinates": _coordinates,
+    "time_delay": _delay,
+    "effort_saturation": _saturation,
+}
+"""Effect -> how it is hidden."""
