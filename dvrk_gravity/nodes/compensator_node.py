@@ -87,7 +87,7 @@ class Compensator(Node):
         self.create_service(SetBool, "~/enable", self._on_enable)
         # Four looks within the time-out notice a silence at most a quarter late.
         self._watch = self._timer(self._supervisor.settings.timeout / 4, self._on_watch)
-        self._listen = self._timer(LISTEN / 4, self._on_listen)
+        self._timer(LISTEN / 4, self._on_listen)
         self._timer(1.0, self._publish_diagnostics)
 
     def _timer(self, period: float, callback: Any) -> Any:
@@ -141,12 +141,13 @@ class Compensator(Node):
 
     def _on_watch(self) -> None:
         self._supervisor.check_input(time.monotonic())
-        self._rivals.watch(self._supervisor.active)
         self._settle()
 
     def _on_listen(self) -> None:
-        """Begin, once whoever commands the arm already has had the time to be heard."""
-        self._rivals.watch(commanding=False)
+        """Look who is there; begin, once whoever commands the arm has had the time to be heard."""
+        self._rivals.watch(self._supervisor.active)
+        if not self._listening:
+            return
         arm_is_there = self.count_publishers(self.prompt.topic_name) > 0
         if not arm_is_there:
             self.get_logger().info(
@@ -156,7 +157,6 @@ class Compensator(Node):
             )
         if self._rivals.listened(arm_is_there):
             self._listening = False
-            self._listen.cancel()
             self._settle()
 
     def _refuse_rival(self) -> None:
