@@ -23,12 +23,12 @@ ORDER = 4
 # smooth, and five positions of a joint do not tell what lies between them. For functions of the
 # joint's own position they are those of the calibration files of real arms that dVRK groups have
 # published (root mean squares over seven arms, joints 3 to 6); for others n^-2.
-OWN_MEAN = (1.0, 1.0, 0.4, 0.4, 0.1)
-OWN_DIFFERENCE = (1.0, 0.1, 0.1, 0.02, 0.02)
+OWN_MEAN = (1.0, 1.0, 0.3, 0.2, 0.05)
+OWN_DIFFERENCE = (1.0, 0.2, 0.2, 0.1, 0.1)
 CONSTANT_SD = 1.0  # N·m, a constant is hardly held back
 # Springs and counterweights act like gravity, with the sine of an angle, and no polynomial of order
 # four is a sine over 250 deg. N·m: wrist_pitch's spring carries about what the wrist weighs.
-WAVE_SD = (0.02, 0.02, 0.02, 0.02, 0.1, 0.02, 0.02)
+WAVE_SD = (1e-4, 1e-4, 1e-4, 1e-4, 0.1, 1e-4, 1e-4)
 
 Group = tuple[int, ...]  # joints on which the functions depend, all of them
 
