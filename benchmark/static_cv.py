@@ -73,8 +73,7 @@ def schemes(poses: Poses) -> Iterator[tuple[str, list[Mask]]]:
 
 
 def _levels(q: Array, joint: int) -> NDArray[np.int64]:
-    number = slabs(q[:, joint])
-    return number
+    return slabs(q[:, joint])
 
 
 def main() -> None:

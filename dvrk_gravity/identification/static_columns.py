@@ -24,11 +24,11 @@ ORDER = 4
 # joint's own position they are those of the calibration files of real arms that dVRK groups have
 # published (root mean squares over seven arms, joints 3 to 6); for others n^-2.
 OWN_MEAN = (1.0, 1.0, 0.4, 0.4, 0.1)
-OWN_DIFFERENCE = (1.0, 0.1, 0.1, 0.05, 0.05)
+OWN_DIFFERENCE = (1.0, 0.1, 0.1, 0.02, 0.02)
 CONSTANT_SD = 1.0  # N·m, a constant is hardly held back
 # Springs and counterweights act like gravity, with the sine of an angle, and no polynomial of order
-# four is a sine over 250 deg. N·m: as much as a wrist weighs.
-WAVE_SD = 0.1
+# four is a sine over 250 deg. N·m: wrist_pitch's spring carries about what the wrist weighs.
+WAVE_SD = (0.02, 0.02, 0.02, 0.02, 0.1, 0.02, 0.02)
 
 Group = tuple[int, ...]  # joints on which the functions depend, all of them
 
@@ -132,7 +132,7 @@ def _own_columns(
     half = 0.5 * (poses.upper[joint] - poses.lower[joint])
     for wave in (np.sin, np.cos):
         series.append(chebyshev.chebinterpolate(lambda x, f=wave: f(centre + half * x), MAX_DEGREE))
-        rows.append((0, none, False, 1.0, WAVE_SD))
+        rows.append((0, none, False, 1.0, WAVE_SD[joint]))
     return np.array(series), rows
 
 

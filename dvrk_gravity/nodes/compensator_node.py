@@ -82,7 +82,7 @@ class Compensator(PromptNode):
         self.create_service(SetBool, "~/enable", self._on_enable)
         # Four looks within the time-out notice a silence at most a quarter late.
         self._watch = self._timer(self._supervisor.settings.timeout / 4, self._on_watch)
-        self._listen = self._timer(LISTEN / 4, self._on_listen)
+        self._timer(LISTEN / 4, self._on_listen)
         self._timer(1.0, self._publish_diagnostics)
 
     def _timer(self, period: float, callback: Any) -> Any:
@@ -134,15 +134,16 @@ class Compensator(PromptNode):
 
     def _on_watch(self) -> None:
         self._supervisor.check_input(time.monotonic())
-        self._rivals.watch(self._supervisor.active)
         self._settle()
 
     def _on_listen(self) -> None:
-        """Begin, once whoever commands the arm already has had the time to be heard.
+        """Look who is there; begin, once whoever commands the arm has had the time to be heard.
 
-        Only then is there a subscription: who sees it may count on answers.
+        Only then is there a subscription to the arm: who sees it may count on answers.
         """
-        self._rivals.watch(commanding=False)
+        self._rivals.watch(self._supervisor.active)
+        if self.prompt is not None:
+            return
         topic = self.resolve_topic_name("measured_js")
         arm_is_there = self.count_publishers(topic) > 0
         if not arm_is_there:
@@ -152,7 +153,6 @@ class Compensator(PromptNode):
                 skip_first=True,
             )
         if self._rivals.listened(arm_is_there):
-            self._listen.cancel()
             depth = int(self.get_parameter("input_depth").value)
             self.prompt = self.create_subscription(
                 JointState, topic, self._on_measured, depth, raw=True
