@@ -13,11 +13,11 @@ import time
 import numpy as np
 
 from dvrk_gravity.arm import Arm
-from dvrk_gravity.identify import dynamic_fit, identify
-from dvrk_gravity.identify.columns import Columns
-from dvrk_gravity.identify.identifiability import describe
-from dvrk_gravity.identify.moments import Moments, build_design
-from dvrk_gravity.identify.motion import read_motions
+from dvrk_gravity.identification import dynamic_fit, identify
+from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.identifiability import describe
+from dvrk_gravity.identification.moments import Moments, build_design
+from dvrk_gravity.identification.motion import read_motions
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.excitation import Multisine
@@ -113,7 +113,7 @@ def coverage(repetitions: int, world_seed: int, duration: float) -> None:
 
 def true_coefficients(model: TorqueModel, columns: Columns, chosen: list[int]):
     """Return the solution whose chosen columns give the true model's torque exactly."""
-    from dvrk_gravity.identify.regression import Solution
+    from dvrk_gravity.identification.regression import Solution
 
     random = np.random.default_rng(5)
     q = random.uniform(columns.valid.lower, columns.valid.upper, (1500, 7))

@@ -4,8 +4,8 @@
 
 From the start of the process to the first command, the arm publishing at 200 Hz all the while;
 0.3 s of it are spent listening for others that command the arm. A bare relay, started in turn with
-it, tells what ROS takes for itself: DDS repeats after 3 s only what a busy machine lost of its
-first greetings. Median and worst of some starts.
+it, tells what ROS takes for itself: DDS repeats what a busy machine lost of its first greetings
+only 3 s later. Median and worst of some starts.
 """
 
 from __future__ import annotations

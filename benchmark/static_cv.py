@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import Arm
-from dvrk_gravity.identify.static_fit import predict_unseen
-from dvrk_gravity.identify.static_poses import Poses, blocks, inner_slabs, read_poses, slabs
+from dvrk_gravity.identification.static_fit import predict_unseen
+from dvrk_gravity.identification.static_poses import Poses, blocks, inner_slabs, read_poses, slabs
 from dvrk_gravity.recording import Recording
 
 Array = NDArray[np.float64]
@@ -73,13 +73,14 @@ def schemes(poses: Poses) -> Iterator[tuple[str, list[Mask]]]:
 
 
 def _levels(q: Array, joint: int) -> NDArray[np.int64]:
-    number = slabs(q[:, joint])
-    return number
+    return slabs(q[:, joint])
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("poses", nargs="+", help="CSV of static poses with a direction column")
     parser.add_argument("--arm", default="mtmr")
     given = parser.parse_args()
@@ -94,7 +95,9 @@ def main() -> None:
         for method, predict in methods.items():
             error = np.concatenate([poses.effort[m] - predict(poses, m, arm) for m in masks])
             rmse = 1e3 * np.sqrt(np.mean(error[:, SHOWN] ** 2, axis=0))
-            print(f"{name:<14}{method:<12}" + "".join(f"{value:<10.1f}" for value in rmse), flush=True)
+            print(
+                f"{name:<14}{method:<12}" + "".join(f"{value:<10.1f}" for value in rmse), flush=True
+            )
 
 
 if __name__ == "__main__":

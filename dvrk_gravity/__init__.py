@@ -7,15 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dvrk_gravity.diagnosis import diagnose
+    from dvrk_gravity.identification import identify
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.recording import Recording
 
-__all__ = ["Recording", "TorqueModel", "diagnose"]
+__all__ = ["Recording", "TorqueModel", "diagnose", "identify"]
 
 _HOMES = {
     "TorqueModel": "dvrk_gravity.model",
     "Recording": "dvrk_gravity.recording",
     "diagnose": "dvrk_gravity.diagnosis",
+    "identify": "dvrk_gravity.identification",
 }
 
 

@@ -12,7 +12,7 @@ import pytest
 from dvrk_gravity import cli
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.identify import evaluate, identify
+from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.tree import build_tree
@@ -87,7 +87,7 @@ def test_coordinates_of_both_kinds_are_recognised(fit):
     )
     result = evaluate(fit.model, [motor])
     assert result.coordinates == "actuator"
-    from dvrk_gravity.identify.coordinates import detect_coordinates
+    from dvrk_gravity.identification.coordinates import detect_coordinates
 
     assert detect_coordinates([motor], ARM)[0] == "actuator"
 

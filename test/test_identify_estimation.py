@@ -8,13 +8,13 @@ from scipy.optimize import lsq_linear
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.gravity import regressor as gravity_regressor
-from dvrk_gravity.identify.columns import Columns, base_directions, beta_map
-from dvrk_gravity.identify.covariance import uncertainty
-from dvrk_gravity.identify.errors import joint_errors
-from dvrk_gravity.identify.folds import GAP, find_period, make_folds
-from dvrk_gravity.identify.identifiability import base_parameters
-from dvrk_gravity.identify.moments import Design, Moments
-from dvrk_gravity.identify.regression import (
+from dvrk_gravity.identification.columns import Columns, base_directions, beta_map
+from dvrk_gravity.identification.covariance import uncertainty
+from dvrk_gravity.identification.errors import joint_errors
+from dvrk_gravity.identification.folds import GAP, find_period, make_folds
+from dvrk_gravity.identification.identifiability import base_parameters
+from dvrk_gravity.identification.moments import Design, Moments
+from dvrk_gravity.identification.regression import (
     correlation_time,
     huber_weights,
     solve,
@@ -183,7 +183,7 @@ def test_error_measures():
 def test_pseudo_inertia_of_a_sphere_is_positive_and_of_an_impossible_body_is_not():
     import pinocchio as pin
 
-    from dvrk_gravity.identify.physical import certificate, pseudo_inertia
+    from dvrk_gravity.identification.physical import certificate, pseudo_inertia
 
     body = pin.Inertia.FromEllipsoid(0.7, 0.1, 0.2, 0.3)
     body.lever = np.array([0.1, -0.2, 0.05])
@@ -198,7 +198,7 @@ def test_pseudo_inertia_of_a_sphere_is_positive_and_of_an_impossible_body_is_not
 def test_constrained_links_are_bodies_and_fit_data_of_such_bodies():
     import pinocchio as pin
 
-    from dvrk_gravity.identify.physical import certificate, physical_links
+    from dvrk_gravity.identification.physical import certificate, physical_links
     from dvrk_gravity.tree import TREE_LINKS
 
     columns = Columns(ARM, ARM.lower, ARM.upper)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
-from dvrk_gravity.identify.result import (
+from dvrk_gravity.identification.result import (
     Choice,
     Fit,
     FittedParameter,

@@ -28,8 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate, print the table and write the JSON."""
-    from dvrk_gravity.identify import evaluate
-    from dvrk_gravity.identify.table import evaluation_text
+    from dvrk_gravity.identification import evaluate
+    from dvrk_gravity.identification.table import evaluation_text
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.recording import Recording
 

@@ -37,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write the model, the report and the JSON, and print what was found."""
     from dvrk_gravity.arm import Arm
-    from dvrk_gravity.identify import identify
-    from dvrk_gravity.identify.table import fit_text
+    from dvrk_gravity.identification import identify
+    from dvrk_gravity.identification.table import fit_text
     from dvrk_gravity.recording import Recording
     from dvrk_gravity.report.identification import render
 

@@ -9,7 +9,6 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
@@ -30,6 +29,7 @@ from dvrk_gravity.compensate.supervisor import Status, Supervisor
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import ALL_PARAMETERS
 from dvrk_gravity.nodes import runtime
+from dvrk_gravity.nodes.executor import PromptNode
 from dvrk_gravity.nodes.rivals import LISTEN, Rivals
 from dvrk_gravity.nodes.wire import CommandWriter, JointStateReader
 from dvrk_gravity.parameter import check_all
@@ -37,7 +37,7 @@ from dvrk_gravity.parameter import check_all
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class Compensator(Node):
+class Compensator(PromptNode):
     """Publishes the effort that holds the arm against its own weight, and a hold otherwise."""
 
     def __init__(self) -> None:
@@ -58,7 +58,6 @@ class Compensator(Node):
         self._statistics = Statistics()
         self._told: tuple[Status, str] | None = None
         self._no_velocity_told = False
-        self._listening = True  # for others that command the arm
         self._connect()
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -73,13 +72,9 @@ class Compensator(Node):
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)
         self._state = self.create_publisher(String, "~/state", _LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        depth = int(self.get_parameter("input_depth").value)
         self._rivals = Rivals(self, self._command, self._refuse_rival)
         self._writer = CommandWriter(
             self._supervisor.settings.model.arm.joint_names, self._rivals.mark
-        )
-        self.prompt = self.create_subscription(
-            JointState, "measured_js", self._on_measured, depth, raw=True
         )
         self.create_subscription(
             JointState, "gravity_compensation/setpoint_js", self._on_builtin, 1
@@ -96,8 +91,6 @@ class Compensator(Node):
     # --- input ---------------------------------------------------------------------------
 
     def _on_measured(self, data: bytes) -> None:
-        if self._listening:
-            return
         now = time.monotonic()
         try:
             fields = self._unpack(data)
@@ -144,19 +137,26 @@ class Compensator(Node):
         self._settle()
 
     def _on_listen(self) -> None:
-        """Look who is there; begin, once whoever commands the arm has had the time to be heard."""
+        """Look who is there; begin, once whoever commands the arm has had the time to be heard.
+
+        Only then is there a subscription to the arm: who sees it may count on answers.
+        """
         self._rivals.watch(self._supervisor.active)
-        if not self._listening:
+        if self.prompt is not None:
             return
-        arm_is_there = self.count_publishers(self.prompt.topic_name) > 0
+        topic = self.resolve_topic_name("measured_js")
+        arm_is_there = self.count_publishers(topic) > 0
         if not arm_is_there:
             self.get_logger().info(
-                f"waiting for {self.prompt.topic_name}: nobody publishes it",
+                f"waiting for {topic}: nobody publishes it",
                 throttle_duration_sec=5.0,
                 skip_first=True,
             )
         if self._rivals.listened(arm_is_there):
-            self._listening = False
+            depth = int(self.get_parameter("input_depth").value)
+            self.prompt = self.create_subscription(
+                JointState, topic, self._on_measured, depth, raw=True
+            )
             self._settle()
 
     def _refuse_rival(self) -> None:

@@ -20,18 +20,27 @@ from rclpy.subscription import Subscription
 _KINDS = ("subscription", "guard_condition", "timer", "client", "service")
 
 
+class PromptNode(Node):
+    """A node with one subscription that matters more than all else.
+
+    Attributes:
+        prompt: That subscription; ``None`` as long as it does not exist.
+    """
+
+    prompt: Subscription | None = None
+
+
 class PromptExecutor(SingleThreadedExecutor):
     """Spins one node in which one subscription matters more than all else.
 
     Events (a peer whose QoS does not fit, say) wake nothing here: they are found once a second.
     """
 
-    def __init__(self, node: Node, prompt: Subscription) -> None:
-        """Spin ``node``; ``prompt`` is the subscription that is served first."""
+    def __init__(self, node: PromptNode) -> None:
+        """Spin ``node``, whose ``prompt`` is the subscription that is served first."""
         super().__init__()
         self.add_node(node)
         self._node = node
-        self._prompt = prompt
         self._counts: tuple[int, ...] = ()
         self._wait_set: Any = None
         self._next_look = 0.0
@@ -39,8 +48,8 @@ class PromptExecutor(SingleThreadedExecutor):
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait for work and do a piece of it: of the prompt subscription and of the rest."""
         ready = self._wait(0.1 if timeout_sec is None else timeout_sec)
-        prompt = self._prompt
-        if prompt.handle.pointer in ready:
+        prompt = self._node.prompt
+        if prompt is not None and prompt.handle.pointer in ready:
             ready.remove(prompt.handle.pointer)
             taken = prompt.handle.take_message(prompt.msg_type, prompt.raw)
             if taken is not None:

@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from dvrk_gravity import yaml_file
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.nodes.executor import PromptExecutor
+from dvrk_gravity.nodes.executor import PromptExecutor, PromptNode
 
 STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 """Timers run on it: a simulated or stepped clock must not stop a watch on the input."""
@@ -121,12 +121,11 @@ def _construct(make_node: Callable[[], Node]) -> Node:
 def _spin(node: Node, stop: threading.Event) -> int:
     gc.collect()
     gc.freeze()  # what is there now stays: no collection has to look at it again
-    prompt = getattr(node, "prompt", None)
-    if prompt is None:
+    if isinstance(node, PromptNode):
+        executor: SingleThreadedExecutor = PromptExecutor(node)
+    else:
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-    else:
-        executor = PromptExecutor(node, prompt)
     try:
         while not stop.is_set():
             executor.spin_once(timeout_sec=0.1)

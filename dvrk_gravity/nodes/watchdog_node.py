@@ -5,19 +5,19 @@ from __future__ import annotations
 import time
 
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty, Float64MultiArray, String
 
 from dvrk_gravity.model import ALL_PARAMETERS
 from dvrk_gravity.nodes import runtime
+from dvrk_gravity.nodes.executor import PromptNode
 from dvrk_gravity.parameter import check_all
 
 _PARAMETERS = ("watchdog_timeout", "output", "output_topic")
 
 
-class Watchdog(Node):
+class Watchdog(PromptNode):
     """Sends `hold` once commands have come and then stopped without one."""
 
     def __init__(self) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.identify.result import Trace
+from dvrk_gravity.identification.result import Trace
 from dvrk_gravity.recording.data import Array
 
 SHOWN = 15.0  # s of a trajectory

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dvrk_gravity.identify.result import Fit
+from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.report.fit_pictures import residual_picture, torque_picture
 
 _TEMPLATE = """<!doctype html>

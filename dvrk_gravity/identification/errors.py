@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dvrk_gravity.identify.result import JointError
+from dvrk_gravity.identification.result import JointError
 from dvrk_gravity.recording.data import Array
 
 

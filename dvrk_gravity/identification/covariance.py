@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.identify.moments import Design
-from dvrk_gravity.identify.regression import Solution, autocorrelation
+from dvrk_gravity.identification.moments import Design
+from dvrk_gravity.identification.regression import Solution, autocorrelation
 from dvrk_gravity.recording.data import Array
 
 LONGEST = 1.5  # s, of the residual's autocorrelation

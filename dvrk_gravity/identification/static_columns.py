@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
-from dvrk_gravity.identify.static_poses import Poses
+from dvrk_gravity.identification.static_poses import Poses
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.terms.held_load import pose_functions
 from dvrk_gravity.terms.polynomial import MAX_DEGREE, Range
@@ -101,8 +101,12 @@ def joint_columns(joint: int, poses: Poses) -> JointColumns:
                 row = np.zeros(N_JOINTS, dtype=np.int64)
                 row[list(group)] = orders
                 size = float(sum(orders)) ** -2
-                rows += [(number, row, along, size, np.nan) for along in (False, True)[: 1 + directed]]
-    number_, orders_, along_, size_, absolute_ = (np.array(column) for column in zip(*rows, strict=True))
+                rows += [
+                    (number, row, along, size, np.nan) for along in (False, True)[: 1 + directed]
+                ]
+    number_, orders_, along_, size_, absolute_ = (
+        np.array(column) for column in zip(*rows, strict=True)
+    )
     return JointColumns(
         joint, tuple(groups), number_, orders_, series, along_, size_, absolute_
     )  # fmt: skip

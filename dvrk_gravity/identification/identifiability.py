@@ -10,11 +10,11 @@ import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.gravity import BETA_NAMES
-from dvrk_gravity.identify.columns import DISPLACEMENTS, Columns, beta_map
-from dvrk_gravity.identify.covariance import Uncertainty
-from dvrk_gravity.identify.moments import Design
-from dvrk_gravity.identify.regression import Solution
-from dvrk_gravity.identify.result import FittedParameter, Identifiability
+from dvrk_gravity.identification.columns import DISPLACEMENTS, Columns, beta_map
+from dvrk_gravity.identification.covariance import Uncertainty
+from dvrk_gravity.identification.moments import Design
+from dvrk_gravity.identification.regression import Solution
+from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.terms import rigid_body
 from dvrk_gravity.tree import TREE_LINKS
@@ -125,7 +125,7 @@ def base_parameters(arm: Arm) -> tuple[tuple[str, str, Array], ...]:
     """
     from scipy.linalg import qr, solve_triangular
 
-    from dvrk_gravity.identify.columns import _samples, base_directions
+    from dvrk_gravity.identification.columns import _samples, base_directions
 
     full = rigid_body.regressor(arm, *_samples(arm), arm.gravity).reshape(-1, rigid_body.COLUMNS)
     rank = base_directions(arm).shape[1]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from dvrk_gravity.identify.evaluation import Evaluation
-from dvrk_gravity.identify.result import Fit, JointError
+from dvrk_gravity.identification.evaluation import Evaluation
+from dvrk_gravity.identification.result import Fit, JointError
 
 
 def error_table(joints: Mapping[str, JointError]) -> Iterator[str]:

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
-from dvrk_gravity.identify import result, static_report
-from dvrk_gravity.identify.errors import joint_errors
-from dvrk_gravity.identify.result import Fit, Trace
-from dvrk_gravity.identify.static_model import fit_poses
-from dvrk_gravity.identify.static_poses import Poses, blocks, inner_slabs, read_poses, slabs
-from dvrk_gravity.identify.static_selection import choose
-from dvrk_gravity.identify.static_solver import OUTLIER, Table
+from dvrk_gravity.identification import result, static_report
+from dvrk_gravity.identification.errors import joint_errors
+from dvrk_gravity.identification.result import Fit, Trace
+from dvrk_gravity.identification.static_model import fit_poses
+from dvrk_gravity.identification.static_poses import Poses, blocks, inner_slabs, read_poses, slabs
+from dvrk_gravity.identification.static_selection import choose
+from dvrk_gravity.identification.static_solver import OUTLIER, Table
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.recording.data import Array, Coordinates

@@ -8,23 +8,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.identify.columns import Columns
-from dvrk_gravity.identify.covariance import uncertainty
-from dvrk_gravity.identify.errors import joint_errors
-from dvrk_gravity.identify.folds import Folds, make_folds
-from dvrk_gravity.identify.identifiability import describe
-from dvrk_gravity.identify.moments import Design, Moments, build_design
-from dvrk_gravity.identify.motion import read_motions
-from dvrk_gravity.identify.physical import certificate, physical_links
-from dvrk_gravity.identify.regression import (
+from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.covariance import uncertainty
+from dvrk_gravity.identification.errors import joint_errors
+from dvrk_gravity.identification.folds import Folds, make_folds
+from dvrk_gravity.identification.identifiability import describe
+from dvrk_gravity.identification.moments import Design, Moments, build_design
+from dvrk_gravity.identification.motion import read_motions
+from dvrk_gravity.identification.physical import certificate, physical_links
+from dvrk_gravity.identification.regression import (
     ROUNDS,
     Solution,
     correlation_time,
     huber_weights,
     solve,
 )
-from dvrk_gravity.identify.result import Fit, JointError, Trace
-from dvrk_gravity.identify.selection import Selection, split_moments, start_columns
+from dvrk_gravity.identification.result import Fit, JointError, Trace
+from dvrk_gravity.identification.selection import Selection, split_moments, start_columns
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.recording.data import Array, Coordinates

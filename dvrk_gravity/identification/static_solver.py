@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.identify.static_columns import (
+from dvrk_gravity.identification.static_columns import (
     N_BETA,
     Group,
     JointColumns,
     gravity_rows,
     joint_columns,
 )
-from dvrk_gravity.identify.static_poses import Poses
+from dvrk_gravity.identification.static_poses import Poses
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.terms.polynomial import Range
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.gravity import BETA_NAMES
-from dvrk_gravity.identify.covariance import Uncertainty
-from dvrk_gravity.identify.result import FittedParameter, Identifiability
-from dvrk_gravity.identify.static_columns import N_BETA
-from dvrk_gravity.identify.static_model import cable_rows
-from dvrk_gravity.identify.static_poses import blocks
-from dvrk_gravity.identify.static_solver import Solution, Table
+from dvrk_gravity.identification.covariance import Uncertainty
+from dvrk_gravity.identification.result import FittedParameter, Identifiability
+from dvrk_gravity.identification.static_columns import N_BETA
+from dvrk_gravity.identification.static_model import cable_rows
+from dvrk_gravity.identification.static_poses import blocks
+from dvrk_gravity.identification.static_solver import Solution, Table
 from dvrk_gravity.recording.data import Array
 
 INSEPARABLE = 0.98  # correlation of two parameters

@@ -9,9 +9,9 @@ from typing import Any, get_args
 import numpy as np
 
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identify.errors import joint_errors
-from dvrk_gravity.identify.motion import read_motions, require_all
-from dvrk_gravity.identify.result import JointError, Trace
+from dvrk_gravity.identification.errors import joint_errors
+from dvrk_gravity.identification.motion import read_motions, require_all
+from dvrk_gravity.identification.result import JointError, Trace
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning, Recording, prepare
 from dvrk_gravity.recording.data import Coordinates

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identify.coordinates import detect_coordinates
-from dvrk_gravity.identify.dynamic_fit import fit_dynamic
-from dvrk_gravity.identify.evaluation import evaluate
-from dvrk_gravity.identify.motion import require_all
-from dvrk_gravity.identify.result import Fit
+from dvrk_gravity.identification.coordinates import detect_coordinates
+from dvrk_gravity.identification.dynamic_fit import fit_dynamic
+from dvrk_gravity.identification.evaluation import evaluate
+from dvrk_gravity.identification.motion import require_all
+from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.recording.data import Coordinates
 from dvrk_gravity.terms import TERMS
@@ -58,7 +58,7 @@ def identify(
             "holds static poses, expected trajectories only or poses only",
         )
     if static[0]:
-        from dvrk_gravity.identify.static_fit import fit_static
+        from dvrk_gravity.identification.static_fit import fit_static
 
         fit = fit_static(recordings, arm, coordinates or "joint", report)
     else:

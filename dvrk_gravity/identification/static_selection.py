@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.identify import result
-from dvrk_gravity.identify.static_columns import N_BETA, Group, describe
-from dvrk_gravity.identify.static_poses import blocks, inner_slabs
-from dvrk_gravity.identify.static_solver import Choice, Table, solve_robust
+from dvrk_gravity.identification import result
+from dvrk_gravity.identification.static_columns import N_BETA, Group, describe
+from dvrk_gravity.identification.static_poses import blocks, inner_slabs
+from dvrk_gravity.identification.static_solver import Choice, Table, solve_robust
 from dvrk_gravity.recording.data import Array
 
 # Prior size of the own function of order one, in robust standard deviations of the joint's torque

@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.identify.columns import DEGREE, DISPLACEMENTS, Columns
-from dvrk_gravity.identify.folds import Folds
-from dvrk_gravity.identify.moments import Design, Moments
-from dvrk_gravity.identify.regression import solve_signed
-from dvrk_gravity.identify.result import Choice
+from dvrk_gravity.identification.columns import DEGREE, DISPLACEMENTS, Columns
+from dvrk_gravity.identification.folds import Folds
+from dvrk_gravity.identification.moments import Design, Moments
+from dvrk_gravity.identification.regression import solve_signed
+from dvrk_gravity.identification.result import Choice
 from dvrk_gravity.recording.data import Array
 
 # A step must lower the held-out error by so much in the mean over blocks, and by so many

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.identify.moments import Design
+from dvrk_gravity.identification.moments import Design
 from dvrk_gravity.recording.data import Array
 
 COUNT = 12

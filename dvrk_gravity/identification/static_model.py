@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
-from dvrk_gravity.identify.static_solver import Choice, Solution, Table, solve_robust
+from dvrk_gravity.identification.static_solver import Choice, Solution, Table, solve_robust
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import Value
 from dvrk_gravity.recording.data import Array
@@ -48,7 +48,9 @@ def cable_rows(table: Table, solution: Solution, joint: int) -> dict[str, Array]
     centre = 0.5 * (table.valid.lower[joint] + table.valid.upper[joint])
     half = 0.5 * (table.valid.upper[joint] - table.valid.lower[joint])
     argument = polynomial.Polynomial([-centre / half, 1.0 / half] if half > 0.0 else [0.0])
-    rows = {name: np.zeros((1 + MAX_DEGREE, len(solution.theta))) for name in ("positive", "negative")}
+    rows = {
+        name: np.zeros((1 + MAX_DEGREE, len(solution.theta))) for name in ("positive", "negative")
+    }
     for place, column in zip(solution.places(joint), solution.columns[joint], strict=True):
         if columns.group[column] != 0:
             continue

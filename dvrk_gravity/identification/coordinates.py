@@ -9,11 +9,11 @@ from typing import get_args
 import numpy as np
 
 from dvrk_gravity.arm import Arm
-from dvrk_gravity.identify.columns import Columns
-from dvrk_gravity.identify.folds import make_folds
-from dvrk_gravity.identify.moments import build_design
-from dvrk_gravity.identify.motion import Motion, read_motions
-from dvrk_gravity.identify.selection import Selection, split_moments, start_columns
+from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.folds import make_folds
+from dvrk_gravity.identification.moments import build_design
+from dvrk_gravity.identification.motion import Motion, read_motions
+from dvrk_gravity.identification.selection import Selection, split_moments, start_columns
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.recording.data import Coordinates
 from dvrk_gravity.terms import State

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.identify.moments import Moments
+from dvrk_gravity.identification.moments import Moments
 from dvrk_gravity.recording.data import Array
 
 ROUNDS = 4  # of weights from residuals; the weights settle after two or three

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS
-from dvrk_gravity.identify.columns import Columns
-from dvrk_gravity.identify.motion import Motion
+from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.motion import Motion
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.terms import State
 
