@@ -39,7 +39,7 @@ NODE_PARAMETERS: dict[str, Parameter] = {
             lower=0.0, upper=10.0,
         ),
         Parameter(
-            "position_margin", 0.35, "rad",
+            "position_margin", 3.14, "rad",
             "refuse input with a joint further than this outside the arm's position limits",
             lower=0.0, read_only=True,
         ),

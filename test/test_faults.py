@@ -244,8 +244,8 @@ def test_numbers_at_the_edge_of_what_is_possible_are_answered_or_dropped(arm, st
     assert arm.answer(position=(ARM.lower - 0.3).tolist()) is not None
     assert arm.answer(velocity=[1.7e308] * 7) is not None
     assert arm.answer(effort=[float("nan")] * 7) is not None  # only where the ramp begins
-    assert arm.answer(position=[3.0] + [0.0] * 6) is None
-    arm.client.wait(lambda: "(out_of_range): outer_yaw at 3 rad" in node.output, "the cause")
+    assert arm.answer(position=[30.0] + [0.0] * 6) is None
+    arm.client.wait(lambda: "(out_of_range): outer_yaw at 30 rad" in node.output, "the cause")
     assert arm.answer(position=np.degrees(arm.position).tolist()) is None
     for data in (b"\0\1\0\0", bytes(200), b"\xff" * 4096):
         arm.measured.publish(data)
@@ -255,7 +255,7 @@ def test_numbers_at_the_edge_of_what_is_possible_are_answered_or_dropped(arm, st
 
 def test_the_model_of_the_other_side_s_arm_is_not_followed_where_it_cannot_be(arm, start):
     """MTML and MTMR mirror joint 4: the one's poses are mostly out of the other's reach."""
-    node = start("compensator", *PATIENT, "-p", "arm:=mtml")
+    node = start("compensator", *PATIENT, "-p", "arm:=mtml", "-p", "position_margin:=0.35")
     arm.position[3] = np.radians(150.0)
     arm.run(0.3)
     assert not arm.commands
