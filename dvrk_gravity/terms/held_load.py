@@ -130,5 +130,6 @@ def pose_functions(q: Array, orders: NDArray[np.int64], valid: polynomial.Range)
     product = np.ones((*q.shape[:-1], len(orders)))
     for joint in np.flatnonzero(used).tolist():
         table = chebyshev.chebvander(scaled[..., joint], int(orders[:, joint].max()))
-        product *= table[..., orders[:, joint]]
+        # NumPy's table of one pose has a first axis of one.
+        product *= table[..., orders[:, joint]].reshape(product.shape)
     return product
