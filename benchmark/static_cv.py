@@ -61,7 +61,7 @@ def _console(q: Array, degrees: Sequence[int]) -> Array:
 
 def schemes(poses: Poses) -> Iterator[tuple[str, list[Mask]]]:
     """Yield the name and the sets of held-out poses of each scheme."""
-    levels = np.stack([_levels(poses.q, joint) for joint in poses.moving], axis=1)
+    levels = np.stack([slabs(poses.q[:, joint]) for joint in poses.moving], axis=1)
     top = levels.max(axis=0)
     yield "one level", inner_slabs(poses)
     random = np.random.default_rng(0)
@@ -70,10 +70,6 @@ def schemes(poses: Poses) -> Iterator[tuple[str, list[Mask]]]:
     yield "every other", [(levels % 2 == 1).any(axis=1)]
     yield "blocks", blocks(poses, 25)
     yield "edge", [levels[:, k] == edge for k in range(levels.shape[1]) for edge in (0, top[k])]
-
-
-def _levels(q: Array, joint: int) -> NDArray[np.int64]:
-    return slabs(q[:, joint])
 
 
 def main() -> None:

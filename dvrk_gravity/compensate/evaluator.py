@@ -8,7 +8,7 @@ sample is worked out beforehand, and what is left is put into as few calls as po
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import singledispatch
+from functools import reduce, singledispatch
 
 import numpy as np
 import pinocchio as pin
@@ -34,15 +34,12 @@ Evaluator = Callable[[Array, "Array | None"], Array]
 
 def prepare_sum(terms: Iterable[Term]) -> Evaluator:
     """Return the evaluator of a sum of terms; of none, it returns zeros."""
-    first, *others = [prepare(term) for term in terms] or [_zeros]
+    evaluators = [prepare(term) for term in terms]
+    return reduce(_add, evaluators) if evaluators else _zeros
 
-    def evaluate(q: Array, qd: Array | None) -> Array:
-        total = first(q, qd)
-        for other in others:
-            total = total + other(q, qd)
-        return total
 
-    return evaluate
+def _add(first: Evaluator, second: Evaluator) -> Evaluator:
+    return lambda q, qd: first(q, qd) + second(q, qd)
 
 
 @singledispatch

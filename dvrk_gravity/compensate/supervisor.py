@@ -181,11 +181,14 @@ class Supervisor:
             return None
 
     def _check_stamp(self, stamp: int, now: float, clock: int) -> None:
-        # Once nothing valid has come for long, the clock has been stepped for good.
-        stepped = not self.active and now - self._last_valid > self.settings.timeout
-        if stamp < self._last_stamp and not stepped:
-            late = (self._last_stamp - stamp) * 1e-9
-            raise DroppedSampleError("stamp_backwards", f"stamp {late:.3f} s before the last one")
+        if stamp < self._last_stamp:
+            # Once nothing valid has come for long, the clock has been stepped for good.
+            stepped = not self.active and now - self._last_valid > self.settings.timeout
+            if not stepped:
+                late = (self._last_stamp - stamp) * 1e-9
+                raise DroppedSampleError(
+                    "stamp_backwards", f"stamp {late:.3f} s before the last one"
+                )
         oldest = self.settings.max_stamp_age
         if oldest > 0.0 and clock - stamp > oldest * 1e9:
             age = (clock - stamp) * 1e-9

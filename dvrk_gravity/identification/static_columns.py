@@ -19,16 +19,16 @@ from dvrk_gravity.terms.polynomial import MAX_DEGREE, Range
 
 N_BETA = 10
 ORDER = 4
-# Prior sizes of orders 0 to 4 relative to the mean's order 1: what cables and stiction do is
+# Prior sizes of orders 0 to 4 relative to the mean's order one: what cables and stiction do is
 # smooth, and five positions of a joint do not tell what lies between them. For functions of the
-# joint's own position they are those of the calibration files of real arms that dVRK groups have
-# published (root mean squares over seven arms, joints 3 to 6); for others n^-2.
+# joint's own position they are about those of seven published calibration files of real arms (root
+# mean squares, joints 3 to 6); for others n^-2.
 OWN_MEAN = (1.0, 1.0, 0.3, 0.2, 0.05)
 OWN_DIFFERENCE = (1.0, 0.2, 0.2, 0.1, 0.1)
 CONSTANT_SD = 1.0  # N·m, a constant is hardly held back
-# Springs and counterweights act like gravity, with the sine of an angle, and no polynomial of order
-# four is a sine over 250 deg. N·m: wrist_pitch's spring carries about what the wrist weighs.
-WAVE_SD = (1e-4, 1e-4, 1e-4, 1e-4, 0.1, 1e-4, 1e-4)
+# Joints with a spring or counterweight, and its size in N·m. It acts like gravity, with the sine of
+# the angle, and no polynomial of order four is a sine over 250 deg.
+SPRINGS = {JOINT_NAMES.index("wrist_pitch"): 0.1}
 
 Group = tuple[int, ...]  # joints on which the functions depend, all of them
 
@@ -86,8 +86,8 @@ class JointColumns:
 def joint_columns(joint: int, poses: Poses) -> JointColumns:
     """Return the columns that may explain one joint's torque at some poses.
 
-    The joint's own position to order four, with a sine and a cosine; every other joint's; every
-    pair's products.
+    The joint's own position to order four, with sine and cosine where there is a spring; every
+    other joint's; every pair's products.
     """
     moving, directed = poses.moving, poses.directed[joint]
     series, rows = _own_columns(joint, poses)
@@ -128,11 +128,13 @@ def _own_columns(
             series.append(unit[order])
             size = (OWN_DIFFERENCE if along else OWN_MEAN)[order]
             rows.append((0, none, along, size, np.nan))
-    centre = 0.5 * (poses.lower[joint] + poses.upper[joint])
-    half = 0.5 * (poses.upper[joint] - poses.lower[joint])
-    for wave in (np.sin, np.cos):
-        series.append(chebyshev.chebinterpolate(lambda x, f=wave: f(centre + half * x), MAX_DEGREE))
-        rows.append((0, none, False, 1.0, WAVE_SD[joint]))
+    if joint in SPRINGS:
+        centre = 0.5 * (poses.lower[joint] + poses.upper[joint])
+        half = 0.5 * (poses.upper[joint] - poses.lower[joint])
+        nodes = chebyshev.chebpts1(1 + MAX_DEGREE)
+        for wave in (np.sin, np.cos):
+            series.append(chebyshev.chebfit(nodes, wave(centre + half * nodes), MAX_DEGREE))
+            rows.append((0, none, False, 1.0, SPRINGS[joint]))
     return np.array(series), rows
 
 

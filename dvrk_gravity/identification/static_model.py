@@ -47,26 +47,39 @@ def cable_rows(table: Table, solution: Solution, joint: int) -> dict[str, Array]
     columns = table.joints[joint]
     centre = 0.5 * (table.valid.lower[joint] + table.valid.upper[joint])
     half = 0.5 * (table.valid.upper[joint] - table.valid.lower[joint])
-    argument = polynomial.Polynomial([-centre / half, 1.0 / half] if half > 0.0 else [0.0])
+    # A joint that was not posed has nothing but constants.
+    argument = polynomial.Polynomial(
+        [-centre / half, 1.0 / half] if joint in table.poses.moving else [0.0]
+    )
     rows = {
         name: np.zeros((1 + MAX_DEGREE, len(solution.theta))) for name in ("positive", "negative")
     }
     for place, column in zip(solution.places(joint), solution.columns[joint], strict=True):
         if columns.group[column] != 0:
             continue
-        series = polynomial.Polynomial(chebyshev.cheb2poly(columns.own[column]))
-        powers = series(argument).coef if joint in table.poses.moving else series.coef[:1]
+        powers = _powers(columns.own[column], argument)
         sign = -1.0 if columns.along[column] else 1.0
         rows["positive"][: len(powers), place] += powers
         rows["negative"][: len(powers), place] += sign * powers
     return rows
 
 
+def _powers(series: Array, argument: polynomial.Polynomial) -> Array:
+    """Return (k,) coefficients of a Chebyshev series of a line, lowest power first."""
+    powers = polynomial.Polynomial(chebyshev.cheb2poly(series))
+    return np.atleast_1d(np.asarray(powers(argument).coef, dtype=float))
+
+
 def _cables(table: Table, solution: Solution) -> dict[str, Value]:
     values: dict[str, Value] = {}
     for joint, name in enumerate(JOINT_NAMES):
-        for side, rows in cable_rows(table, solution, joint).items():
-            values[f"directional_cable.{side}.{name}"] = as_value(rows @ solution.theta)
+        sides = {
+            side: rows @ solution.theta for side, rows in cable_rows(table, solution, joint).items()
+        }
+        used = np.flatnonzero(sum(np.abs(powers) for powers in sides.values()))
+        degree = int(used[-1]) if len(used) else 0
+        for side, powers in sides.items():
+            values[f"directional_cable.{side}.{name}"] = as_value(powers[: degree + 1])
     settings = {"dead_band": DEAD_BAND, "saturation_velocity": SATURATION, "ratio": RATIO}
     for setting, value in settings.items():
         values[f"directional_cable.{setting}"] = (value,) * N_JOINTS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 
@@ -100,8 +101,8 @@ def _statements(table: Table, solution: Solution, spread: Uncertainty) -> Iterat
     quantities = {name: direction for name, _, direction in _quantities(table, solution)}
     for k in range(N_BETA):
         first = f"beta{k + 1} ({BETA_NAMES[k]})"
-        for joint in poses.moving:
-            second = f"directional_cable.positive.{JOINT_NAMES[joint]}[1]"
+        for joint, power in product(poses.moving, (0, 1)):
+            second = f"directional_cable.positive.{JOINT_NAMES[joint]}[{power}]"
             together = spread.correlation(quantities[first], quantities[second])
             if abs(together) > INSEPARABLE:
                 low, high = np.degrees([poses.lower[joint], poses.upper[joint]])

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.identification.static_columns import (
@@ -87,7 +88,7 @@ class Solution:
     """
 
     theta: Array
-    columns: tuple[Array, ...]
+    columns: tuple[NDArray[np.int64], ...]
     data: Array
     precision: Array
 
@@ -96,10 +97,10 @@ class Solution:
         """(10,) N·m."""
         return self.theta[:N_BETA]
 
-    def places(self, joint: int) -> Array:
+    def places(self, joint: int) -> NDArray[np.int64]:
         """Return the places of a joint's columns in theta."""
         start = N_BETA + sum(len(columns) for columns in self.columns[:joint])
-        return np.arange(start, start + len(self.columns[joint]))
+        return np.arange(start, start + len(self.columns[joint]), dtype=np.int64)
 
     def predict(self, table: Table) -> Array:
         """Return (N, 7) torques at the poses of a table, N·m."""
@@ -109,24 +110,18 @@ class Solution:
         return torque
 
 
-def solve(
-    table: Table,
-    choices: Sequence[Choice],
-    weight: Array,
-    bounds: tuple[Array, Array] | None = None,
-) -> Solution:
+def solve(table: Table, choices: Sequence[Choice], weight: Array) -> Solution:
     """Solve for all coefficients at once.
 
     Args:
         table: The columns.
         choices: Of each joint.
         weight: (N, 7) of each residual, 1 / (N·m)^2.
-        bounds: (m, p) rows and (m,) values that are added as they are.
     """
     columns = tuple(table.joints[j].of(choices[j].groups) for j in range(N_JOINTS))
     size = N_BETA + sum(map(len, columns))
     data, right, prior = np.zeros((size, size)), np.zeros(size), np.full(size, BETA_SD**-2.0)
-    solution = Solution(np.zeros(size), columns, data, data)
+    solution = Solution(right, columns, data, data)
     for joint in range(N_JOINTS):
         x = np.concatenate(
             [table.gravity[:, joint], table.matrices[joint][:, columns[joint]]], axis=1
@@ -138,10 +133,8 @@ def solve(
         deviation = table.joints[joint].prior(choices[joint].own, choices[joint].others)
         prior[places[N_BETA:]] = deviation[columns[joint]] ** -2.0
     precision = data + np.diag(prior)
-    if bounds is not None:
-        precision = precision + bounds[0].T @ bounds[0]
-        right = right + bounds[0].T @ bounds[1]
-    return Solution(np.linalg.solve(precision, right), columns, data, precision)
+    theta = np.asarray(np.linalg.solve(precision, right), dtype=float)
+    return Solution(theta, columns, data, precision)
 
 
 def scale_of(residual: Array) -> Array:
