@@ -124,7 +124,7 @@ class Arm:
     @cached_property
     def joint_to_actuator(self) -> Array:
         """(7, 7) inverse of :attr:`actuator_to_joint`."""
-        return np.linalg.inv(self.actuator_to_joint)
+        return np.asarray(np.linalg.inv(self.actuator_to_joint), dtype=float)
 
     @cached_property
     def gravity(self) -> Array:
