@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import MODEL_FILE, FakeArm
+from conftest import CONFIG, MODEL_FILE, FakeArm
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arm import JOINT_NAMES
@@ -24,8 +25,8 @@ def start(arm: FakeArm):
     """Start compensators that end with the test."""
     started: list[NodeProcess] = []
 
-    def begin(*arguments: str, wait: bool = True) -> NodeProcess:
-        node = NodeProcess("compensator", "--params-file", str(MODEL_FILE), *arguments)
+    def begin(*arguments: str, wait: bool = True, file: Path = MODEL_FILE) -> NodeProcess:
+        node = NodeProcess("compensator", "--params-file", str(file), *arguments)
         started.append(node)
         if wait:
             output = "commands" if "output:=array" in arguments else "servo_jf"
@@ -218,6 +219,23 @@ def test_gravity_flag_switches_at_run_time(arm, start):
     gravity = MODEL.term("gravity")
     difference = TorqueModel(MODEL.arm, (gravity,)).torque(arm.position)
     np.testing.assert_allclose(with_gravity - without, difference, atol=1e-9)
+
+
+def test_a_tilted_base_stays_tilted_when_a_parameter_changes(arm, start, tmp_path):
+    """Gravity is the arm's own where the model file gives none."""
+    upright = (CONFIG / "arms" / "mtmr.yaml").read_text()
+    wall = tmp_path / "wall.yaml"
+    wall.write_text(upright.replace("base_rpy: [0, 0, 0]", "base_rpy: [0, 90, 0]"))
+    model = tmp_path / "model.yaml"
+    lines = MODEL_FILE.read_text().replace("arm: mtmr", f"arm: {wall}").splitlines()
+    model.write_text("\n".join(line for line in lines if "gravity_vector" not in line))
+    wanted = TorqueModel.load(model).torque(arm.position, arm.velocity)
+    assert np.abs(wanted - expected(arm)).max() > 0.1
+
+    start(*PATIENT, *AT_ONCE, file=model)
+    np.testing.assert_allclose(arm.answer(), wanted, atol=1e-12)
+    assert arm.client.set_parameters({"max_stamp_age": 0.0})[0]
+    np.testing.assert_allclose(arm.answer(), wanted, atol=1e-12)
 
 
 def test_enable_false_ends_in_a_hold_and_true_starts_again(arm, start):

@@ -139,6 +139,28 @@ def test_the_ramp_goes_straight_to_the_model_s_torque_in_its_time():
     assert (bench.status, bench.reason) == (Status.COMMANDING, "compensating")
 
 
+def test_an_arm_that_is_moved_during_the_ramp_feels_the_torque_of_where_it_is():
+    bench = Bench(ramp_time=0.2, **OFF)
+    bench.send()
+    begin, difference = bench.now, HELD - target(bench)
+    moved = Q + 0.5 * np.eye(7)[2]
+    settings = bench.supervisor.settings
+    there = settings.limits.clip(settings.torque(moved, np.zeros(7)))
+    assert np.abs(there - target(bench)).max() > 0.05
+    command = bench.send(after=0.01, position=moved)
+    part = (bench.now - begin) / 0.2
+    np.testing.assert_allclose(command, there + (1 - part) * difference, atol=1e-12)
+
+
+def test_a_change_that_leaves_the_torque_alone_starts_no_ramp():
+    bench = Bench(**AT_ONCE)
+    bench.send()
+    bench.configure(**AT_ONCE, timeout=0.05)
+    bench.configure(**OFF, ramp_time=5.0)
+    np.testing.assert_array_equal(bench.send(), target(bench))
+    assert bench.status is Status.COMMANDING
+
+
 def test_without_ramp_and_slew_limit_the_model_s_torque_comes_at_once():
     bench = Bench(**AT_ONCE)
     np.testing.assert_array_equal(bench.send(), target(bench))

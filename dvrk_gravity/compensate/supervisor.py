@@ -45,10 +45,14 @@ class Status(Enum):
 
 @dataclass
 class _Ramp:
-    """Blend from the effort that was there to the model's."""
+    """Blend from the effort that was there to the model's.
+
+    What fades out is the difference between the two, so that the command follows the
+    model's torque from the beginning where the arm is moved during the ramp.
+    """
 
     start: float
-    origin: Array
+    difference: Array | None = None  # (7,) N·m, of the first sample after the start
 
 
 class Supervisor:
@@ -108,7 +112,7 @@ class Supervisor:
         was_enabled = self.settings.enabled
         self.settings = settings
         if self._command is not None and self.active:
-            self._ramp = _Ramp(now, self._command)
+            self._ramp = _Ramp(now)
             self.status, self.reason = Status.RAMPING, "blending to the changed settings' torque"
         if settings.enabled and not was_enabled:
             self.enable()
@@ -200,15 +204,13 @@ class Supervisor:
         """Start from the effort that holds the arm now, so that it does not drop."""
         origin = np.zeros_like(sample.position) if sample.effort is None else sample.effort
         self._command = self.settings.limits.clip(origin)
-        self._ramp = _Ramp(now, self._command)
+        self._ramp = _Ramp(now)
         self.status, self.reason = Status.RAMPING, "blending to the model's torque"
 
     def _follow(self, sample: Sample, now: float, step: float) -> Array:
         settings = self.settings
         with np.errstate(over="ignore", invalid="ignore"):
             target = settings.torque(sample.position, sample.velocity)
-            if self._ramp is not None:
-                target = self._blend(self._ramp, target, now)
             within = settings.limits.clip(target)
         self.saturated = _NONE
         if within is not target:  # what is within the limits as it is, is finite, too
@@ -216,22 +218,27 @@ class Supervisor:
                 joint = settings.model.arm.joint_names[int(np.argmin(np.isfinite(target)))]
                 raise ArithmeticError(f"the model's torque on {joint} is not a finite number")
             self.saturated = np.abs(within - target) > _CUT
-        assert self._command is not None  # set by _begin, before anything is active
+        previous = self._command
+        assert previous is not None  # set by _begin, before anything is active
+        if self._ramp is not None:
+            within = settings.limits.clip(self._blend(self._ramp, previous, within, now))
         if not _SHORTEST_STEP <= step <= _LONGEST_STEP:
             step = _SHORTEST_STEP if step < _SHORTEST_STEP else _LONGEST_STEP
         largest = settings.slew_limit * step
-        self._command = slew(self._command, within, largest, settings.limits)
+        self._command = slew(previous, within, largest, settings.limits)
         return self._command
 
-    def _blend(self, ramp: _Ramp, target: Array, now: float) -> Array:
+    def _blend(self, ramp: _Ramp, previous: Array, target: Array, now: float) -> Array:
         """Return the torque on the way to ``target``, which is reached when the ramp ends."""
+        if ramp.difference is None:
+            ramp.difference = previous - target
         ramp_time = self.settings.ramp_time
-        if ramp_time <= 0.0 or now - ramp.start >= ramp_time:
+        over = ramp_time <= 0.0 or now - ramp.start >= ramp_time
+        if over or (np.abs(ramp.difference) <= _CUT).all():
             self._ramp = None
             self.status, self.reason = Status.COMMANDING, "compensating"
             return target
-        part = (now - ramp.start) / ramp_time
-        return (1.0 - part) * ramp.origin + part * target
+        return target + (1.0 - (now - ramp.start) / ramp_time) * ramp.difference
 
     def _wait(self) -> None:
         self.status = Status.WAITING

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
@@ -50,7 +49,10 @@ class Compensator(PromptNode):
         given = runtime.given_parameters(self)
         settings = Settings.from_parameters(given)
         defaults = {name: entry.default for name, entry in ALL_PARAMETERS.items()}
-        runtime.declare(self, defaults | check_all(ALL_PARAMETERS, given))
+        # What is declared comes back with every change: it has to be what is in force, such
+        # as the gravity of an arm whose base is tilted.
+        in_force = check_all(ALL_PARAMETERS, given) | settings.model.parameters()
+        runtime.declare(self, defaults | in_force)
         self._supervisor = Supervisor(settings)
         arm, margin = settings.model.arm, settings.position_margin
         self._unpack = JointStateReader().read
@@ -263,5 +265,5 @@ class Compensator(PromptNode):
         if self._supervisor.active:
             self._supervisor.disable()
             self._settle()
-            if not self._hold.wait_for_all_acked(Duration(seconds=1)):
+            if not runtime.arrived(self._hold, Empty()):
                 self.get_logger().error("hold was not acknowledged: check that the arm holds")

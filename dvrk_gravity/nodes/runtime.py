@@ -14,8 +14,10 @@ from typing import Any
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
 from dvrk_gravity import yaml_file
@@ -101,6 +103,26 @@ def declare(node: Node, values: Mapping[str, Any]) -> None:
             node.undeclare_parameter(name)
         plain_value = list(value) if isinstance(value, tuple) else value
         node.declare_parameter(name, plain_value, descriptor, ignore_override=True)
+
+
+def arrived(publisher: Publisher, again: object) -> bool:
+    """Wait until every subscriber has acknowledged what was published, a second at the most.
+
+    A reader acknowledges when it is asked to: that is with the next message, or up to three
+    seconds later. The message is repeated, therefore.
+
+    Args:
+        publisher: What published it.
+        again: The message, one that does no harm when it is received twice.
+
+    Returns:
+        Whether all have acknowledged.
+    """
+    for _ in range(4):
+        if publisher.wait_for_all_acked(Duration(seconds=0.25)):
+            return True
+        publisher.publish(again)
+    return False
 
 
 def _parameter_files(ros_args: Sequence[str]) -> list[str]:

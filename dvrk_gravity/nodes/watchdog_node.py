@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 
-from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty, Float64MultiArray, String
@@ -76,4 +75,4 @@ class Watchdog(PromptNode):
         """Hold an arm that nobody would watch from now on."""
         if self._last is not None:
             self._hold.publish(Empty())
-            self._hold.wait_for_all_acked(Duration(seconds=1))
+            runtime.arrived(self._hold, Empty())
