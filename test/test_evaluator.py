@@ -22,6 +22,9 @@ FRICTION = {
     "coulomb_friction.motor_negative": [0.005 * j for j in range(7)],
     "viscous_friction.joint": [0.01] * 7,
     "viscous_friction.motor": [0.002 * j for j in range(7)],
+    # All of it is compensated: the torque to apply is the model's.
+    "friction_compensation.ratio": [1.0] * 7,
+    "friction_compensation.dead_band": [0.0] * 7,
 }
 MODELS = {
     "as shipped": BASE,
