@@ -2,11 +2,12 @@
 
     PYTHONPATH=. python benchmark/torque.py [--json FILE]
 
-One sample goes the way that the compensator takes: `Supervisor.command` with the shipped model of
-a real arm (gravity, directional cables), slew limit, and limits in joint and actuator space; the
-rows below show where its time goes. Samples lie on a smooth motion, as an arm's do. "Everything"
-adds elastic cables and Coulomb and viscous friction at joints and motors. Times are the best of
-many short runs, and numpy's addition of seven numbers tells what the machine is like.
+One sample goes the way that the compensator takes: torque, limits in joint and actuator space, slew
+limit, state machine (`Supervisor.command`); the rows show where its time goes. Samples lie on a
+smooth motion, as an arm's do. Two models: the shipped one of a real arm (gravity, directional
+cables), and one as `identify` writes it (gravity, elastic cables, Coulomb and viscous friction at
+joints and motors). Times are the best of many short runs, and numpy's addition of seven numbers
+tells what the machine is like.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.tree import beta_tree
 
 MODEL = TorqueModel.load(Path(__file__).resolve().parents[1] / "config" / "mtmr_28002.yaml")
-EVERYTHING = {
+IDENTIFIED = {
     "elastic_cable.wrist_pitch": [0.0, 0.01, 0.002],
     "coulomb_friction.joint_positive": [0.01] * 7,
     "coulomb_friction.motor_positive": [0.01] * 7,
@@ -58,7 +59,7 @@ def best(call: Callable[[], object], number: int = 200, repeat: int = 150) -> fl
 
 def one_sample(values: dict[str, object]) -> dict[str, float]:
     """Return the times of one answer and of its parts, s."""
-    settings = Settings.from_parameters(MODEL.parameters() | {"ramp_time": 0.0} | values)
+    settings = Settings.from_parameters(values | {"ramp_time": 0.0})
     supervisor = Supervisor(settings)
     q, qd = motion(2000)
     samples = [Sample(k + 1, q[k % 2000], qd[k % 2000], None) for k in range(2000)]
@@ -126,10 +127,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
     arguments = parser.parse_args()
-    shipped, everything, other = one_sample({}), one_sample(EVERYTHING), rest()
+    values = MODEL.parameters()
+    of_gravity = {name: value for name, value in values.items() if "cable" not in name}
+    models = {
+        "shipped": one_sample(values),
+        "identified": one_sample(of_gravity | IDENTIFIED),
+    }
+    other = rest()
     for title, rows in (
-        ("one sample, shipped model", shipped),
-        ("one sample, everything", everything),
+        *((f"one sample, {name} model", rows) for name, rows in models.items()),
         ("beside it", other),
     ):
         print(f"{title:<36}{'µs':>8}")
@@ -139,14 +145,16 @@ def main() -> int:
     print(f"{'many samples':<36}{'M/s':>8}")
     for name, rate in rates.items():
         print(f"  {name:<34}{rate * 1e-6:>8.2f}")
-    command = shipped["Supervisor.command"]
-    reached = {"sample": command <= SAMPLE_TARGET, "batch": rates["full model"] >= BATCH_TARGET}
-    for name, yes in reached.items():
-        target = "15 µs a sample" if name == "sample" else "2 M samples/s"
+    slowest = max(rows["  torque"] + rows["  limits in both spaces"] for rows in models.values())
+    reached = {
+        "15 µs for torque and limits": slowest <= SAMPLE_TARGET,
+        "2 M samples/s": rates["full model"] >= BATCH_TARGET,
+    }
+    for target, yes in reached.items():
         print(f"target {target}: {'reached' if yes else 'MISSED'}")
     if arguments.json is not None:
-        content = {"shipped_s": shipped, "everything_s": everything, "rest_s": other,
-                   "batch_per_s": rates, "reached": reached}  # fmt: skip
+        content = {"one_sample_s": models, "rest_s": other, "batch_per_s": rates,
+                   "reached": reached}  # fmt: skip
         text_file.write(arguments.json, json.dumps(content, indent=1) + "\n")
     return 0 if all(reached.values()) else 1
 

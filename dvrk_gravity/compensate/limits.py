@@ -35,12 +35,13 @@ class EffortLimits:
     actuator: Array
 
     def clip(self, torque: Array) -> Array:
-        """Return (7,) joint torques as near as simple clipping gets, within both boxes."""
-        # `all` takes five times as long as counting, and nearly every torque is within.
-        if np.count_nonzero(np.abs(torque) <= self.joint) == N_JOINTS:
-            motor = self._to_actuator.dot(torque)
-            if np.count_nonzero(np.abs(motor) <= self.actuator) == N_JOINTS:
-                return torque
+        """Return (7,) joint torques as near as simple clipping gets, within both boxes.
+
+        Torques near the largest number there is are clipped like others, but numpy tells of the
+        overflow on the way (``np.errstate``).
+        """
+        if np.count_nonzero(np.abs(self._to_both.dot(torque)) <= self._both) == len(self._both):
+            return torque
         within = np.minimum(np.maximum(torque, -self.joint), self.joint)
         motor = self.arm.actuator_effort(within)
         if (np.abs(motor) <= self.actuator).all():
@@ -56,8 +57,13 @@ class EffortLimits:
         return np.where(self.coupled, torque / excess, torque)
 
     @cached_property
-    def _to_actuator(self) -> Array:
-        return np.ascontiguousarray(self.arm.actuator_to_joint.T)
+    def _both(self) -> Array:
+        return np.concatenate([self.joint, self.actuator])
+
+    @cached_property
+    def _to_both(self) -> Array:
+        """(14, 7) from joint torques to joint and actuator torques."""
+        return np.vstack([np.eye(len(self.joint)), self.arm.actuator_to_joint.T])
 
     @cached_property
     def coupled(self) -> NDArray[np.bool_]:

@@ -203,7 +203,8 @@ class Supervisor:
     def _begin(self, sample: Sample, now: float) -> None:
         """Start from the effort that holds the arm now, so that it does not drop."""
         origin = np.zeros_like(sample.position) if sample.effort is None else sample.effort
-        self._command = self.settings.limits.clip(origin)
+        with np.errstate(over="ignore", invalid="ignore"):
+            self._command = self.settings.limits.clip(origin)
         self._ramp = _Ramp(now)
         self.status, self.reason = Status.RAMPING, "blending to the model's torque"
 
