@@ -15,14 +15,24 @@ import yaml
 from dvrk_gravity import text_file
 from dvrk_gravity.errors import ConfigError
 
+DEEPEST = 50
+"""Levels that lists and mappings may be nested; loaders take seconds to refuse thousands."""
+
 
 class _Loader(yaml.SafeLoader):
-    """Safe loader without aliases (anchor bombs) and without duplicate keys."""
+    """Safe loader without aliases (anchor bombs), endless nesting and duplicate keys."""
+
+    depth = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError("anchors and aliases are not used in these files")
-        return super().compose_node(parent, index)
+        if self.depth > DEEPEST:
+            raise yaml.YAMLError(f"nested deeper than {DEEPEST} levels")
+        self.depth += 1
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, Any]:
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]

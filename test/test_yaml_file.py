@@ -25,6 +25,7 @@ WRONG = {
     "a list": (b"- 1\n- 2\n", "got 'list', expected a YAML mapping"),
     "a text": (b"hello", "got 'str', expected a YAML mapping"),
     "tab": (b"a:\n\tb: 1\n", "line 2"),
+    "nested": (b"[" * 3000, "nested deeper than 50 levels"),
     "unclosed": (b"a: [1, 2\nb: 3\n", "line 2"),
     "two documents": (b"a: 1\n---\nb: 2\n", "expected valid YAML"),
     "anchor bomb": (BOMB.encode(), "anchors and aliases are not used"),

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from dvrk_gravity import yaml_file
 from dvrk_gravity.errors import RecordingError
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -52,6 +53,8 @@ class BagReader:
                 self.path, f"has no metadata.yaml, expected the folder of a rosbag2{hint}"
             )
         try:
+            if self.path.is_dir():
+                yaml_file.load(self.path / "metadata.yaml")  # the library's reader has no limits
             self._reader = Reader(self.path)
             self._reader.open()
             self.topics = {c.topic: c.msgtype for c in self._reader.connections}
