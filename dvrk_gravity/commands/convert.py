@@ -6,7 +6,6 @@ import argparse
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from dvrk_gravity.commands import convert_console
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.recording import Recording, iterate_recording, save_recording
 
@@ -14,6 +13,7 @@ NAME = "convert"
 EXAMPLE = "python -m dvrk_gravity convert sweep.csv sweep_bag --topic /MTMR/measured_js"
 
 RECORDING_SUFFIXES = (".csv", ".db3", ".mcap")
+CONSOLE_SUFFIXES = (".json", ".yaml", ".yml")
 DEFAULT_TOPIC = "/measured_js"
 
 
@@ -60,6 +60,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Convert by the kind of the input and return 0, or return the check's status."""
     if arguments.check is not None:
+        from dvrk_gravity.commands import convert_console
+
         if arguments.input is not None:
             raise ConfigError("--check", str(arguments.input), "no IN or OUT beside it")
         return convert_console.check(arguments.check, arguments.json)
@@ -73,7 +75,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _converter(path: Path) -> Callable[[argparse.Namespace], int]:
     if path.is_dir() or path.suffix.lower() in RECORDING_SUFFIXES:
         return _convert_recording
-    if path.suffix.lower() in (convert_console.JSON_SUFFIX, *convert_console.MODEL_SUFFIXES):
+    if path.suffix.lower() in CONSOLE_SUFFIXES:
+        from dvrk_gravity.commands import convert_console  # with Pinocchio: not for --help
+
         return lambda arguments: convert_console.convert(arguments.input, arguments.output)
     raise RecordingError(
         path,

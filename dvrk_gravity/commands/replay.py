@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,9 +16,11 @@ from dvrk_gravity import cli, text_file
 from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample, SampleReader
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.processes import NodeProcess, ProcessError, private_domain
 from dvrk_gravity.recording import BagReader, BagWriter, read_joint_states
+
+if TYPE_CHECKING:
+    from dvrk_gravity.model import TorqueModel
 
 NAME = "replay"
 EXAMPLE = "python -m dvrk_gravity replay my_bag --model config/mtmr_28002.yaml --out my_bag_answers"
@@ -95,6 +97,8 @@ def replay(
         ConfigError: A model that cannot be used.
         ProcessError: The node did not start, or stopped answering.
     """
+    from dvrk_gravity.model import TorqueModel  # Pinocchio takes a while: not for --help
+
     model = TorqueModel.load(model_file)
     expected = _expected(bag, topic, model)
     if not expected:
