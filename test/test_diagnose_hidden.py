@@ -37,6 +37,15 @@ def diagnosis_of(effect: str, seed: int = SEED) -> Diagnosis:
     return diagnose(recording, known.model())
 
 
+def claims(diagnosis: Diagnosis) -> list[tuple[str, tuple[str, ...]]]:
+    """Return every effect and its joints that a diagnosis names, alternatives included."""
+    return [
+        (claim.effect, tuple(claim.joints))
+        for finding in diagnosis.findings
+        for claim in (finding, *finding.alternatives)
+    ]
+
+
 NAMED = sorted(set(HIDERS) - {"nothing", "outside"})
 
 
@@ -45,13 +54,7 @@ def test_a_hidden_effect_is_named_with_its_joint(effect):
     _, hidden, _ = case(effect)
     diagnosis = diagnosis_of(effect)
 
-    claims = [
-        (claim.effect, set(claim.joints))
-        for finding in diagnosis.findings
-        for claim in (finding, *finding.alternatives)
-    ]
-
-    assert (effect, set(hidden.joints)) in claims
+    assert (effect, hidden.joints) in claims(diagnosis)
     assert diagnosis.findings[0].effect == effect or diagnosis.verdict == "ambiguous"
 
 
@@ -105,9 +108,9 @@ def test_two_effects_at_once_are_both_found():
 
     diagnosis = diagnose(world.record(11, 12, DURATION, RATE), known.model())
 
-    found = [(f.effect, f.joints) for f in diagnosis.findings]
-    assert (first.effect, first.joints) in found
-    assert (second.effect, second.joints) in found
+    # A weight on the axis of wrist_platform is on the forearm as well as on the platform.
+    assert {(first.effect, first.joints), (second.effect, second.joints)} <= set(claims(diagnosis))
+    assert {f.effect for f in diagnosis.findings} == {first.effect, second.effect}
 
 
 def test_static_poses_show_a_base_that_is_tilted():

@@ -179,7 +179,8 @@ def _cogging(world: World, random: Random) -> tuple[World, Hidden]:
 def _contact(world: World, random: Random) -> tuple[World, Hidden]:
     joint = int(random.integers(N_JOINTS))
     level = 3.0 * LEVEL[joint] * size(random) * sign(random)
-    start = float(random.uniform(4.0, 20.0))
+    # It ends before a recording of 20 s does: a push that does not end is no window.
+    start = float(random.uniform(3.0, 12.0))
     end = start + float(random.uniform(2.0, 6.0))
     # The plant's clock includes the second before the recording.
     extra = on_joint(joint, lambda time, q, v: level * (start + 1.0 <= time < end + 1.0))
