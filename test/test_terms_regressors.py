@@ -18,6 +18,7 @@ from dvrk_gravity.terms import (
     PreslidingHysteresis,
     RotorInertia,
     State,
+    StribeckFriction,
     ViscousFriction,
     rigid_body,
 )
@@ -31,6 +32,7 @@ TERMS = [
     Gravity(ARM, np.zeros(12), ARM.gravity),
     ElasticCable(np.zeros((4, 7)), Range(np.full(7, -0.5), np.full(7, 0.5))),
     CoulombFriction(ARM, ZERO, ZERO, ZERO, ZERO, np.full(7, 0.05)),
+    StribeckFriction(ARM, ZERO, ZERO, np.full(7, 0.3), np.full(7, 0.5), np.full(7, 0.05)),
     ViscousFriction(ARM, ZERO, ZERO),
     LinkInertia(ARM, np.zeros((9, 10))),
     RotorInertia(ARM, ZERO),

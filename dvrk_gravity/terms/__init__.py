@@ -10,6 +10,7 @@ from dvrk_gravity.terms.link_inertia import LinkInertia
 from dvrk_gravity.terms.presliding_hysteresis import PreslidingHysteresis
 from dvrk_gravity.terms.rotor_inertia import RotorInertia
 from dvrk_gravity.terms.shown_torque import ShownTorque
+from dvrk_gravity.terms.stribeck_friction import StribeckFriction
 from dvrk_gravity.terms.viscous_friction import ViscousFriction
 
 TERMS: tuple[type[Term], ...] = (
@@ -17,6 +18,7 @@ TERMS: tuple[type[Term], ...] = (
     ElasticCable,
     DirectionalCable,
     CoulombFriction,
+    StribeckFriction,
     ViscousFriction,
     LinkInertia,
     RotorInertia,
@@ -38,6 +40,7 @@ __all__ = [
     "RotorInertia",
     "ShownTorque",
     "State",
+    "StribeckFriction",
     "Term",
     "ViscousFriction",
 ]
