@@ -19,6 +19,7 @@ from dvrk_gravity.terms import (
     RotorInertia,
     State,
     StribeckFriction,
+    TorqueOffset,
     ViscousFriction,
     rigid_body,
 )
@@ -34,6 +35,7 @@ TERMS = [
     CoulombFriction(ARM, ZERO, ZERO, ZERO, ZERO, np.full(7, 0.05)),
     StribeckFriction(ARM, ZERO, ZERO, np.full(7, 0.3), np.full(7, 0.5), np.full(7, 0.05)),
     ViscousFriction(ARM, ZERO, ZERO),
+    TorqueOffset(ZERO),
     LinkInertia(ARM, np.zeros((9, 10))),
     RotorInertia(ARM, ZERO),
     PreslidingHysteresis(ARM, np.array([0.01, 0.1]), ELEMENTS, ELEMENTS),

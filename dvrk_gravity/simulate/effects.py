@@ -14,9 +14,14 @@ from dvrk_gravity.terms import (
     DirectionalCable,
     ElasticCable,
     Gravity,
+    LinkInertia,
+    Payload,
+    PreslidingHysteresis,
+    RotorInertia,
     State,
     StribeckFriction,
     Term,
+    TorqueOffset,
     ViscousFriction,
 )
 from dvrk_gravity.terms.polynomial import Range
@@ -26,6 +31,8 @@ Array = NDArray[np.float64]
 
 # A motor whose row is one joint's alone rubs where that joint does.
 _EYE = np.eye(N_JOINTS)
+# What is no torque at a state: of the sensors, with a past, or the mass matrix's business.
+_OF_OTHERS = (TorqueOffset, PreslidingHysteresis, LinkInertia, RotorInertia)
 # Friction acts downwards on what moves up, upwards on what moves down.
 _SIGNS = np.array([[-1.0], [1.0]])
 
@@ -77,12 +84,17 @@ class Effects:
             elif isinstance(term, Gravity):
                 if term.enabled:
                     self._weight.append(beta_tree(term.arm, term.beta, term.vector))
+            elif isinstance(term, Payload):
+                if term.weighs:
+                    self._weight.append(term.weight)
             elif isinstance(term, ElasticCable):
                 self._polynomials.append(_Polynomials(term.valid, term.coefficients))
             elif isinstance(term, DirectionalCable):
                 mean = 0.5 * (term.positive + term.negative)
                 half = 0.5 * friction_scale * (term.positive - term.negative)
                 self._polynomials.append(_Polynomials(term.valid, mean, half))
+            elif isinstance(term, _OF_OTHERS):
+                continue
             elif term.FRICTION:
                 raise ConfigError(
                     term.NAME, type(term).__name__, "a friction that the plant has a time step for"

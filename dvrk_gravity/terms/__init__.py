@@ -7,14 +7,17 @@ from dvrk_gravity.terms.elastic_cable import ElasticCable
 from dvrk_gravity.terms.gravity import Gravity
 from dvrk_gravity.terms.held_load import HeldLoad
 from dvrk_gravity.terms.link_inertia import LinkInertia
+from dvrk_gravity.terms.payload import Payload
 from dvrk_gravity.terms.presliding_hysteresis import PreslidingHysteresis
 from dvrk_gravity.terms.rotor_inertia import RotorInertia
 from dvrk_gravity.terms.shown_torque import ShownTorque
 from dvrk_gravity.terms.stribeck_friction import StribeckFriction
+from dvrk_gravity.terms.torque_offset import TorqueOffset
 from dvrk_gravity.terms.viscous_friction import ViscousFriction
 
 TERMS: tuple[type[Term], ...] = (
     Gravity,
+    Payload,
     ElasticCable,
     DirectionalCable,
     CoulombFriction,
@@ -25,6 +28,7 @@ TERMS: tuple[type[Term], ...] = (
     PreslidingHysteresis,
     HeldLoad,
     ShownTorque,
+    TorqueOffset,
 )
 
 __all__ = [
@@ -36,11 +40,13 @@ __all__ = [
     "HeldLoad",
     "LinearTerm",
     "LinkInertia",
+    "Payload",
     "PreslidingHysteresis",
     "RotorInertia",
     "ShownTorque",
     "State",
     "StribeckFriction",
     "Term",
+    "TorqueOffset",
     "ViscousFriction",
 ]
