@@ -1,6 +1,8 @@
 """Physical terms, one file an effect; a model is their sum."""
 
 from dvrk_gravity.terms.base import LinearTerm, State, Term
+from dvrk_gravity.terms.cogging import Cogging
+from dvrk_gravity.terms.contact import Contact
 from dvrk_gravity.terms.coulomb_friction import CoulombFriction
 from dvrk_gravity.terms.directional_cable import DirectionalCable
 from dvrk_gravity.terms.elastic_cable import ElasticCable
@@ -20,6 +22,8 @@ TERMS: tuple[type[Term], ...] = (
     Payload,
     ElasticCable,
     DirectionalCable,
+    Cogging,
+    Contact,
     CoulombFriction,
     StribeckFriction,
     ViscousFriction,
@@ -33,6 +37,8 @@ TERMS: tuple[type[Term], ...] = (
 
 __all__ = [
     "TERMS",
+    "Cogging",
+    "Contact",
     "CoulombFriction",
     "DirectionalCable",
     "ElasticCable",
