@@ -147,6 +147,9 @@ def _beta(model: TorqueModel) -> Array:
 
 def _cable(model: TorqueModel) -> DirectionalCable:
     """Return all that depends on a joint's own position, as two sets of quartics."""
+    if model.joint_offset.any():
+        offset = model.joint_offset.tolist()
+        raise ConfigError("joint_offset", offset, "zeros: the console has its own encoder offsets")
     for term in model.terms:
         if not isinstance(term, Gravity | ElasticCable | DirectionalCable):
             raise ConfigError(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity import json_file, text_file, yaml_file
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.parameter import Parameter, Value, check_all, flatten, unflatten
@@ -22,6 +22,10 @@ Array = NDArray[np.float64]
 ARM_PARAMETER = Parameter(
     "arm", "mtmr", "", "arm: mtml, mtmr, or the path of an arm's .yaml file", read_only=True
 )
+OFFSET_PARAMETER = Parameter(
+    "joint_offset", (), "rad", "measured minus true position: what the encoders read too much",
+    lower=-1.0, upper=1.0, lengths=(N_JOINTS,),
+)  # fmt: skip
 # What a console file holds beyond the model, so that converting it back loses nothing.
 CONSOLE_PARAMETER = Parameter(
     "console.document", "", "", "the dVRK console's file that the model came from, as JSON text",
@@ -31,6 +35,7 @@ MODEL_PARAMETERS: dict[str, Parameter] = {
     entry.name: entry
     for entry in (
         ARM_PARAMETER,
+        OFFSET_PARAMETER,
         CONSOLE_PARAMETER,
         *(entry for term in TERMS for entry in term.PARAMETERS),
     )
@@ -47,12 +52,15 @@ class TorqueModel:
         terms: The terms, each a physical cause of torque.
         node: Settings of the nodes that came in the same file; kept, not used here.
         document: The dVRK console's file that the model came from, as JSON text; ``""`` if none.
+        joint_offset: (7,) rad, q_measured = q_true + joint_offset. Positions given to the model
+            are measured ones; its terms are functions of the true ones.
     """
 
     arm: Arm
     terms: tuple[Term, ...]
     node: Mapping[str, Value] = field(default_factory=dict)
     document: str = ""
+    joint_offset: Array = field(default_factory=lambda: np.zeros(N_JOINTS))
 
     @classmethod
     def load(cls, path: str | Path) -> TorqueModel:
@@ -86,11 +94,15 @@ class TorqueModel:
                 raise ConfigError(
                     CONSOLE_PARAMETER.name, document, f"JSON text ({error})"
                 ) from error
-        return cls(arm, tuple(term for term in built if term is not None), node, document)
+        terms = tuple(term for term in built if term is not None)
+        offset = np.array(checked.get(OFFSET_PARAMETER.name) or np.zeros(N_JOINTS))
+        return cls(arm, terms, node, document, offset)
 
     def parameters(self) -> dict[str, Value]:
         """Return the values that :meth:`from_parameters` takes."""
         values: dict[str, Value] = {"arm": self.arm.source or self.arm.name}
+        if self.joint_offset.any():
+            values[OFFSET_PARAMETER.name] = tuple(self.joint_offset.tolist())
         for term in self.terms:
             values |= term.parameters()
         if self.document:
@@ -122,7 +134,7 @@ class TorqueModel:
         """Return the torque that the actuators apply, in joint space.
 
         Args:
-            q: (…, 7) joint positions, rad.
+            q: (…, 7) measured joint positions, rad.
             qd: (…, 7) velocities, rad/s; without them friction is left out.
             qdd: (…, 7) accelerations, rad/s^2; without them zero.
             direction: (…, 7) +1/-1 for static poses, the way each was approached.
@@ -136,7 +148,9 @@ class TorqueModel:
         return self.torque_at(State.of(q, qd, qdd, direction))
 
     def torque_at(self, state: State) -> Array:
-        """Return (…, 7) torques at a state, N·m."""
+        """Return (…, 7) torques at a state with measured positions, N·m."""
+        if self.joint_offset.any():
+            state = replace(state, q=state.q - self.joint_offset)
         return sum((term.torque(state) for term in self.terms), start=np.zeros(state.q.shape))
 
     def term(self, name: str) -> Term | None:

@@ -45,12 +45,12 @@ NODE_PARAMETERS: dict[str, Parameter] = {
         ),
         Parameter(
             "friction_compensation.ratio", (0.7,) * N_JOINTS, "",
-            "part of Coulomb and viscous friction that is compensated; all of it may run away",
+            "part of friction that is compensated; all of it may run away",
             lower=0.0, upper=1.0, lengths=_SEVEN,
         ),
         Parameter(
             "friction_compensation.dead_band", (0.05,) * N_JOINTS, "rad/s",
-            "no Coulomb or viscous friction is compensated below this speed",
+            "no friction is compensated below this speed",
             lower=0.0, upper=10.0, lengths=_SEVEN,
         ),
         Parameter(

@@ -20,6 +20,8 @@ FRICTION = {
     "coulomb_friction.joint_negative": [0.02] * 7,
     "coulomb_friction.motor_positive": [0.03] * 7,
     "coulomb_friction.motor_negative": [0.005 * j for j in range(7)],
+    "stribeck_friction.joint": [0.01] * 7,
+    "stribeck_friction.joint_velocity": [0.1] * 7,
     "viscous_friction.joint": [0.01] * 7,
     "viscous_friction.motor": [0.002 * j for j in range(7)],
     # All of it is compensated: the torque to apply is the model's.

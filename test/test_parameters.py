@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import ALL_PARAMETERS, ARM_PARAMETER, CONSOLE_PARAMETER, MODEL_PARAMETERS
+from dvrk_gravity.model import (
+    ALL_PARAMETERS,
+    ARM_PARAMETER,
+    CONSOLE_PARAMETER,
+    MODEL_PARAMETERS,
+    OFFSET_PARAMETER,
+)
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.parameter import Parameter, check_all, flatten, unflatten
 from dvrk_gravity.terms import TERMS
@@ -44,7 +50,7 @@ def with_one(entry: Parameter, bad: object) -> object:
 
 
 def test_no_name_is_declared_twice():
-    declared = [ARM_PARAMETER, CONSOLE_PARAMETER, *NODE_PARAMETERS.values()]
+    declared = [ARM_PARAMETER, OFFSET_PARAMETER, CONSOLE_PARAMETER, *NODE_PARAMETERS.values()]
     declared += [entry for term in TERMS for entry in term.PARAMETERS]
     names = [entry.name for entry in declared]
     assert sorted(names) == sorted(set(names))
@@ -60,7 +66,7 @@ def test_terms_name_their_parameters_after_themselves():
     short = {"beta", "gravity_enabled", "gravity_vector"}
     for term in TERMS:
         for entry in term.PARAMETERS:
-            assert entry.name in short or entry.name.startswith(f"{term.NAME}.")
+            assert entry.name in short or f"{entry.name}.".startswith(f"{term.NAME}.")
 
 
 @pytest.mark.parametrize("entry", EVERY)

@@ -18,6 +18,8 @@ from dvrk_gravity.terms import (
     PreslidingHysteresis,
     RotorInertia,
     State,
+    StribeckFriction,
+    TorqueOffset,
     ViscousFriction,
     rigid_body,
 )
@@ -31,7 +33,9 @@ TERMS = [
     Gravity(ARM, np.zeros(12), ARM.gravity),
     ElasticCable(np.zeros((4, 7)), Range(np.full(7, -0.5), np.full(7, 0.5))),
     CoulombFriction(ARM, ZERO, ZERO, ZERO, ZERO, np.full(7, 0.05)),
+    StribeckFriction(ARM, ZERO, ZERO, np.full(7, 0.3), np.full(7, 0.5), np.full(7, 0.05)),
     ViscousFriction(ARM, ZERO, ZERO),
+    TorqueOffset(ZERO),
     LinkInertia(ARM, np.zeros((9, 10))),
     RotorInertia(ARM, ZERO),
     PreslidingHysteresis(ARM, np.array([0.01, 0.1]), ELEMENTS, ELEMENTS),

@@ -1,5 +1,7 @@
 """Terms prepared for one sample at a time: the same torque as theirs, in a fifth of the time.
 
+Of a payload it is the weight alone: a compensator leaves inertia to the hand.
+
 A term's own ``torque`` takes any number of samples. For one sample, at 1 kHz, nearly all of its
 time goes into the calls of numpy and not into arithmetic; here whatever does not depend on the
 sample is worked out beforehand, and what is left is put into as few calls as possible.
@@ -20,12 +22,13 @@ from dvrk_gravity.terms import (
     DirectionalCable,
     ElasticCable,
     Gravity,
+    Payload,
     State,
     Term,
     ViscousFriction,
 )
 from dvrk_gravity.terms.polynomial import Range
-from dvrk_gravity.tree import beta_tree
+from dvrk_gravity.tree import Tree, beta_tree
 
 Array = NDArray[np.float64]
 Evaluator = Callable[[Array, "Array | None"], Array]
@@ -50,9 +53,15 @@ def prepare(term: Term) -> Evaluator:
 
 @prepare.register
 def _(term: Gravity) -> Evaluator:
-    if not term.enabled:
-        return _zeros
-    tree = beta_tree(term.arm, term.beta, term.vector)
+    return _weight(beta_tree(term.arm, term.beta, term.vector)) if term.enabled else _zeros
+
+
+@prepare.register
+def _(term: Payload) -> Evaluator:
+    return _weight(term.weight) if term.weighs else _zeros
+
+
+def _weight(tree: Tree) -> Evaluator:
     model, data, expand = tree.model, tree.data, tree.expand
 
     def evaluate(q: Array, qd: Array | None) -> Array:

@@ -92,12 +92,18 @@ class Settings:
         It is the model's torque but for friction, of which only the asked part
         is compensated: pushing the whole of it makes an arm run away on its own.
         """
+        if self._offset is not None:
+            q = q - self._offset  # what the terms are functions of
         torque = self._conservative(q, qd)
         if self._friction is None:
             return torque
         if qd is not None:
             qd = qd * (np.abs(qd) >= self.friction_dead_band)
         return torque + self._friction(q, qd)
+
+    @cached_property
+    def _offset(self) -> Array | None:
+        return self.model.joint_offset if self.model.joint_offset.any() else None
 
     @cached_property
     def _conservative(self) -> Evaluator:

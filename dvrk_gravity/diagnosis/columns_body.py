@@ -14,7 +14,7 @@ from dvrk_gravity.arm import GRAVITY, N_JOINTS, Arm
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import Gravity
+from dvrk_gravity.terms import Gravity, Payload
 from dvrk_gravity.tree import TREE_LINKS, link_frames
 
 Array = NDArray[np.float64]
@@ -145,7 +145,7 @@ def _moment(joint: int, axes: tuple[int, ...]) -> Hypothesis:
 def _beta(index: int) -> Hypothesis:
     def build(motion: Motion, setting: Setting) -> Array:
         del setting
-        return gravity.regressor(motion.q, motion.gravity, 12)[:, :, [index]]
+        return gravity.regressor(motion.true_q, motion.gravity, 12)[:, :, [index]]
 
     place = f"weight only, {gravity.BETA_NAMES[index]}"
     return Hypothesis(
@@ -159,7 +159,7 @@ def _all_weights() -> Hypothesis:
     count = len(BETA_JOINTS)
     return Hypothesis(
         "link_com", (), ALL_WEIGHTS,
-        lambda motion, _: gravity.regressor(motion.q, motion.gravity, count),
+        lambda motion, _: gravity.regressor(motion.true_q, motion.gravity, count),
         lambda theta, _: {
             f"delta_beta_{name}": float(value)
             for name, value in zip(gravity.BETA_NAMES, theta, strict=False)
@@ -217,12 +217,12 @@ def _tilt() -> Hypothesis:
 
 
 def tilted(model: TorqueModel, roll: float, pitch: float) -> TorqueModel:
-    """Return a model's gravity alone, with its base turned further by roll and pitch, rad."""
+    """Return what of a model has weight, with its base turned further by roll and pitch, rad."""
     turn = pin.rpy.rpyToMatrix(roll, pitch, 0.0).T
     terms = tuple(
         replace(term, vector=turn @ term.vector)
         for term in model.terms
-        if isinstance(term, Gravity)
+        if isinstance(term, Gravity | Payload)
     )
     return replace(model, terms=terms)
 

@@ -55,8 +55,7 @@ def friction(motion: Motion) -> Iterator[Hypothesis]:
         yield _viscous(joint, place, row)
         speed = float(np.sqrt(np.mean((motion.qd @ row) ** 2)))
         for part in SPEEDS:
-            for power in (1.0, 2.0):
-                yield _stribeck(joint, place, row, {"velocity": part * speed, "power": power})
+            yield _stribeck(joint, place, row, {"velocity": part * speed})
         half = float(np.ptp(np.percentile(motion.q @ row, [1, 99]))) / 2
         for part in LENGTHS:
             yield _presliding(joint, place, row, part * half, with_coulomb=False)
@@ -91,15 +90,15 @@ def _viscous(joint: int, place: str, row: Array) -> Hypothesis:
 
 def _stribeck(joint: int, place: str, row: Array, setting: Setting) -> Hypothesis:
     def build(motion: Motion, setting: Setting) -> Array:
-        fall = np.abs((motion.qd @ row) / setting["velocity"]) ** setting["power"]
-        return spread(row, motion.sign(row) * np.exp(-fall))
+        ratio = (motion.qd @ row) / setting["velocity"]
+        return spread(row, motion.sign(row) * np.exp(-(ratio**2)))
 
     def describe(theta: Array, setting: Setting) -> dict[str, float]:
         return {"level": float(theta[0]), "velocity": setting["velocity"]}
 
     return Hypothesis(
         "stribeck_friction", (joint,), place, build, describe, setting, ("velocity",),
-        variable="velocity", prior_count=6,
+        variable="velocity", prior_count=3,
     )  # fmt: skip
 
 

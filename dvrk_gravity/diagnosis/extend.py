@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import GRAVITY, JOINT_NAMES, N_JOINTS
@@ -22,7 +23,8 @@ from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.gravity import BETA_NAMES, LinkMass, beta_from_links
 from dvrk_gravity.model import MODEL_PARAMETERS, TorqueModel
-from dvrk_gravity.terms import TERMS, Gravity
+from dvrk_gravity.terms import TERMS, Gravity, Payload
+from dvrk_gravity.terms.cogging import MOST_RIPPLES
 from dvrk_gravity.tree import TREE_LINKS
 
 Array = NDArray[np.float64]
@@ -34,14 +36,25 @@ def extended(
 ) -> tuple[TorqueModel, tuple[bool, ...]]:
     """Return the model with what was found, and which findings it carries.
 
-    Wrong readings (zero, scale, delay, clipping, coupling), drift and contact are no terms of
-    a torque model: they are left to the findings, and so are effects that no term has a form for.
+    What the arm does as a function of its state, its encoders' zeros and its efforts' bias go
+    into the file. Wrong readings (scale, delay, clipping, coupling, coordinates) are to be put
+    right where they arise, and what happens in time (drift, a push for a while) is no function of
+    the state: they are left to the findings.
+
+    Findings are functions of measured positions, a model's terms of true ones: the encoder
+    offsets that the findings add are taken into account in every other finding.
 
     Args:
         motion: The motion, for its model and for the range on which cables were fitted.
         found: Hypotheses and their (k,) parameters, in order.
     """
+    offset = motion.model.joint_offset + sum(
+        (_shift(motion, *one) for one in found if one[0].effect == "joint_offset"),
+        start=np.zeros(N_JOINTS),
+    )
     values: Values = dict(motion.model.parameters())
+    if offset.any():
+        values["joint_offset"] = tuple(offset.tolist())
     carried = []
     for hypothesis, theta in found:
         write = _WRITERS.get(hypothesis.effect)
@@ -58,6 +71,18 @@ def extended(
 def _array(values: Mapping[str, Any], name: str, fallback: str = "") -> Array:
     value = values.get(name) or values.get(fallback) or np.zeros(N_JOINTS)
     return np.array(value, dtype=float)
+
+
+def _shift(motion: Motion, hypothesis: Hypothesis, theta: Array) -> Array:
+    """Return (7,) what the joints' encoders read too much, of a joint or of a motor, rad."""
+    joint = hypothesis.joints[0]
+    row = motion.arm.actuator_to_joint[:, joint] if hypothesis.place == "motor" else None
+    return float(theta[0]) * (np.eye(N_JOINTS)[joint] if row is None else row)
+
+
+def _zero(motion: Motion, values: Values, hypothesis: Hypothesis, theta: Array) -> Values:
+    del motion, hypothesis, theta  # in the file already: other findings depend on it
+    return values
 
 
 def _coulomb(motion: Motion, values: Values, hypothesis: Hypothesis, theta: Array) -> Values:
@@ -84,14 +109,63 @@ def _cable(motion: Motion, values: Values, hypothesis: Hypothesis, theta: Array)
     return _add_polynomial(motion, values, hypothesis.joints[0], powers, len(powers) > 2)
 
 
-def _offset(motion: Motion, values: Values, hypothesis: Hypothesis, theta: Array) -> Values:
-    return _add_polynomial(motion, values, hypothesis.joints[0], theta, False)
+def _bias(motion: Motion, values: Values, hypothesis: Hypothesis, theta: Array) -> Values:
+    del motion
+    bias = _array(values, "torque_offset")
+    bias[hypothesis.joints[0]] += theta[0]
+    return values | {"torque_offset": tuple(bias.tolist())}
+
+
+def _stribeck(
+    motion: Motion, values: Values, hypothesis: Hypothesis, theta: Array
+) -> Values | None:
+    del motion
+    name, joint = f"stribeck_friction.{hypothesis.place}", hypothesis.joints[0]
+    level, speed = _array(values, name), _array(values, f"{name}_velocity")
+    if level[joint] > 0.0 or theta[0] < 0.0:
+        return None  # a joint has one velocity
+    level[joint], speed[joint] = theta[0], hypothesis.setting["velocity"]
+    return values | {name: tuple(level.tolist()), f"{name}_velocity": tuple(speed.tolist())}
+
+
+def _cogging(motion: Motion, values: Values, hypothesis: Hypothesis, theta: Array) -> Values | None:
+    motor = hypothesis.joints[0]
+    ripple = hypothesis.describe(theta, hypothesis.setting)
+    # The motor's angle is read off as far as the joints' are.
+    angle = motion.arm.joint_to_actuator[motor] @ _array(values, "joint_offset")
+    ripple["phase"] += ripple["cycles_per_revolution"] * float(angle)
+    result = dict(values)
+    for field, value in ripple.items():
+        name = f"cogging.{field}.{JOINT_NAMES[motor]}"
+        result[name] = (*(values.get(name) or ()), value)
+    full = len(result[f"cogging.phase.{JOINT_NAMES[motor]}"]) > MOST_RIPPLES
+    return None if full else result
+
+
+def _contact(motion: Motion, values: Values, hypothesis: Hypothesis, theta: Array) -> Values | None:
+    del motion
+    if "position" not in hypothesis.setting:
+        return None  # for a while: no function of the state
+    joint, wall = hypothesis.joints[0], hypothesis.describe(theta, hypothesis.setting)
+    name = f"contact.{hypothesis.place.split()[0]}"
+    stiffness, position = _array(values, name), _array(values, f"{name}_position")
+    if stiffness[joint]:
+        return None  # a joint has one on either side
+    stiffness[joint] = wall["stiffness"]
+    position[joint] = wall["position"] - _array(values, "joint_offset")[joint]
+    return values | {
+        name: tuple(stiffness.tolist()),
+        f"{name}_position": tuple(position.tolist()),
+    }
 
 
 def _add_polynomial(
     motion: Motion, values: Values, joint: int, powers: Array, bounded: bool
 ) -> Values:
     name = f"elastic_cable.{JOINT_NAMES[joint]}"
+    offset = _array(values, "joint_offset")[joint]
+    # Of the true position.
+    powers = np.array(Polynomial(powers)(Polynomial([offset, 1.0])).coef, dtype=np.float64)
     known = np.array(values.get(name) or (0.0,))
     total = np.zeros(max(len(known), len(powers)))
     total[: len(known)] += known
@@ -104,7 +178,7 @@ def _add_polynomial(
             field = f"elastic_cable.{edge}"
             limits = np.array(values.get(field) or np.full(N_JOINTS, default))
             if not known.any() or abs(limits[joint]) >= 1e6:
-                limits[joint] = middle[joint] + sign * half[joint]
+                limits[joint] = middle[joint] + sign * half[joint] - offset
             result[field] = tuple(limits.tolist())
     return result
 
@@ -122,6 +196,11 @@ def _add_beta(values: Values, delta: Array) -> Values | None:
 
 def _payload(motion: Motion, values: Values, hypothesis: Hypothesis, theta: Array) -> Values | None:
     link = f"link{hypothesis.joints[0] + 1}"
+    if motion.model.term(Payload.NAME) is None and "payload.mass" not in values and theta[0] > 0.0:
+        moment = tuple(theta[1:].tolist())
+        named = {"mass": float(theta[0]), "first_moment": moment, "link": link}
+        return values | {f"payload.{name}": value for name, value in named.items()}
+    # Beside a payload that is there: part of the link.
     result = _add_beta(values, _link_beta(link, float(theta[0]), theta[1:]))
     if result is None:
         return None
@@ -226,7 +305,11 @@ _WRITERS = {
     "coulomb_friction": _coulomb,
     "viscous_friction": _viscous,
     "elastic_cable": _cable,
-    "torque_offset": _offset,
+    "torque_offset": _bias,
+    "joint_offset": _zero,
+    "stribeck_friction": _stribeck,
+    "cogging": _cogging,
+    "contact": _contact,
     "payload": _payload,
     "link_com": _com,
     "base_tilt": _tilt,

@@ -74,8 +74,7 @@ class Hypothesis:
     @property
     def key(self) -> tuple[str, tuple[int, ...], str]:
         """What it claims, its continuous settings apart."""
-        form = f"{self.place}, power {self.setting['power']:g}" if "power" in self.setting else ""
-        return self.effect, self.joints, form or self.place
+        return self.effect, self.joints, self.place
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -102,7 +102,7 @@ def estimates(
     draws = [hypothesis.describe(one, hypothesis.setting) for one in drawn]
     result = {}
     for name, value in middle.items():
-        if name in ("x", "y", "z", "power", "share"):
+        if name in ("x", "y", "z", "share"):
             continue
         if name in spread and name in hypothesis.refine:
             low, high = value - 1.96 * spread[name], value + 1.96 * spread[name]

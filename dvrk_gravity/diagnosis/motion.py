@@ -61,6 +61,11 @@ class Motion:
         return self.rate is None
 
     @cached_property
+    def true_q(self) -> Array:
+        """(N, 7) positions as the model has them, its encoder offsets taken off, rad."""
+        return self.q - self.model.joint_offset
+
+    @cached_property
     def modelled(self) -> Array:
         """(N, 7) torque of the model, N·m."""
         return self.torque_at(self.q)
@@ -138,7 +143,7 @@ class Motion:
     @cached_property
     def links_regressor(self) -> Array:
         """(N, 7, 90) regressor of the links' inertial parameters, gravity included."""
-        return rigid_body.regressor(self.arm, self.q, self.qd, self.qdd, self.gravity)
+        return rigid_body.regressor(self.arm, self.true_q, self.qd, self.qdd, self.gravity)
 
     @cached_property
     def inertial(self) -> tuple[NDArray[np.int_], Array]:
@@ -149,7 +154,7 @@ class Motion:
         """
         from scipy.linalg import qr
 
-        columns = rigid_body.regressor(self.arm, self.q, self.qd, self.qdd, np.zeros(3))
+        columns = rigid_body.regressor(self.arm, self.true_q, self.qd, self.qdd, np.zeros(3))
         few = columns[:: max(1, len(columns) // 600)].reshape(-1, columns.shape[2])
         size = np.sqrt(np.mean(few**2, axis=0))
         scaled = few / np.where(size > 1e-9, size, 1.0) * (size > 1e-9)

@@ -31,7 +31,9 @@ _MOST_BEHIND = 0.05
 SIMULATOR_PARAMETERS: dict[str, Parameter] = {
     entry.name: entry
     for entry in (
-        Parameter("plant", "mtmr_28002", "", "plant: a name, or the path of a plant's .yaml file"),
+        Parameter(
+            "plant", "mtmr_28002", "", "plant: a name, or a plant's or model's .yaml file"
+        ),
         Parameter("rate", 1000.0, "Hz", "measured_js", lower=1.0, upper=1000.0),
         Parameter(
             "setpoint_rate", 100.0, "Hz", "setpoint_js and gravity_compensation/setpoint_js",

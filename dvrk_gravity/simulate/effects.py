@@ -14,8 +14,14 @@ from dvrk_gravity.terms import (
     DirectionalCable,
     ElasticCable,
     Gravity,
+    LinkInertia,
+    Payload,
+    PreslidingHysteresis,
+    RotorInertia,
     State,
+    StribeckFriction,
     Term,
+    TorqueOffset,
     ViscousFriction,
 )
 from dvrk_gravity.terms.polynomial import Range
@@ -25,6 +31,8 @@ Array = NDArray[np.float64]
 
 # A motor whose row is one joint's alone rubs where that joint does.
 _EYE = np.eye(N_JOINTS)
+# What is no torque at a state: of the sensors, with a past, or the mass matrix's business.
+_OF_OTHERS = (TorqueOffset, PreslidingHysteresis, LinkInertia, RotorInertia)
 # Friction acts downwards on what moves up, upwards on what moves down.
 _SIGNS = np.array([[-1.0], [1.0]])
 
@@ -38,6 +46,7 @@ class Effects:
     * Dry friction becomes a level for each direction of each row that rubs: the joints first,
       then the motors that move more than one joint. Half of a directional cable's difference is
       dry friction; where a fit made it negative, its size counts, since friction dissipates.
+      Stribeck friction adds to the levels what is left of it at the step's first velocity.
 
     A term's transition velocity, dead band and ratio are a compensator's caution, not physics,
     and are not used.
@@ -60,6 +69,7 @@ class Effects:
         self._weight: list[Tree] = []
         self._smooth: list[Term] = []
         self._polynomials: list[_Polynomials] = []
+        self._stribeck: list[_Stribeck] = []
         self.damping = np.zeros((N_JOINTS, N_JOINTS))
         mixed = _mixed_motors(model.arm)
         self.rows = np.vstack([_EYE, model.arm.joint_to_actuator[mixed]])
@@ -67,17 +77,24 @@ class Effects:
         for term in model.terms:
             if isinstance(term, CoulombFriction):
                 levels += friction_scale * _levels(term, mixed)
+            elif isinstance(term, StribeckFriction):
+                self._stribeck.append(_Stribeck(term, friction_scale, mixed))
             elif isinstance(term, ViscousFriction):
                 self.damping += friction_scale * _damping(term)
             elif isinstance(term, Gravity):
                 if term.enabled:
                     self._weight.append(beta_tree(term.arm, term.beta, term.vector))
+            elif isinstance(term, Payload):
+                if term.weighs:
+                    self._weight.append(term.weight)
             elif isinstance(term, ElasticCable):
                 self._polynomials.append(_Polynomials(term.valid, term.coefficients))
             elif isinstance(term, DirectionalCable):
                 mean = 0.5 * (term.positive + term.negative)
                 half = 0.5 * friction_scale * (term.positive - term.negative)
                 self._polynomials.append(_Polynomials(term.valid, mean, half))
+            elif isinstance(term, _OF_OTHERS):
+                continue
             elif term.FRICTION:
                 raise ConfigError(
                     term.NAME, type(term).__name__, "a friction that the plant has a time step for"
@@ -86,6 +103,10 @@ class Effects:
                 self._smooth.append(term)
         rubs = np.ones(len(self.rows), dtype=bool)
         rubs[N_JOINTS:] = levels[:, N_JOINTS:].any(axis=0)
+        for stribeck in self._stribeck:
+            rubs |= stribeck.rows.any(axis=0)
+        for stribeck in self._stribeck:
+            stribeck.rows = stribeck.rows[:, rubs]
         self.rows = np.ascontiguousarray(self.rows[rubs])
         self._bounds = levels[:, rubs] * _SIGNS
 
@@ -119,6 +140,8 @@ class Effects:
                 bounds = bounds.copy()
                 bounds[0, :N_JOINTS] -= level
                 bounds[1, :N_JOINTS] += level
+        for stribeck in self._stribeck:
+            bounds = bounds + _SIGNS * stribeck.at(qd)
         return torque, bounds
 
 
@@ -142,6 +165,29 @@ class _Polynomials:
             powers[1:] = held
             np.multiply.accumulate(powers, axis=0, out=powers)
         return self._flat_powers.dot(self._matrix)
+
+
+class _Stribeck:
+    """What is left of Stribeck friction at a velocity, row by row of what rubs.
+
+    Attributes:
+        rows: (14, m) level of each row per level of each joint, then of each motor.
+    """
+
+    def __init__(self, term: StribeckFriction, scale: float, mixed: NDArray[np.bool_]) -> None:
+        self._level = scale * np.concatenate([term.joint, term.motor])
+        speed = np.concatenate([term.joint_velocity, term.motor_velocity])
+        used = self._level > 0.0
+        inverse = np.where(used, 1.0 / np.where(used, speed, 1.0), 0.0)
+        self._motion = inverse[:, None] * np.vstack([_EYE, term.arm.joint_to_actuator])
+        mine = np.hstack([np.diag(np.where(mixed, 0.0, 1.0)), np.eye(N_JOINTS)[:, mixed]])
+        joints = np.hstack([_EYE, np.zeros((N_JOINTS, int(mixed.sum())))])
+        self.rows = np.where(used[:, None], np.vstack([joints, mine]), 0.0)
+
+    def at(self, qd: Array) -> Array:
+        """Return (m,) levels at (7,) velocities, N·m."""
+        ratio = self._motion.dot(qd)
+        return (self._level * np.exp(-ratio * ratio)).dot(self.rows)
 
 
 def _mixed_motors(arm: Arm) -> NDArray[np.bool_]:

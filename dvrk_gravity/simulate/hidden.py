@@ -27,9 +27,10 @@ from dvrk_gravity.simulate.hidden_parts import (
     sign,
     size,
 )
-from dvrk_gravity.simulate.hidden_plant import Dahl, Stribeck
+from dvrk_gravity.simulate.hidden_plant import Dahl
 from dvrk_gravity.simulate.hidden_readings import READINGS
 from dvrk_gravity.simulate.world import World
+from dvrk_gravity.terms import StribeckFriction
 
 
 def hide(world: World, effect: str, random: Random) -> tuple[World, Hidden]:
@@ -103,8 +104,15 @@ def _stribeck(world: World, random: Random) -> tuple[World, Hidden]:
     joint = int(random.integers(N_JOINTS))
     level = 2.0 * LEVEL[joint] * size(random)
     velocity = float(SPEED[joint] * random.uniform(0.2, 0.6))
-    added = Stribeck(joint, level, velocity)
-    return replace(world, stribeck=(*world.stribeck, added)), found(
+    levels, speeds, nothing = np.zeros((3, N_JOINTS))
+    levels[joint], speeds[joint] = level, velocity
+    # Beside one that is there already: a joint has one.
+    if world.stribeck is not None:
+        used = (world.stribeck.joint > 0.0) & (levels == 0.0)
+        levels = np.where(used, world.stribeck.joint, levels)
+        speeds = np.where(used, world.stribeck.joint_velocity, speeds)
+    added = StribeckFriction(world.arm, levels, nothing, speeds, nothing, nothing)
+    return replace(world, stribeck=added), found(
         "stribeck_friction", joint, level=level, velocity=velocity
     )
 

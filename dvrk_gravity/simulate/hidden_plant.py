@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -19,21 +18,6 @@ Torque = Callable[[float, Array, Array], Array]
 """(time, (7,) position, (7,) velocity) -> (7,) torque that the actuators must apply, N·m."""
 
 
-@dataclass(frozen=True, eq=False)
-class Stribeck:
-    """Dry friction of one joint that falls from its breakaway level as the speed grows.
-
-    Attributes:
-        joint: Index of the joint.
-        level: What is added to the friction at rest, N·m.
-        velocity: Speed at which 1/e of it is left, rad/s.
-    """
-
-    joint: int
-    level: float
-    velocity: float
-
-
 class HiddenPlant(Plant):
     """A :class:`Plant` with further torques, evaluated once a step."""
 
@@ -43,7 +27,6 @@ class HiddenPlant(Plant):
         links: Mapping[str, pin.Inertia],
         rotor_inertia: ArrayLike,
         extra: tuple[Torque, ...] = (),
-        stribeck: tuple[Stribeck, ...] = (),
     ) -> None:
         """Build the plant; see :class:`Plant` for the other arguments and the errors.
 
@@ -52,9 +35,8 @@ class HiddenPlant(Plant):
             links: Inertia of the links.
             rotor_inertia: (7,) reflected inertia at the actuators, kg·m^2.
             extra: Further torques.
-            stribeck: Further dry friction.
         """
-        self._extra, self._stribeck = extra, stribeck
+        self._extra = extra
         super().__init__(model, links, rotor_inertia)
 
     def _at_present(self) -> tuple[Array, Array, Array, Array]:
@@ -62,12 +44,6 @@ class HiddenPlant(Plant):
             mass, smooth, bounds, tree_q = super()._at_present()
             for torque in self._extra:
                 smooth = smooth + torque(self.time, self.q, self.v)
-            if self._stribeck:
-                bounds = bounds.copy()
-                for one in self._stribeck:
-                    ratio = self.v[one.joint] / one.velocity
-                    level = one.level * np.exp(-(ratio**2))
-                    bounds[:, one.joint] += (-level, level)
             self._evaluated = (mass, smooth, bounds, tree_q)
         return self._evaluated
 

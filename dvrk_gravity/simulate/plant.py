@@ -13,6 +13,8 @@ from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.effects import Effects
 from dvrk_gravity.simulate.friction import FrictionSolver
+from dvrk_gravity.simulate.presliding import Presliding
+from dvrk_gravity.terms import Payload, PreslidingHysteresis
 from dvrk_gravity.tree import LINKS, build_tree
 
 Array = NDArray[np.float64]
@@ -29,9 +31,9 @@ class Plant:
 
         (M + h D) v+ = M v + h (tau - tau_smooth(q, v) - c(q, v)) + J^T lambda,   q+ = q + h v+.
 
-    M and c come from the links' and rotors' inertia with zero gravity: gravity is a term of
-    the model, so that a beta identified on a real arm can meet inertia from CAD. Position
-    limits are stops without rebound.
+    M and c come from the inertia of links, rotors and payload with zero gravity: gravity is a
+    term of the model, so that a beta identified on a real arm can meet inertia from CAD. Inertia
+    terms of the model are predictions and move nothing. Position limits are stops without rebound.
 
     Attributes:
         model: The true terms; their torques are those that the actuators apply.
@@ -66,6 +68,10 @@ class Plant:
         for name in links:
             if name not in LINKS:
                 raise ConfigError(f"links.{name}", name, f"one of {', '.join(LINKS)}")
+        payload = model.term(Payload.NAME)
+        if isinstance(payload, Payload):
+            known = links.get(payload.link, pin.Inertia.Zero())
+            links = {**links, payload.link: known + payload.inertia}
         self.model = model
         self.time = 0.0
         arm = model.arm
@@ -83,6 +89,12 @@ class Plant:
         self._damping = self._effects.damping if self._effects.damping.any() else None
         self._dt, self._implicit = 0.0, np.zeros((N_JOINTS, N_JOINTS))
         self._friction = FrictionSolver(self._effects.rows)
+        presliding = model.term(PreslidingHysteresis.NAME)
+        self._presliding = (
+            Presliding(presliding, friction_scale)
+            if isinstance(presliding, PreslidingHysteresis)
+            else None
+        )
         self._evaluated: tuple[Array, Array, Array, Array] | None = None
         self.q = np.clip(np.zeros(N_JOINTS), self._lower, self._upper)
         self.v = np.zeros(N_JOINTS)
@@ -119,6 +131,8 @@ class Plant:
         self.q, self.v = position, velocity
         self._at_stops = self._reaches_stops()
         self._friction.reset()
+        if self._presliding is not None:
+            self._presliding.reset()
         self._evaluated = None
 
     def mass_matrix(self) -> Array:
@@ -142,6 +156,9 @@ class Plant:
         force = effort - smooth
         if push is not None:
             force += push
+        if self._presliding is not None:
+            friction, stiffness = self._presliding.torque(v)
+            force -= friction
         force *= dt
         if np.count_nonzero(v):
             tree = self._tree
@@ -151,6 +168,8 @@ class Plant:
             if dt != self._dt:
                 self._dt, self._implicit = dt, dt * self._damping
             mass = mass + self._implicit
+        if self._presliding is not None:
+            mass = mass + dt**2 * stiffness
         impulse = dt * bounds
         if self._at_stops:
             impulse[0, :N_JOINTS][q >= self._upper] = -_STOP
@@ -161,6 +180,8 @@ class Plant:
         self._at_stops = self._reaches_stops()
         if self._at_stops:
             self.q = np.minimum(np.maximum(self.q, self._lower), self._upper)
+        if self._presliding is not None:
+            self._presliding.go(self.q - q)
         self.time += dt
         self._evaluated = None
 

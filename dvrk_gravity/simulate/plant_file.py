@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from dvrk_gravity.tree import LINKS
 
 Array = NDArray[np.float64]
 
+_SHIPPED = "mtmr_28002"
 _SECTIONS = ("parameters", "links", "rotor_inertia", "sensors")
 _STEPS = ("position_step", "velocity_noise", "effort_step", "effort_noise")
 
@@ -48,6 +49,8 @@ class PlantFile:
     def load(cls, name_or_path: str | Path) -> PlantFile:
         """Load a plant by name (``mtmr_28002``) or from a YAML file.
 
+        Of a model file, the terms move with the inertia and sensors of ``mtmr_28002``.
+
         Raises:
             ConfigError: Unknown name, or a file with a wrong, missing or unknown field.
         """
@@ -58,9 +61,13 @@ class PlantFile:
                 path = config_path(f"plants/{text}.yaml")
             except FileNotFoundError as error:
                 raise ConfigError(
-                    "plant", text, "mtmr_28002, or the path of a plant's .yaml file"
+                    "plant", text, f"{_SHIPPED}, or the path of a plant's or a model's .yaml file"
                 ) from error
         content = yaml_file.load(path)
+        if any(
+            isinstance(node, Mapping) and "ros__parameters" in node for node in content.values()
+        ):
+            return replace(cls.load(_SHIPPED), model=TorqueModel.load(path))
         try:
             return _parse(content)
         except ConfigError as error:

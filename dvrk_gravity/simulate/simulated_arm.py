@@ -13,6 +13,7 @@ from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.simulate.move import Move
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import SensorReader, Sensors
+from dvrk_gravity.terms import TorqueOffset
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,9 @@ class SimulatedArm:
     Starts in hold. In effort mode the last effort stays applied for ever: nothing here watches
     how old it is. The built-in compensation adds its torque to commanded efforts while it is
     on. The position servo always carries the arm's weight, whether or not the compensation of
-    effort commands is on. Motor torques saturate at the actuators' limits.
+    effort commands is on. Motor torques saturate at the actuators' limits. Positions that it
+    measures and is commanded are the encoders': true ones plus the model's ``joint_offset``; the
+    efforts that it measures have the model's ``torque_offset``.
 
     Attributes:
         plant: The arm.
@@ -62,7 +65,7 @@ class SimulatedArm:
         effort: (7,) torque that the actuators applied in the last step, N·m.
         commanded: (7,) the same before saturation, N·m.
         compensation: (7,) part of it that the built-in compensation added; zero while off.
-        target: (7,) position that the servo goes for, rad; ``None`` in effort mode.
+        target: (7,) measured position that the servo goes for, rad; ``None`` in effort mode.
     """
 
     def __init__(
@@ -90,6 +93,9 @@ class SimulatedArm:
         self._builtin = builtin_compensation
         arm = plant.model.arm
         self._reader = SensorReader(sensors or Sensors(), arm, seed, dt)
+        self._offset = plant.model.joint_offset
+        bias = plant.model.term(TorqueOffset.NAME)
+        self._bias = bias.offset if isinstance(bias, TorqueOffset) else _ZERO
         self._limit, self._least = arm.actuator_effort_limit, -arm.actuator_effort_limit
         self._to_motor = np.ascontiguousarray(arm.actuator_to_joint.T)
         self._from_motor = np.ascontiguousarray(arm.joint_to_actuator.T)
@@ -99,7 +105,7 @@ class SimulatedArm:
         self._velocity = np.zeros(N_JOINTS)
         self._move: Move | None = None
         self.mode = Mode.HOLD
-        self.target: Array | None = plant.q
+        self.target: Array | None = plant.q + self._offset
 
     def servo_jf(self, effort: ArrayLike) -> None:
         """Apply joint efforts from now on, for ever.
@@ -120,7 +126,7 @@ class SimulatedArm:
 
     def hold(self) -> None:
         """Servo to the present position."""
-        self._servo(Mode.HOLD, self.plant.q)
+        self._servo(Mode.HOLD, self.plant.q + self._offset)
 
     def servo_jp(self, position: ArrayLike, velocity: ArrayLike | None = None) -> None:
         """Servo to a position at once, as one of a stream of set points.
@@ -149,7 +155,7 @@ class SimulatedArm:
             ConfigError: Not finite.
         """
         goal = self._within(position)
-        start = self.plant.q if self.target is None else self.target
+        start = self.plant.q + self._offset if self.target is None else self.target
         self._servo(Mode.POSITION, start)
         self._move = Move(start, goal, self.plant.time)
 
@@ -194,8 +200,9 @@ class SimulatedArm:
         its mean ones, and with the position at its end they would seem to be delayed.
         """
         plant = self.plant
-        position = plant.q - (0.5 * self.dt) * plant.v
-        return Measurement(plant.time, *self._reader.read(position, plant.v, self.effort))
+        position = plant.q - (0.5 * self.dt) * plant.v + self._offset
+        effort = self.effort + self._bias
+        return Measurement(plant.time, *self._reader.read(position, plant.v, effort))
 
     def _servo_effort(self, target: Array) -> Array:
         """Return M (w^2 (target - q) + 2 w (velocity - v)), alike stiff in every pose."""
@@ -203,7 +210,8 @@ class SimulatedArm:
         if self._move is not None:
             target, self._velocity = self._move.at(plant.time)
             self.target = target
-        error = target - plant.q
+        error = target - self._offset
+        error -= plant.q
         error *= _SERVO_FREQUENCY**2
         error += (2 * _SERVO_FREQUENCY) * (self._velocity - plant.v)
         return plant.mass_matrix().dot(error)

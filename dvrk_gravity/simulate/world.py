@@ -14,7 +14,7 @@ from dvrk_gravity.gravity import LinkMass, beta_from_links
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.excitation import Multisine, record_motion, record_poses
-from dvrk_gravity.simulate.hidden_plant import HiddenPlant, Stribeck, Torque
+from dvrk_gravity.simulate.hidden_plant import HiddenPlant, Torque
 from dvrk_gravity.simulate.plant_file import PlantFile
 from dvrk_gravity.simulate.sensors import Sensors
 from dvrk_gravity.simulate.simulated_arm import SimulatedArm
@@ -24,6 +24,7 @@ from dvrk_gravity.terms import (
     Gravity,
     LinkInertia,
     RotorInertia,
+    StribeckFriction,
     Term,
     ViscousFriction,
 )
@@ -50,7 +51,7 @@ class World:
         cable: (k, 7) polynomial of each joint's elastic torque, N·m/rad^k.
         rotors: (7,) reflected inertia at the motors, kg·m^2.
         extra: Further torques.
-        stribeck: Further dry friction.
+        stribeck: Further dry friction, ``None``: none.
         sensors: The sensors.
         readings: What is done to a recording afterwards, in order.
     """
@@ -65,7 +66,7 @@ class World:
     rotors: Array
     sensors: Sensors
     extra: tuple[Torque, ...] = ()
-    stribeck: tuple[Stribeck, ...] = ()
+    stribeck: StribeckFriction | None = None
     readings: tuple[Reading, ...] = field(default=())
 
     @classmethod
@@ -138,8 +139,9 @@ class World:
 
     def plant(self) -> HiddenPlant:
         """Return the arm that moves."""
-        model = TorqueModel(self.arm, self.terms())
-        return HiddenPlant(model, self.links, self.rotors, self.extra, self.stribeck)
+        stribeck = () if self.stribeck is None else (self.stribeck,)
+        model = TorqueModel(self.arm, (*self.terms(), *stribeck))
+        return HiddenPlant(model, self.links, self.rotors, self.extra)
 
     def record(
         self, motion: int, noise: int, duration: float = 30.0, rate: float = 200.0
