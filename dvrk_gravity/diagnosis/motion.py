@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 _SIGN_SPEED = 0.03  # of a joint's RMS speed: below, the direction of motion is uncertain
 _SLOWEST = 0.005  # rad/s
 _SHIFT = 0.01  # rad
-_STANDING = 0.1  # s: slow for longer is standing still, not turning back
+_STANDING = 0.05  # s: slow for longer is standing still, not turning back
 _RANK = 3e-3  # pivots below this part of the first are not told apart by the motion
 _STILL = 0.06  # of a joint's RMS speed
 
