@@ -32,6 +32,7 @@ class Design:
         columns: What the columns are.
         x: (n, 7, p) filtered regressor.
         y: (n, 7) filtered torque, N·m.
+        measured: (n, 7) whether it was measured; else both ``x`` and ``y`` are zero there.
         time: (n,) s within the recording.
         part: (n,) index of the motion that a sample came from.
         state: (n, 7) arrays: the motion at those samples.
@@ -41,6 +42,7 @@ class Design:
     columns: Columns
     x: Array
     y: Array
+    measured: NDArray[np.bool_]
     time: Array
     part: NDArray[np.int64]
     state: State
@@ -60,7 +62,7 @@ def build_design(
         progress: Called with the share that is done, 0 to 1.
     """
     total = sum(len(motion) for motion in motions)
-    x, y, time, part, q, qd = [], [], [], [], [], []
+    x, y, measured, time, part, q, qd = [], [], [], [], [], [], []
     done = 0
     rate = motions[0].filter.rate
     for index, motion in enumerate(motions):
@@ -78,12 +80,13 @@ def build_design(
             offset = (-(start - low.edge)) % stride
             kept = slice(start - first + offset, stop - first, stride)
             # Most columns do not touch most motors: nothing to filter there.
-            used = raw.any(axis=0)
+            used = raw.any(axis=0) & motion.measured[:, None]
             filtered = np.zeros((len(range(*kept.indices(len(raw)))), *used.shape))
             filtered[:, used] = low(raw[:, used])[kept]
             x.append(filtered)
             rows = slice(start + offset, stop, stride)
             y.append(motion.effort[rows])
+            measured.append(np.tile(motion.measured, (len(y[-1]), 1)))
             time.append(motion.time[rows])
             part.append(np.full(len(y[-1]), index))
             q.append(motion.state.q[rows])
@@ -95,6 +98,7 @@ def build_design(
         columns,
         np.concatenate(x),
         np.concatenate(y),
+        np.concatenate(measured),
         np.concatenate(time),
         np.concatenate(part),
         State(np.concatenate(q), np.concatenate(qd)),

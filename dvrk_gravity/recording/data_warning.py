@@ -24,6 +24,7 @@ Kind = Literal[
     "position_unit",
     "effort_unit",
     "time_unit",
+    "coordinates",
 ]
 
 

@@ -22,6 +22,7 @@ from dvrk_gravity.terms.base import (
 _MOST = 8
 _FAR = 1e6  # rad
 _MOMENT = 0.2  # s
+_BLOCK = 10_000  # samples whose steps are held at a time
 _PLACES = ("joint", "motor")
 
 
@@ -156,13 +157,15 @@ class PreslidingHysteresis(LinearTerm):
 
 def _build_up(position: Array, first: Array, displacement: Array) -> Array:
     """Return (N, K, 2, 7) states along (N, 2, 7) positions; ``first`` velocities (2, 7)."""
-    step = np.diff(position, axis=0)[:, None]
-    stay = np.exp(-np.abs(step) / displacement[:, None, None])
-    # Between two samples the motion goes one way: z -> s + (z - s) exp(-|dx| / displacement).
-    gain = np.sign(step) * (1.0 - stay)
     out = np.empty((len(position), len(displacement), *position.shape[1:]))
     out[0] = np.sign(first)
-    for row in range(1, len(out)):
-        np.multiply(out[row - 1], stay[row - 1], out=out[row])
-        out[row] += gain[row - 1]
+    for start in range(1, len(out), _BLOCK):
+        rows = slice(start, min(start + _BLOCK, len(out)))
+        step = np.diff(position[rows.start - 1 : rows.stop], axis=0)[:, None]
+        stay = np.exp(-np.abs(step) / displacement[:, None, None])
+        # Between two samples the motion goes one way: z -> s + (z - s) exp(-|dx| / displacement).
+        gain = np.sign(step) * (1.0 - stay)
+        for row in range(rows.start, rows.stop):
+            np.multiply(out[row - 1], stay[row - start], out=out[row])
+            out[row] += gain[row - start]
     return out
