@@ -190,7 +190,8 @@ def test_every_kind_of_finding_has_a_case():
 
     from dvrk_gravity.recording.data_warning import Kind
 
-    assert set(get_args(Kind)) == {fault[0] for fault in FAULTS}
+    # Which coordinates fit better is known after a fit only; `identify` finds that.
+    assert set(get_args(Kind)) == {fault[0] for fault in FAULTS} | {"coordinates"}
 
 
 def test_known_effort_limits_are_used():

@@ -69,13 +69,16 @@ def build_design(
         low = motion.filter
         stride = max(1, int(low.rate / (SAMPLING * low.cutoff)), -(-total // ROWS))
         rate = low.rate / stride
-        history = columns.history(motion.state)
+        before = None
         for start in range(low.edge, len(motion) - low.edge, CHUNK):
             stop = min(start + CHUNK, len(motion) - low.edge)
             # The filter's transients at the ends of a chunk fall into its margins.
             first, last = start - low.edge, min(stop + low.edge, len(motion))
             block = slice(first, last)
-            raw = columns.regressor(_rows(motion.state, block), history[block])
+            state = _rows(motion.state, block)
+            history = columns.history(state, before)
+            before = history[stop - low.edge - first].copy()
+            raw = columns.regressor(state, history)
             # One grid over all chunks.
             offset = (-(start - low.edge)) % stride
             kept = slice(start - first + offset, stop - first, stride)
