@@ -124,6 +124,7 @@ def read_motions(
             if stretch.filter.rate > (1.0 + SAME_RATE) * min(rates):
                 stretch = _at_rate(stretch, min(rates))
             parts.append(_motion(stretch, trajectory, arm, coordinates, source))
+        _require_torque(trajectory)
     if max(rates) > (1.0 + SAME_RATE) * min(rates):
         handling.append(f"recordings of several rates, brought to {min(rates):.6g} Hz")
     return Motions(tuple(parts), tuple(warnings), tuple(handling))
@@ -151,6 +152,22 @@ def require_all(
         without = recording.effort is None
     if without:
         raise RecordingError(recording.source, "has no efforts, expected <joint>.effort columns")
+
+
+def _require_torque(trajectory: Trajectory) -> None:
+    """Refuse efforts that were not measured: none but zeros on a joint."""
+    zero = [
+        joint
+        for column, joint in enumerate(trajectory.joints)
+        if not any(
+            stretch.effort is not None and stretch.effort[:, column].any()
+            for stretch in trajectory.stretches
+        )
+    ]
+    if zero:
+        raise RecordingError(
+            trajectory.source, f"efforts of {', '.join(zero)} are all zero, expected measured ones"
+        )
 
 
 def _at_rate(stretch: Stretch, rate: float) -> Stretch:
