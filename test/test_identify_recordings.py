@@ -9,7 +9,7 @@ import pytest
 from test_identify import ARM, truth
 
 from dvrk_gravity import cli
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.motion import motors_measured, read_motions
@@ -155,6 +155,17 @@ def test_coordinates_that_are_given_wrongly_are_warned_of():
     assert "run.csv was given as joint coordinates, but looks like actuator" in str(fit.warnings[0])
     right = identify([recording], ARM, "actuator", FEW)
     assert not any(warning.kind == "coordinates" for warning in right.warnings)
+
+
+def test_the_other_arm_is_warned_of_by_its_limits():
+    """The wrist platforms of the two arms turn to opposite sides."""
+    recording = truth(1, 6.0)
+    far = recording.position + np.where(np.arange(7) == WRIST, 0.7, 0.0)
+    recording = replace(recording, position=far)
+    other = read_motions([recording], Arm.load("mtml"), "joint").warnings
+    assert [warning.joint for warning in other] == ["wrist_platform"]
+    assert "beyond the limits of mtml: a recording of another arm" in str(other[0])
+    assert not read_motions([recording], ARM, "joint").warnings
 
 
 def test_coordinates_may_be_given_for_each():

@@ -26,6 +26,7 @@ from dvrk_gravity.terms import State
 # What can be fitted to: in memory, in a file, or prepared already.
 Source = Recording | RecordingFile | Trajectory
 PART = 60_000  # samples of a recording in memory that are worked on at a time
+BEYOND = 0.35  # rad past a joint's limit; zeros of encoders are off by less
 SAME_RATE = 1e-3  # relative difference of two clocks of one rate
 
 
@@ -125,6 +126,10 @@ def read_motions(
                 stretch = _at_rate(stretch, min(rates))
             parts.append(_motion(stretch, trajectory, arm, coordinates, source))
         _require_torque(trajectory)
+        seen = np.concatenate(
+            [one.state.q[:: max(1, len(one) // 1000)] for one in parts if one.source == source]
+        )
+        warnings += beyond_limits(seen, arm)
     if max(rates) > (1.0 + SAME_RATE) * min(rates):
         handling.append(f"recordings of several rates, brought to {min(rates):.6g} Hz")
     return Motions(tuple(parts), tuple(warnings), tuple(handling))
@@ -152,6 +157,22 @@ def require_all(
         without = recording.effort is None
     if without:
         raise RecordingError(recording.source, "has no efforts, expected <joint>.effort columns")
+
+
+def beyond_limits(q: Array, arm: Arm) -> list[DataWarning]:
+    """Return warnings about joints that go where the arm cannot: another arm's, perhaps."""
+    beyond = np.maximum(arm.lower - q.min(axis=0), q.max(axis=0) - arm.upper)
+    return [
+        DataWarning(
+            "arm_limits",
+            joint,
+            {"beyond_rad": float(far)},
+            f"goes {np.degrees(far):.0f} deg beyond the limits of {arm.name}: a recording of "
+            "another arm, or in other coordinates?",
+        )
+        for joint, far in zip(arm.joint_names, beyond, strict=True)
+        if far > BEYOND
+    ]
 
 
 def _require_torque(trajectory: Trajectory) -> None:

@@ -25,6 +25,7 @@ Kind = Literal[
     "effort_unit",
     "time_unit",
     "coordinates",
+    "arm_limits",
 ]
 
 
