@@ -285,6 +285,16 @@ def test_options_for_trajectories_are_refused_with_poses(options, says, tmp_path
     assert says in lines[0]
 
 
+def test_poses_need_all_joints(tmp_path, capsys):
+    some = replace(only(truth(8, 6.0), [0, 1, 2, 3, 4, 5]), time=None, velocity=None)
+    some.save(tmp_path / "poses.csv")
+    status, lines = run(tmp_path, capsys, str(tmp_path / "poses.csv"), "--at", "wrist_roll=0")
+    assert status == 2
+    assert lines == [
+        f"dvrk_gravity identify: {tmp_path / 'poses.csv'}: has no wrist_roll: expected all joints"
+    ]
+
+
 def test_a_measured_sweep_is_used_beside_a_measured_motion(measured_data, tmp_path, capsys):
     files = [
         str(measured_data / name)

@@ -32,21 +32,21 @@ class Design:
         columns: What the columns are.
         x: (n, 7, p) filtered regressor.
         y: (n, 7) filtered torque, N·m.
-        measured: (n, 7) whether it was measured; else both ``x`` and ``y`` are zero there.
         time: (n,) s within the recording.
         part: (n,) index of the motion that a sample came from.
         state: (n, 7) arrays: the motion at those samples.
         rate: Samples a second.
+        measured: (n, 7) whether the torque was measured; else both ``x`` and ``y`` are zero.
     """
 
     columns: Columns
     x: Array
     y: Array
-    measured: NDArray[np.bool_]
     time: Array
     part: NDArray[np.int64]
     state: State
     rate: float
+    measured: NDArray[np.bool_]
 
 
 def build_design(
@@ -101,11 +101,11 @@ def build_design(
         columns,
         np.concatenate(x),
         np.concatenate(y),
-        np.concatenate(measured),
         np.concatenate(time),
         np.concatenate(part),
         State(np.concatenate(q), np.concatenate(qd)),
         rate,
+        np.concatenate(measured),
     )
 
 

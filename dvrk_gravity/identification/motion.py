@@ -146,10 +146,15 @@ def require_all(
     missing = [joint for joint in arm.joint_names if joint not in recording.joints]
     unknown = [joint for joint in missing if joint not in (still or {})]
     if unknown:
+        # Only a fit to trajectories can do with less.
+        hint = (
+            ""
+            if still is None
+            else f", or `identify --at {unknown[0]}=0deg,...` to say where those stood that were "
+            "not recorded"
+        )
         raise RecordingError(
-            recording.source,
-            f"has no {', '.join(unknown)}: expected all joints, or `identify --at "
-            f"{unknown[0]}=0deg,...` to say where those stood that were not recorded",
+            recording.source, f"has no {', '.join(unknown)}: expected all joints{hint}"
         )
     if isinstance(recording, Trajectory):
         without = any(stretch.effort is None for stretch in recording.stretches)
