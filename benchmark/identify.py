@@ -123,9 +123,8 @@ def speed(lengths: Sequence[float], rate: float, report: Path | None) -> bool:
             write(path, minutes, rate)
             runs[minutes] = measured(path)
             one = runs[minutes]
-            print(
-                f"{minutes:g} min at {rate:g} Hz: {one['seconds']:6.1f} s ({one['cpu_s']:.1f} s of a core), {one['gib']:.2f} GiB"
-            )
+            spent = f"{one['seconds']:6.1f} s ({one['cpu_s']:.1f} s of a core)"
+            print(f"{minutes:g} min at {rate:g} Hz: {spent}, {one['gib']:.2f} GiB")
             if minutes < max(lengths):
                 path.unlink()
         parts = shares(path) if minutes <= SHARED else {}
