@@ -51,7 +51,7 @@ trials: $(VENV)/.done
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/trials.py --seeds $(SEEDS) --jobs 2
 
 # Each prints a table and leaves its figures in out/bench; the last line names what missed a target.
-BENCHMARKS ?= torque startup latency faults simulator gravity_regressor supervisor_properties fuzz soak
+BENCHMARKS ?= torque startup latency faults simulator gravity_regressor identify supervisor_properties fuzz soak
 bench: $(VENV)/.done
 	@mkdir -p out/bench; missed=""; \
 	for name in $(BENCHMARKS); do \

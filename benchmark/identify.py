@@ -1,40 +1,43 @@
 """Speed of an identification, and whether its 95 % intervals hold what they promise.
 
-Without arguments: time, memory and shares for 600,000 samples. With ``--coverage 200``: simulated
-recordings with a known truth.
+    PYTHONPATH=. python benchmark/identify.py [--minutes 10 60] [--json FILE]
+    PYTHONPATH=. python benchmark/identify.py --coverage 200
+
+The first writes synthetic recordings of 4 and 10 minutes at 1 kHz as CSV, identifies each in a
+process of its own, and prints time and peak memory against length, and the shares of the parts. The
+second takes simulated recordings with a known truth.
 """
 
 from __future__ import annotations
 
 import argparse
-import resource
+import json
+import os
+import subprocess
+import sys
 import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from dvrk_gravity import text_file
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.identification import dynamic_fit, identify
-from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.columns import Columns, base_directions
 from dvrk_gravity.identification.identifiability import describe
 from dvrk_gravity.identification.moments import Moments, build_design
-from dvrk_gravity.identification.motion import read_motions
+from dvrk_gravity.identification.motion import read, read_motions
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Recording
+from dvrk_gravity.recording import Recording, RecordingFile, save_recording
 from dvrk_gravity.simulate.excitation import Multisine
 from dvrk_gravity.simulate.world import World
 from dvrk_gravity.terms import State
 
-
-def synthetic(samples: int, rate: float) -> tuple[Arm, Recording]:
-    """Return a recording of a drawn arm along a drawn motion, noise added, without simulation."""
-    world = World.draw(1)
-    time_, noise = np.arange(samples) / rate, np.random.default_rng(0)
-    motion = Multisine.draw(world.arm, 1)
-    parts = [along(motion, part) for part in np.array_split(time_, 1 + samples // 20_000)]
-    q, qd, qdd = (np.concatenate(one) for one in zip(*parts, strict=True))
-    torque = world.model().torque(q, qd, qdd)
-    torque += noise.normal(size=torque.shape) * 0.05 * torque.std(axis=0)
-    return world.arm, Recording(world.arm.joint_names, time_, q, qd, torque)
+TIME_TARGET, MEMORY_TARGET = 60.0, 1.5  # s for 10 minutes; GiB
+LINEAR = 1.3  # growth of the time a minute that is still a machine's whim
+SHARED = 10.0  # minutes up to which the parts are timed too
 
 
 def along(motion: Multisine, time_: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -47,17 +50,46 @@ def along(motion: Multisine, time_: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     return q, qd, qdd
 
 
-def speed(samples: int, rate: float) -> None:
-    """Print time and memory of a fit and the shares of regressor and Gram matrices."""
-    arm, recording = synthetic(samples, rate)
+def write(path: Path, minutes: float, rate: float) -> None:
+    """Write a synthetic recording of some minutes, minute by minute."""
+    arm, motion, model = drawn()
+    noise = np.random.default_rng(0)
+
+    def parts() -> Iterator[Recording]:
+        samples = round(60 * minutes * rate)
+        for numbers in np.array_split(np.arange(samples), 1 + samples // 20_000):
+            time_ = numbers / rate
+            q, qd, qdd = along(motion, time_)
+            torque = model.torque(q, qd, qdd)
+            torque += noise.normal(size=torque.shape) * 0.05 * torque.std(axis=0)
+            yield Recording(arm.joint_names, time_, q, qd, torque)
+
+    save_recording(parts(), path, "sqlite3", "/measured_js")
+
+
+def measured(path: Path) -> dict[str, float]:
+    """Return time and peak memory of another process that identifies a recording."""
     start = time.perf_counter()
-    fit = identify([recording], arm)
-    total = time.perf_counter() - start
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    process = subprocess.Popen([sys.executable, __file__, "--child", str(path)])
+    _, status, usage = os.wait4(process.pid, 0)
+    if status:
+        raise SystemExit(f"identification of {path} failed")
+    seconds, cpu = time.perf_counter() - start, usage.ru_utime + usage.ru_stime
+    return {"seconds": seconds, "cpu_s": cpu, "gib": usage.ru_maxrss / 2**20}
+
+
+def shares(path: Path) -> dict[str, float]:
+    """Return the times of the parts of an identification, s."""
+    arm = drawn()[0]
+    times = {}
     start = time.perf_counter()
-    motions = read_motions([recording], arm, "joint")
-    prepared = time.perf_counter() - start
+    trajectory = read(RecordingFile(path))
+    times["reading, checks, filters"] = time.perf_counter() - start
+    motions = read_motions([trajectory], arm, "joint")
     q = motions.parts[0].state.q
+    start = time.perf_counter()
+    base_directions.__wrapped__(arm)
+    times["base parameters: QR"] = time.perf_counter() - start
     columns = Columns(arm, q.min(axis=0), q.max(axis=0))
     start = time.perf_counter()
     for motion in motions.parts:
@@ -66,21 +98,61 @@ def speed(samples: int, rate: float) -> None:
             rows = slice(first, first + 2000)
             state = State(*(getattr(motion.state, name)[rows] for name in ("q", "qd", "qdd")))
             columns.regressor(state, history[rows])
-    bare = time.perf_counter() - start
+    times["regressor, bare"] = time.perf_counter() - start
     start = time.perf_counter()
     design = build_design(columns, motions.parts)
-    built = time.perf_counter() - start
+    times["regressor, filtered"] = time.perf_counter() - start
     start = time.perf_counter()
     Moments.of(design.x, design.y, np.ones_like(design.y))
-    gram = time.perf_counter() - start
-    print(f"{samples} samples at {rate:g} Hz, {len(columns.columns)} columns")
-    print(f"  total               {total:6.1f} s, {1e6 * total / samples:.1f} us a sample")
-    print(f"  reading, filtering  {prepared:6.1f} s   (also once to find the coordinates)")
-    print(f"  bare regressor      {bare:6.1f} s   of the samples that the motion's band needs")
-    print(f"  regressor filtered  {built:6.1f} s")
-    print(f"  Gram matrices       {gram:6.1f} s   (once; and once for all held-out blocks)")
-    print(f"  most memory         {memory:6.2f} GiB")
-    print(f"  fitted: {max(error.nrmse for error in fit.training.values()):.3f} at worst")
+    times["Gram matrices, once"] = time.perf_counter() - start
+    return times
+
+
+def drawn() -> tuple[Arm, Multisine, TorqueModel]:
+    """Return a drawn arm, a motion and the truth."""
+    world = World.draw(1)
+    return world.arm, Multisine.draw(world.arm, 1), world.model()
+
+
+def speed(lengths: Sequence[float], rate: float, report: Path | None) -> bool:
+    """Print time and memory against length, and shares; return whether the targets are met."""
+    runs: dict[float, dict[str, float]] = {}
+    with TemporaryDirectory() as folder:
+        for minutes in sorted(lengths):
+            path = Path(folder) / f"{minutes:g}_min.csv"
+            write(path, minutes, rate)
+            runs[minutes] = measured(path)
+            one = runs[minutes]
+            spent = f"{one['seconds']:6.1f} s ({one['cpu_s']:.1f} s of a core)"
+            print(f"{minutes:g} min at {rate:g} Hz: {spent}, {one['gib']:.2f} GiB")
+            if minutes < max(lengths):
+                path.unlink()
+        parts = shares(path) if minutes <= SHARED else {}
+    for name, seconds in parts.items():
+        share = seconds / runs[minutes]["seconds"]
+        print(f"  {name:<26}{seconds:6.1f} s {100 * share:4.0f} %")
+    first, last = min(runs), max(runs)
+    slope = (runs[last]["gib"] - runs[first]["gib"]) / (last - first) if last > first else 0.0
+    hour = runs[last]["gib"] + max(slope, 0.0) * max(60.0 - last, 0.0)
+    per_minute = {minutes: one["cpu_s"] / minutes for minutes, one in runs.items()}
+    print(f"an hour takes {hour:.2f} GiB" + ("" if last >= 60.0 else ", if memory goes on so"))
+    reached = {"hour": hour <= MEMORY_TARGET}
+    ten = runs.get(10.0)
+    if ten is not None and rate == 1000.0:
+        reached["ten minutes"] = ten["seconds"] <= TIME_TARGET and ten["gib"] <= MEMORY_TARGET
+    if last > first:
+        reached["linear time"] = per_minute[last] <= LINEAR * per_minute[first]
+    targets = {
+        "hour": f"an hour in {MEMORY_TARGET:g} GiB",
+        "ten minutes": f"10 min at 1 kHz in {TIME_TARGET:g} s and {MEMORY_TARGET:g} GiB",
+        "linear time": f"a core's time a minute grows by less than {100 * (LINEAR - 1):.0f} %",
+    }
+    for name, yes in reached.items():
+        print(f"target {targets[name]}: {'reached' if yes else 'MISSED'}")
+    if report is not None:
+        content = {"minutes": runs, "shares_s": parts, "hour_gib": hour, "reached": reached}
+        text_file.write(report, json.dumps(content, indent=1) + "\n")
+    return all(reached.values())
 
 
 def coverage(repetitions: int, world_seed: int, duration: float) -> None:
@@ -129,20 +201,26 @@ def true_coefficients(model: TorqueModel, columns: Columns, chosen: list[int]):
     return Solution(theta, empty, empty, np.ones(len(chosen), dtype=bool))
 
 
-def main() -> None:
-    """Run what was asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, default=600_000)
+def main() -> int:
+    """Run what was asked for; status 1 if a target is missed."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--minutes", type=float, nargs="+", default=[4.0, 10.0])
     parser.add_argument("--rate", type=float, default=1000.0)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--coverage", type=int, metavar="REPETITIONS")
     parser.add_argument("--world", type=int, default=1, help="seed of arm and motion")
     parser.add_argument("--duration", type=float, default=30.0, help="s, of a recording")
     arguments = parser.parse_args()
+    if arguments.child is not None:
+        fit = identify([RecordingFile(arguments.child)], drawn()[0])
+        # A model that does not fit would be no use, however quickly found.
+        return int(max(error.nrmse for error in fit.training.values()) > 0.2)
     if arguments.coverage:
         coverage(arguments.coverage, arguments.world, arguments.duration)
-    else:
-        speed(arguments.samples, arguments.rate)
+        return 0
+    return 0 if speed(arguments.minutes, arguments.rate, arguments.json) else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -89,7 +89,7 @@ def test_coordinates_of_both_kinds_are_recognised(fit):
     assert result.coordinates == "actuator"
     from dvrk_gravity.identification.coordinates import detect_coordinates
 
-    assert detect_coordinates([motor], ARM)[0] == "actuator"
+    assert detect_coordinates(motor, ARM)[0] == "actuator"
 
 
 def test_known_parameters_come_out(fit):

@@ -29,7 +29,8 @@ def design(x, y, rate: float = 50.0, q=None) -> Design:
     columns = Columns(ARM, ARM.lower, ARM.upper)
     q = np.zeros((len(y), 7)) if q is None else q
     part = np.zeros(len(y), dtype=np.int64)
-    return Design(columns, x, y, np.arange(len(y)) / rate, part, State(q, q), rate)
+    measured = np.ones(y.shape, dtype=bool)
+    return Design(columns, x, y, np.arange(len(y)) / rate, part, State(q, q), rate, measured)
 
 
 def test_signed_least_squares_are_scipys():

@@ -32,7 +32,7 @@ BAD_CSV = {
     "no header": ("0,1,2\n1,2,3\n", "line 1: column 1 is '0', expected time, direction or"),
     "unknown joint": ("time,elbow.position\n0,1\n", "line 1: column 2 is 'elbow.position'"),
     "unknown quantity": ("outer_yaw.current\n0\n", "line 1: column 1 is 'outer_yaw.current'"),
-    "semicolons": (HEAD.replace(",", ";") + "0;1;2\n", "line 1: column 1 is 'time;outer_yaw"),
+    "semicolons": (HEAD.replace(",", ";") + "0;1;2\n", "line 1: columns are parted by semicolons"),
     "twice": ("time,time,outer_yaw.position\n0,0,0\n", "line 1: column 'time' appears twice"),
     "no joint": ("time\n0\n", "line 1: no <joint>.position column"),
     "no position": ("time,outer_yaw.effort\n0,1\n", "line 1: no column outer_yaw.position"),

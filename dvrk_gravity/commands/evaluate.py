@@ -31,10 +31,10 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.identification import evaluate
     from dvrk_gravity.identification.table import evaluation_text
     from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.recording import Recording
+    from dvrk_gravity.recording import RecordingFile
 
     model = TorqueModel.load(arguments.model)
-    recordings = [Recording.load(path, arguments.topic) for path in arguments.recordings]
+    recordings = [RecordingFile(path, arguments.topic) for path in arguments.recordings]
     result = evaluate(model, recordings, arguments.coordinates)
     for line in evaluation_text(result):
         print(line)

@@ -149,9 +149,14 @@ class Columns:
             if all(getattr(column, key) == value for key, value in wanted.items())
         ]
 
-    def history(self, state: State) -> Array:
-        """Return (N, K, 2, 7) states of the presliding elements along a whole motion."""
-        return self._presliding.elements(state)
+    def history(self, state: State, before: Array | None = None) -> Array:
+        """Return (N, K, 2, 7) states of the presliding elements along a motion.
+
+        Args:
+            state: (N, 7) arrays, a whole motion or its continuation.
+            before: (K, 2, 7) of its first sample, if it continues one.
+        """
+        return self._presliding.elements(state, before)
 
     def regressor(self, state: State, history: Array) -> Array:
         """Return (N, 7, p) torques *at the motors* of all columns.

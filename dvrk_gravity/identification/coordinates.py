@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -12,9 +11,9 @@ from dvrk_gravity.arm import Arm
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.folds import make_folds
 from dvrk_gravity.identification.moments import build_design
-from dvrk_gravity.identification.motion import Motion, read_motions
+from dvrk_gravity.identification.motion import Motion, Source, head, read, read_motions
 from dvrk_gravity.identification.selection import Selection, split_moments, start_columns
-from dvrk_gravity.recording import Recording
+from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.recording.data import Coordinates
 from dvrk_gravity.terms import State
 
@@ -22,17 +21,17 @@ SECONDS = 40.0  # looked at, of the first recording
 CLEAR = 0.97  # ratio of the errors above which it does not matter, or cannot be told
 
 
-def detect_coordinates(recordings: Sequence[Recording], arm: Arm) -> tuple[Coordinates, str]:
+def detect_coordinates(recording: Source, arm: Arm) -> tuple[Coordinates, str]:
     """Return in which coordinates a plain model predicts held-out blocks better, and why.
 
     Args:
-        recordings: Trajectories; the first is looked at.
+        recording: Trajectory of all joints.
         arm: The arm.
 
     Raises:
         RecordingError: A recording that cannot serve.
     """
-    errors = {one: _error(recordings[0], arm, one) for one in get_args(Coordinates)}
+    errors = coordinate_errors(recording, arm)
     best = min(errors, key=lambda one: errors[one])
     other = max(errors.values())
     if errors[best] > CLEAR * other:
@@ -46,7 +45,31 @@ def detect_coordinates(recordings: Sequence[Recording], arm: Arm) -> tuple[Coord
     )
 
 
-def _error(recording: Recording, arm: Arm, coordinates: Coordinates) -> float:
+def coordinate_errors(recording: Source, arm: Arm) -> dict[Coordinates, float]:
+    """Return the held-out |e|/|tau| of a plain model in either reading of a recording."""
+    trajectory = replace(read(recording), coordinates=None)
+    return {one: _error(trajectory, arm, one) for one in get_args(Coordinates)}
+
+
+def doubt(recording: Source, arm: Arm, given: Coordinates) -> tuple[DataWarning, ...]:
+    """Return a warning if the other coordinates than those given clearly fit better."""
+    errors = coordinate_errors(recording, arm)
+    best = min(errors, key=lambda one: errors[one])
+    if best == given or errors[best] > CLEAR * errors[given]:
+        return ()
+    return (
+        DataWarning(
+            "coordinates",
+            None,
+            {"given": errors[given], "other": errors[best]},
+            f"{head(recording).source} was given as {given} coordinates, but looks like {best} "
+            f"ones: a plain model leaves a held-out |e|/|tau| of {errors[given]:.3f}, as {best} "
+            f"ones {errors[best]:.3f}",
+        ),
+    )
+
+
+def _error(recording: Source, arm: Arm, coordinates: Coordinates) -> float:
     """Return the geometric mean over motors of the held-out |e|/|tau| of a plain model."""
     motions = [_head(motion) for motion in read_motions([recording], arm, coordinates).parts[:1]]
     q = motions[0].state.q

@@ -71,7 +71,7 @@ def uncertainty(
     """
     longest = int(LONGEST * design.rate)
     rho = autocorrelation(residual, design.part, longest) * _parzen(longest)[:, None]
-    variance = np.mean(residual**2, axis=0)
+    variance = np.mean(residual**2, axis=0, where=design.measured)
     meat = np.zeros_like(solution.data)
     index = list(chosen)
     for j in range(residual.shape[1]):

@@ -14,7 +14,7 @@ from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.folds import Folds, make_folds
 from dvrk_gravity.identification.identifiability import describe
 from dvrk_gravity.identification.moments import Design, Moments, build_design
-from dvrk_gravity.identification.motion import read_motions
+from dvrk_gravity.identification.motion import Source, read_motions
 from dvrk_gravity.identification.physical import certificate, physical_links
 from dvrk_gravity.identification.regression import (
     ROUNDS,
@@ -26,7 +26,6 @@ from dvrk_gravity.identification.regression import (
 from dvrk_gravity.identification.result import Fit, JointError, Trace
 from dvrk_gravity.identification.selection import Selection, split_moments, start_columns
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Recording
 from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 
@@ -52,7 +51,7 @@ class Weighting:
 
 
 def fit_dynamic(
-    recordings: Sequence[Recording],
+    recordings: Sequence[Source],
     arm: Arm,
     coordinates: Coordinates,
     effects: Sequence[str] | None = None,
@@ -63,7 +62,7 @@ def fit_dynamic(
     """Fit a model to trajectories and say how far it can be trusted.
 
     Args:
-        recordings: Trajectories of all seven joints with efforts.
+        recordings: Trajectories with efforts; one of all seven joints at least.
         arm: The arm.
         coordinates: Of the recordings.
         effects: Effects that may be used besides the rigid body; ``None``: all.
@@ -121,14 +120,17 @@ def weigh(design: Design) -> Weighting:
     columns = design.columns
     sample = np.ones_like(design.y)
     moments = Moments.of(design.x, design.y, sample)
-    motor = 1.0 / np.maximum(0.1 * design.y.std(axis=0), 1e-6) ** 2
+    seen = design.measured
+    motor = 1.0 / np.maximum(0.1 * design.y.std(axis=0, where=seen), 1e-6) ** 2
     residual = design.y
     for _ in range(ROUNDS):
         theta = solve(moments, motor, columns.scale, columns.positive).theta
         residual = design.y - design.x @ theta
         together = correlation_time(residual, design.part, int(MEMORY * design.rate))
-        motor = 1.0 / (np.maximum(residual.var(axis=0), 1e-12) * together)
-    return Weighting(motor, huber_weights(residual))
+        motor = 1.0 / (np.maximum(residual.var(axis=0, where=seen), 1e-12) * together)
+    for j, rows in enumerate(seen.T):
+        sample[rows, j] = huber_weights(residual[rows, j])
+    return Weighting(motor, sample)
 
 
 def _held_out(
@@ -161,7 +163,9 @@ def _model(
 
 def _errors(design: Design, predicted: Array, coordinates: Coordinates) -> dict[str, JointError]:
     arm = design.columns.arm
-    measured = design.y
+    # The errors are those of recordings of all joints.
+    rows = design.measured.all(axis=1)
+    measured, predicted = design.y[rows], predicted[rows]
     if coordinates == "joint":
         measured, predicted = arm.joint_effort(measured), arm.joint_effort(predicted)
     return joint_errors(arm.joint_names, measured, predicted)
@@ -172,6 +176,8 @@ def _traces(design: Design, predicted: Array, coordinates: Coordinates) -> tuple
     traces = []
     for part in np.unique(design.part):
         rows = design.part == part
+        if not design.measured[rows].all():
+            continue
         assert design.state.qd is not None
         trace = Trace(
             arm.joint_names, design.time[rows], design.state.q[rows], design.state.qd[rows],

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
 
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.errors import joint_errors
-from dvrk_gravity.identification.motion import read_motions, require_all
+from dvrk_gravity.identification.motion import head, read, read_motions, require_all, whole
 from dvrk_gravity.identification.result import JointError, Trace
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import DataWarning, Recording, prepare
+from dvrk_gravity.recording import DataWarning, Recording, RecordingFile, Trajectory, prepare
 from dvrk_gravity.recording.data import Coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 
@@ -54,7 +54,7 @@ class Evaluation:
 
 def evaluate(
     model: TorqueModel,
-    recordings: Sequence[Recording],
+    recordings: Sequence[Recording | RecordingFile],
     coordinates: Coordinates | None = None,
     cutoff: float = DEFAULT_CUTOFF,
 ) -> Evaluation:
@@ -74,23 +74,46 @@ def evaluate(
     """
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
-    static = [recording.time is None for recording in recordings]
-    if any(static) != all(static):
-        raise RecordingError(
-            recordings[static.index(True)].source,
-            "holds static poses, expected trajectories only or poses only",
-        )
-    run = _evaluate_static if static[0] else _evaluate_dynamic
+    for recording in recordings:
+        require_all(head(recording), model.arm)
+    if all_static(recordings):
+        poses = [whole(recording) for recording in recordings]
+
+        def run(coordinates: Coordinates, detected: str) -> Evaluation:
+            return _evaluate_static(model, poses, coordinates, detected)
+    else:
+        # Read once, compared in both coordinates.
+        trajectories = [read(recording, cutoff) for recording in recordings]
+
+        def run(coordinates: Coordinates, detected: str) -> Evaluation:
+            return _evaluate_dynamic(model, trajectories, coordinates, cutoff, detected)
+
     if coordinates is not None:
-        return run(model, recordings, coordinates, cutoff, "")
-    results = {one: run(model, recordings, one, cutoff, "") for one in get_args(Coordinates)}
+        return run(coordinates, "")
+    results = {one: run(one, "") for one in get_args(Coordinates)}
     size = {one: _total(result.joints) for one, result in results.items()}
     best: Coordinates = "joint" if size["joint"] <= size["actuator"] else "actuator"
     reason = (
         f"taken as {best} coordinates: mean |e|/|tau| {size[best]:.3f}, "
         f"{max(size.values()):.3f} in the others"
     )
-    return run(model, recordings, best, cutoff, reason)
+    return replace(results[best], detected=reason)
+
+
+def all_static(recordings: Sequence[Recording | RecordingFile]) -> bool:
+    """Return whether recordings hold static poses.
+
+    Raises:
+        RecordingError: Poses mixed with trajectories.
+    """
+    heads = [head(recording) for recording in recordings]
+    static = [isinstance(one, Recording) and one.time is None for one in heads]
+    if any(static) != all(static):
+        raise RecordingError(
+            heads[static.index(True)].source,
+            "holds static poses, expected trajectories only or poses only",
+        )
+    return static[0]
 
 
 def _total(joints: Mapping[str, JointError]) -> float:
@@ -99,7 +122,7 @@ def _total(joints: Mapping[str, JointError]) -> float:
 
 def _evaluate_dynamic(
     model: TorqueModel,
-    recordings: Sequence[Recording],
+    recordings: Sequence[Trajectory],
     coordinates: Coordinates,
     cutoff: float,
     detected: str,
@@ -136,15 +159,12 @@ def _evaluate_static(
     model: TorqueModel,
     recordings: Sequence[Recording],
     coordinates: Coordinates,
-    cutoff: float,
     detected: str,
 ) -> Evaluation:
-    del cutoff
     arm = model.arm
     traces: list[Trace] = []
     warnings: list[DataWarning] = []
     for recording in recordings:
-        require_all(recording, arm)
         warnings += prepare(recording).warnings
         q, measured = recording.position, recording.effort
         assert measured is not None

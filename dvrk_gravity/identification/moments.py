@@ -36,6 +36,7 @@ class Design:
         part: (n,) index of the motion that a sample came from.
         state: (n, 7) arrays: the motion at those samples.
         rate: Samples a second.
+        measured: (n, 7) whether the torque was measured; else both ``x`` and ``y`` are zero.
     """
 
     columns: Columns
@@ -45,6 +46,7 @@ class Design:
     part: NDArray[np.int64]
     state: State
     rate: float
+    measured: NDArray[np.bool_]
 
 
 def build_design(
@@ -60,30 +62,34 @@ def build_design(
         progress: Called with the share that is done, 0 to 1.
     """
     total = sum(len(motion) for motion in motions)
-    x, y, time, part, q, qd = [], [], [], [], [], []
+    x, y, measured, time, part, q, qd = [], [], [], [], [], [], []
     done = 0
     rate = motions[0].filter.rate
     for index, motion in enumerate(motions):
         low = motion.filter
         stride = max(1, int(low.rate / (SAMPLING * low.cutoff)), -(-total // ROWS))
         rate = low.rate / stride
-        history = columns.history(motion.state)
+        before = None
         for start in range(low.edge, len(motion) - low.edge, CHUNK):
             stop = min(start + CHUNK, len(motion) - low.edge)
             # The filter's transients at the ends of a chunk fall into its margins.
             first, last = start - low.edge, min(stop + low.edge, len(motion))
             block = slice(first, last)
-            raw = columns.regressor(_rows(motion.state, block), history[block])
+            state = _rows(motion.state, block)
+            history = columns.history(state, before)
+            before = history[stop - low.edge - first].copy()
+            raw = columns.regressor(state, history)
             # One grid over all chunks.
             offset = (-(start - low.edge)) % stride
             kept = slice(start - first + offset, stop - first, stride)
             # Most columns do not touch most motors: nothing to filter there.
-            used = raw.any(axis=0)
+            used = raw.any(axis=0) & motion.measured[:, None]
             filtered = np.zeros((len(range(*kept.indices(len(raw)))), *used.shape))
             filtered[:, used] = low(raw[:, used])[kept]
             x.append(filtered)
             rows = slice(start + offset, stop, stride)
             y.append(motion.effort[rows])
+            measured.append(np.tile(motion.measured, (len(y[-1]), 1)))
             time.append(motion.time[rows])
             part.append(np.full(len(y[-1]), index))
             q.append(motion.state.q[rows])
@@ -99,6 +105,7 @@ def build_design(
         np.concatenate(part),
         State(np.concatenate(q), np.concatenate(qd)),
         rate,
+        np.concatenate(measured),
     )
 
 

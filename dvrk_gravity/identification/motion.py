@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from dvrk_gravity.arm import Arm
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording import DataWarning, LowPass, Recording, Segment, prepare
+from dvrk_gravity.recording import (
+    DataWarning,
+    LowPass,
+    Recording,
+    RecordingFile,
+    Stretch,
+    Trajectory,
+    read_trajectory,
+)
 from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 from dvrk_gravity.terms import State
 
-# The motion is filtered less than the torques: friction's sign and products of velocities put
-# power above the motion's own frequencies. The columns then go through the torques' filter.
-MOTION_BAND = 2.0
-# Samples kept for each period of the motion's cut-off: the rest of a fast recording is redundant.
-OVERSAMPLING = 16.0
+# What can be fitted to: in memory, in a file, or prepared already.
+Source = Recording | RecordingFile | Trajectory
+PART = 60_000  # samples of a recording in memory that are worked on at a time
+BEYOND = 0.35  # rad past a joint's limit; zeros of encoders are off by less
+SAME_RATE = 1e-3  # relative difference of two clocks of one rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +37,8 @@ class Motion:
     Attributes:
         time: (N,) s.
         state: (N, 7) positions, velocities, accelerations in joint space.
-        effort: (N, 7) torque at the motors, low-passed, N·m.
+        effort: (N, 7) torque at the motors, low-passed, N·m; zero where not measured.
+        measured: (7,) motors whose torque was measured.
         filter: The low-pass of ``effort``, at the rate of these samples.
         source: Index of the recording that it came from.
     """
@@ -34,6 +46,7 @@ class Motion:
     time: Array
     state: State
     effort: Array
+    measured: NDArray[np.bool_]
     filter: LowPass
     source: int
 
@@ -51,8 +64,38 @@ class Motions:
     handling: tuple[str, ...]
 
 
+def head(recording: Source) -> Recording | Trajectory:
+    """Return what tells the joints of a recording: itself, or the first part of a file."""
+    return recording.head if isinstance(recording, RecordingFile) else recording
+
+
+def whole(recording: Recording | RecordingFile) -> Recording:
+    """Return a recording in memory."""
+    return recording.load() if isinstance(recording, RecordingFile) else recording
+
+
+def read(recording: Source, cutoff: float = DEFAULT_CUTOFF) -> Trajectory:
+    """Filter a trajectory, unless that has been done.
+
+    Raises:
+        RecordingError: Whatever ``read_trajectory`` refuses.
+    """
+    if isinstance(recording, Trajectory):
+        return recording
+    if isinstance(recording, RecordingFile):
+        return read_trajectory(recording.parts(), cutoff)
+    return read_trajectory(_parts(recording), cutoff)
+
+
+def _parts(recording: Recording) -> Iterator[Recording]:
+    """Yield a recording in parts; left-out samples are counted with the first."""
+    for first in range(0, len(recording), PART):
+        part = recording.rows(slice(first, first + PART))
+        yield replace(part, invalid=0, repeated=0) if first else part
+
+
 def read_motions(
-    recordings: Iterable[Recording],
+    recordings: Iterable[Source],
     arm: Arm,
     coordinates: Coordinates,
     cutoff: float = DEFAULT_CUTOFF,
@@ -60,82 +103,168 @@ def read_motions(
     """Filter recordings and bring them to joint space.
 
     Args:
-        recordings: Trajectories of all seven joints with efforts.
+        recordings: Trajectories with efforts, of all seven joints unless they tell where the
+            others stood.
         arm: The arm, for its transmission.
-        coordinates: What the recordings' columns are.
+        coordinates: What the columns are of recordings that do not tell themselves.
         cutoff: Of the torques' low-pass, Hz.
 
     Raises:
-        RecordingError: No efforts, a joint missing, or whatever ``prepare`` refuses.
+        RecordingError: No efforts, a joint missing, or whatever ``read_trajectory`` refuses.
     """
     parts: list[Motion] = []
     warnings: list[DataWarning] = []
     handling: list[str] = []
-    for source, recording in enumerate(recordings):
-        require_all(recording, arm)
-        wide = prepare(recording, MOTION_BAND * cutoff)
-        narrow = prepare(recording, cutoff)
-        warnings += narrow.warnings
-        handling += [line for line in narrow.handling if line not in handling]
-        # The wider filter has the shorter edge, so it may keep short parts that the other drops.
-        starts = {float(segment.recording.time[0]): segment for segment in wide.segments
-                  if segment.recording.time is not None}  # fmt: skip
-        for segment in narrow.segments:
-            time = segment.recording.time
-            assert time is not None
-            assert narrow.filter is not None
-            moving = starts[float(time[0])]
-            parts.append(
-                _motion(moving, segment.recording.effort, arm, coordinates, narrow.filter, source)
-            )
-    handling.append(
-        f"motion low-passed at {MOTION_BAND * cutoff:g} Hz; the model's torque then goes through "
-        f"the same {cutoff:g} Hz filter as the measured one"
-    )
+    trajectories = [read(recording, cutoff) for recording in recordings]
+    rates = [one.filter.rate for trajectory in trajectories for one in trajectory.stretches]
+    for source, trajectory in enumerate(trajectories):
+        require_all(trajectory, arm, trajectory.still)
+        warnings += trajectory.warnings
+        handling += [line for line in trajectory.handling if line not in handling]
+        for stretch in trajectory.stretches:
+            if stretch.filter.rate > (1.0 + SAME_RATE) * min(rates):
+                stretch = _at_rate(stretch, min(rates))
+            parts.append(_motion(stretch, trajectory, arm, coordinates, source))
+        _require_torque(trajectory)
+        seen = np.concatenate(
+            [one.state.q[:: max(1, len(one) // 1000)] for one in parts if one.source == source]
+        )
+        warnings += beyond_limits(seen, arm)
+    if max(rates) > (1.0 + SAME_RATE) * min(rates):
+        handling.append(f"recordings of several rates, brought to {min(rates):.6g} Hz")
     return Motions(tuple(parts), tuple(warnings), tuple(handling))
 
 
-def require_all(recording: Recording, arm: Arm) -> None:
-    """Refuse a recording without efforts or without one of the joints.
+def require_all(
+    recording: Recording | Trajectory, arm: Arm, still: Mapping[str, float] | None = None
+) -> None:
+    """Refuse a recording without efforts, or without a joint of which nothing is known.
 
     Raises:
         RecordingError: Naming what is missing.
     """
     missing = [joint for joint in arm.joint_names if joint not in recording.joints]
-    if missing:
-        raise RecordingError(
-            recording.source,
-            f"has no {', '.join(missing)}: expected all of {', '.join(arm.joint_names)}",
+    unknown = [joint for joint in missing if joint not in (still or {})]
+    if unknown:
+        # Only a fit to trajectories can do with less.
+        hint = (
+            ""
+            if still is None
+            else f", or `identify --at {unknown[0]}=0deg,...` to say where those stood that were "
+            "not recorded"
         )
-    if recording.effort is None:
+        raise RecordingError(
+            recording.source, f"has no {', '.join(unknown)}: expected all joints{hint}"
+        )
+    if isinstance(recording, Trajectory):
+        without = any(stretch.effort is None for stretch in recording.stretches)
+    else:
+        without = recording.effort is None
+    if without:
         raise RecordingError(recording.source, "has no efforts, expected <joint>.effort columns")
 
 
-def _motion(
-    segment: Segment,
-    effort: Array | None,
-    arm: Arm,
-    coordinates: Coordinates,
-    low: LowPass,
-    source: int,
-) -> Motion:
-    recording = segment.recording
-    time, q, qd, qdd = (
-        recording.time,
-        recording.position,
-        recording.velocity,
-        segment.acceleration,
+def beyond_limits(q: Array, arm: Arm) -> list[DataWarning]:
+    """Return warnings about joints that go where the arm cannot: another arm's, perhaps."""
+    beyond = np.maximum(arm.lower - q.min(axis=0), q.max(axis=0) - arm.upper)
+    return [
+        DataWarning(
+            "arm_limits",
+            joint,
+            {"beyond_rad": float(far)},
+            f"goes {np.degrees(far):.0f} deg beyond the limits of {arm.name}: a recording of "
+            "another arm, or in other coordinates?",
+        )
+        for joint, far in zip(arm.joint_names, beyond, strict=True)
+        if far > BEYOND
+    ]
+
+
+def _require_torque(trajectory: Trajectory) -> None:
+    """Refuse efforts that were not measured: none but zeros on a joint."""
+    zero = [
+        joint
+        for column, joint in enumerate(trajectory.joints)
+        if not any(
+            stretch.effort is not None and stretch.effort[:, column].any()
+            for stretch in trajectory.stretches
+        )
+    ]
+    if zero:
+        raise RecordingError(
+            trajectory.source, f"efforts of {', '.join(zero)} are all zero, expected measured ones"
+        )
+
+
+def _at_rate(stretch: Stretch, rate: float) -> Stretch:
+    """Return a stretch at a lower rate, by cubic splines through low-passed signals."""
+    from scipy.interpolate import CubicSpline
+
+    first, last = stretch.time[0], stretch.time[-1]
+    time = np.minimum(first + np.arange(int((last - first) * rate + 1e-6) + 1) / rate, last)
+
+    def onto(values: Array) -> Array:
+        return np.asarray(CubicSpline(stretch.time, values)(time))
+
+    return Stretch(
+        time,
+        onto(stretch.position),
+        onto(stretch.velocity),
+        onto(stretch.acceleration),
+        None if stretch.effort is None else onto(stretch.effort),
+        replace(stretch.filter, rate=rate),
     )
-    assert time is not None
-    assert qd is not None
-    assert qdd is not None
+
+
+def _motion(
+    stretch: Stretch, trajectory: Trajectory, arm: Arm, coordinates: Coordinates, source: int
+) -> Motion:
+    coordinates = trajectory.coordinates or coordinates
+    columns = [arm.joint_names.index(joint) for joint in trajectory.joints]
+    q, qd, qdd = stretch.position, stretch.velocity, stretch.acceleration
+    effort = stretch.effort
     assert effort is not None
-    stride = max(1, int(low.rate / (OVERSAMPLING * MOTION_BAND * low.cutoff)))
-    rows = slice(None, None, stride)
-    q, qd, qdd, effort = q[rows], qd[rows], qdd[rows], effort[rows]
+    if len(columns) < N_JOINTS:
+        still = np.array([trajectory.still.get(joint, 0.0) for joint in arm.joint_names])
+        q = _completed(q, columns, still, arm, coordinates)
+        qd, qdd = (
+            _completed(one, columns, np.zeros(N_JOINTS), arm, coordinates) for one in (qd, qdd)
+        )
+        narrow, effort = effort, np.zeros(q.shape)
+        effort[:, columns] = narrow
+    measured = motors_measured(columns, arm, coordinates)
     if coordinates == "actuator":
         q, qd, qdd = (arm.joint_position(array) for array in (q, qd, qdd))
     else:
         effort = arm.actuator_effort(effort)
-    slower = LowPass(low.cutoff, low.rate / stride, low.order)
-    return Motion(time[rows], State(q, qd, qdd), effort, slower, source)
+    if not measured.all():
+        effort = np.where(measured, effort, 0.0)
+    return Motion(stretch.time, State(q, qd, qdd), effort, measured, stretch.filter, source)
+
+
+def motors_measured(
+    columns: Sequence[int], arm: Arm, coordinates: Coordinates
+) -> NDArray[np.bool_]:
+    """Return (7,) whether the efforts of some columns tell a motor's torque.
+
+    tau_actuator = M^T tau_joint: of a joint's torques, all must be known that a motor adds to.
+    """
+    known = np.isin(np.arange(N_JOINTS), columns)
+    if coordinates == "actuator":
+        return known
+    return ~np.any((arm.actuator_to_joint != 0.0) & ~known[:, None], axis=0)
+
+
+def _completed(
+    values: Array, columns: Sequence[int], still: Array, arm: Arm, coordinates: Coordinates
+) -> Array:
+    """Return (N, 7) from (N, n) columns; the other *joints* are at (7,) ``still``."""
+    result = np.tile(still, (len(values), 1))
+    result[:, columns] = values
+    if coordinates == "actuator":
+        # The motors of joints that stand still follow the recorded ones.
+        others = [joint for joint in range(len(JOINT_NAMES)) if joint not in columns]
+        matrix = arm.actuator_to_joint
+        follow = still[others] - values @ matrix[np.ix_(others, columns)].T
+        result[:, others] = np.linalg.solve(matrix[np.ix_(others, others)], follow.T).T
+    return result

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identification.coordinates import detect_coordinates
+from dvrk_gravity.identification.coordinates import detect_coordinates, doubt
 from dvrk_gravity.identification.dynamic_fit import fit_dynamic
-from dvrk_gravity.identification.evaluation import evaluate
-from dvrk_gravity.identification.motion import require_all
+from dvrk_gravity.identification.evaluation import all_static, evaluate
+from dvrk_gravity.identification.motion import head, read, require_all, whole
 from dvrk_gravity.identification.result import Fit
-from dvrk_gravity.recording import Recording
+from dvrk_gravity.recording import DataWarning, Recording, RecordingFile, Trajectory
 from dvrk_gravity.recording.data import Coordinates
 from dvrk_gravity.terms import TERMS
 
@@ -20,28 +22,33 @@ Report = Callable[[str, float], None]
 
 
 def identify(
-    recordings: Sequence[Recording],
+    recordings: Sequence[Recording | RecordingFile],
     arm: Arm,
-    coordinates: Coordinates | None = None,
+    coordinates: Coordinates | Sequence[Coordinates] | None = None,
     effects: Sequence[str] | None = None,
-    validate: Sequence[Recording] = (),
+    validate: Sequence[Recording | RecordingFile] = (),
     physical: bool = False,
     report: Report = lambda stage, share: None,
+    still: Mapping[str, float] | None = None,
 ) -> Fit:
     """Fit a torque model to recordings, choosing its terms by held-out error.
 
     Args:
-        recordings: Trajectories, or static poses; all joints, with efforts.
+        recordings: Trajectories, or static poses, with efforts. Beside one trajectory of all
+            joints others may hold some joints only. A ``RecordingFile`` is read in parts, never
+            held whole.
         arm: The arm.
-        coordinates: Of the recordings; ``None``: found out.
+        coordinates: Of the recordings, one for all or one for each; ``None``: found out for
+            those of all joints, joint coordinates for the others.
         effects: Effects that may be used besides the rigid body; ``None``: all.
         validate: Recordings kept out of fit and choice; the held-out errors are then theirs.
         physical: Ask for links that can exist: every pseudo-inertia positive definite.
         report: Called with the stage and the share of it that is done.
+        still: Where joints stood that some recording does not hold: joint position, rad.
 
     Raises:
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
-        ConfigError: An effect that no term has.
+        ConfigError: An effect that no term has, or an option that does not go with poses.
     """
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
@@ -49,33 +56,116 @@ def identify(
     for effect in effects or ():
         if effect not in names:
             raise ConfigError("--terms", effect, f"some of {', '.join(sorted(names))}")
-    for recording in (*recordings, *validate):
-        require_all(recording, arm)
-    static = [recording.time is None for recording in recordings]
-    if any(static) != all(static):
-        raise RecordingError(
-            recordings[static.index(True)].source,
-            "holds static poses, expected trajectories only or poses only",
-        )
-    if static[0]:
-        from dvrk_gravity.identification.static_fit import fit_static
-
-        fit = fit_static(recordings, arm, coordinates or "joint", report)
+    given = _each(coordinates, len(recordings))
+    if all_static(recordings):
+        fit = _static(recordings, arm, given, effects, physical, report)
     else:
-        reason: tuple[str, ...] = ()
-        if coordinates is None:
-            report("coordinates", 0.0)
-            coordinates, found = detect_coordinates(recordings, arm)
-            reason = (found,)
-        fit = fit_dynamic(recordings, arm, coordinates, effects, physical=physical, report=report)
-        fit = replace(fit, handling=(*reason, *fit.handling))
+        fit = _dynamic(recordings, arm, given, effects, physical, report, still or {})
     return _validated(fit, validate) if validate else fit
 
 
-def _validated(fit: Fit, recordings: Sequence[Recording]) -> Fit:
+def _each(
+    coordinates: Coordinates | Sequence[Coordinates] | None, count: int
+) -> Sequence[Coordinates | None]:
+    """Return the coordinates of each of some recordings."""
+    if coordinates is None or isinstance(coordinates, str):
+        return [coordinates] * count
+    if len(coordinates) != count:
+        raise ConfigError(
+            "--coordinates", ",".join(coordinates), f"one for all recordings, or {count}"
+        )
+    return coordinates
+
+
+def _static(
+    recordings: Sequence[Recording | RecordingFile],
+    arm: Arm,
+    coordinates: Sequence[Coordinates | None],
+    effects: Sequence[str] | None,
+    physical: bool,
+    report: Report,
+) -> Fit:
+    from dvrk_gravity.identification.static_fit import fit_static
+
+    source = head(recordings[0]).source
+    if effects is not None:
+        raise ConfigError(
+            "--terms", ",".join(effects),
+            f"no --terms with static poses ({source}): what explains them is chosen joint by joint "
+            "from gravity, directional_cable and held_load",
+        )  # fmt: skip
+    if physical:
+        raise ConfigError(
+            "--physical", True,
+            f"trajectories: static poses ({source}) do not tell the links' inertia",
+        )  # fmt: skip
+    if len(set(coordinates)) > 1:
+        raise ConfigError("--coordinates", ",".join(map(str, coordinates)), "one for all poses")
+    for recording in recordings:
+        require_all(head(recording), arm)
+    poses = [whole(recording) for recording in recordings]
+    return fit_static(poses, arm, coordinates[0] or "joint", report)
+
+
+def _dynamic(
+    recordings: Sequence[Recording | RecordingFile],
+    arm: Arm,
+    coordinates: Sequence[Coordinates | None],
+    effects: Sequence[str] | None,
+    physical: bool,
+    report: Report,
+    still: Mapping[str, float],
+) -> Fit:
+    for recording in recordings:
+        require_all(head(recording), arm, still)
+    complete = [len(head(recording).joints) == len(arm.joint_names) for recording in recordings]
+    if not any(complete):
+        first = head(recordings[0])
+        raise RecordingError(
+            first.source,
+            f"holds {', '.join(first.joints)} only: expected beside it a recording of all joints, "
+            "which tells gravity and inertia",
+        )
+    report("reading", 0.0)
+    trajectories = [read(recording) for recording in recordings]
+    report("coordinates", 0.0)
+    reasons: list[str] = []
+    warnings: list[DataWarning] = []
+    readable: list[Trajectory] = []
+    for trajectory, full, one in zip(trajectories, complete, coordinates, strict=True):
+        if not full:
+            one = one or "joint"
+            reasons.append(_partial(trajectory, arm, one, still))
+        elif one is None:
+            one, reason = detect_coordinates(trajectory, arm)
+            reasons.append(reason if sum(complete) == 1 else f"{trajectory.source}: {reason}")
+        else:
+            warnings += doubt(trajectory, arm, one)
+        readable.append(replace(trajectory, coordinates=one, still={} if full else still))
+    shown = readable[complete.index(True)].coordinates
+    assert shown is not None
+    fit = fit_dynamic(readable, arm, shown, effects, physical=physical, report=report)
+    return replace(fit, handling=(*reasons, *fit.handling), warnings=(*warnings, *fit.warnings))
+
+
+def _partial(
+    trajectory: Trajectory, arm: Arm, coordinates: Coordinates, still: Mapping[str, float]
+) -> str:
+    others = ", ".join(
+        f"{joint} {np.degrees(still[joint]):.4g}"
+        for joint in arm.joint_names
+        if joint not in trajectory.joints
+    )
+    return (
+        f"{trajectory.source}: {', '.join(trajectory.joints)} only, {coordinates} coordinates; the "
+        f"others stood at (deg) {others}; errors are those of the recordings of all joints"
+    )
+
+
+def _validated(fit: Fit, recordings: Sequence[Recording | RecordingFile]) -> Fit:
     """Return the fit with the errors on recordings that it never saw."""
     result = evaluate(fit.model, recordings, fit.coordinates)
-    names = ", ".join(recording.source for recording in recordings)
+    names = ", ".join(head(recording).source for recording in recordings)
     return replace(
         fit,
         held_out=result.joints,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification.motion import require_all
+from dvrk_gravity.identification.motion import beyond_limits, require_all
 from dvrk_gravity.recording import DataWarning, Recording, prepare
 from dvrk_gravity.recording.data import Array, Coordinates
 
@@ -93,6 +93,7 @@ def read_poses(
         assert torque is not None
         if coordinates == "actuator":
             position, torque = arm.joint_position(position), arm.joint_effort(torque)
+        warnings += beyond_limits(position, arm)
         q.append(position)
         effort.append(torque)
         given = recording.direction

@@ -8,7 +8,8 @@ from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.filters import LowPass, derivative, lowpass
 from dvrk_gravity.recording.joint_states import JointStateSample, read_joint_states
 from dvrk_gravity.recording.prepare import Prepared, Segment, prepare
-from dvrk_gravity.recording.stream import iterate_recording, save_recording
+from dvrk_gravity.recording.stream import RecordingFile, iterate_recording, save_recording
+from dvrk_gravity.recording.trajectory import Stretch, Trajectory, read_trajectory
 
 __all__ = [
     "BagReader",
@@ -18,12 +19,16 @@ __all__ = [
     "LowPass",
     "Prepared",
     "Recording",
+    "RecordingFile",
     "Segment",
+    "Stretch",
+    "Trajectory",
     "check",
     "derivative",
     "iterate_recording",
     "lowpass",
     "prepare",
     "read_joint_states",
+    "read_trajectory",
     "save_recording",
 ]

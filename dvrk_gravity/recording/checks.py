@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -23,6 +23,7 @@ EFFORT_MARGIN = 10.0  # a peak may exceed the limit, but mN·m are 1000 times as
 
 TIME_JITTER = 0.05  # of the sampling interval
 STILL = 0.02  # rad; a joint that stays within this did not move
+UNITS: tuple[Kind, ...] = ("position_unit", "effort_unit", "time_unit")
 RATES = (10.0, 5000.0)  # Hz, between which robots are recorded
 
 
@@ -39,22 +40,39 @@ def check(
     Returns:
         Findings, those of the whole recording first.
     """
+    signals = check_signals(recording, effort_limits)
+    if any(finding.kind in UNITS for finding in signals):
+        return signals
+    counts = check_counts(len(recording), recording.invalid, recording.repeated)
+    motion = check_motion(recording.joints, np.ptp(recording.position, axis=0))
+    return in_order([*counts, *motion, *signals])
+
+
+def in_order(findings: Iterable[DataWarning]) -> tuple[DataWarning, ...]:
+    """Return findings with those of the whole recording first."""
+    return tuple(sorted(findings, key=lambda finding: finding.joint is not None))
+
+
+def check_signals(
+    recording: Recording, effort_limits: Mapping[str, float] | None = None
+) -> tuple[DataWarning, ...]:
+    """Return what a part of a recording tells by itself: units, time, signals; see ``check``."""
     findings = _units(recording)
     if findings:
         # Every further figure would be in the wrong unit.
         return tuple(findings)
-    findings = [*_counts(recording), *_motion(recording)]
     if recording.time is not None and len(recording) > 2:
         findings += [*_time(recording), *sampling(recording), *_velocity(recording)]
     findings += [*saturation(recording, effort_limits or {}), *quantisation(recording)]
-    return tuple(sorted(findings, key=lambda finding: finding.joint is not None))
+    return tuple(findings)
 
 
-def _counts(recording: Recording) -> list[DataWarning]:
-    total = len(recording) + recording.invalid + recording.repeated
+def check_counts(samples: int, invalid: int, repeated: int) -> list[DataWarning]:
+    """Return findings about samples that were left out in reading."""
+    total = samples + invalid + repeated
     counted: tuple[tuple[Kind, int, str], ...] = (
-        ("invalid_stamps", recording.invalid, "with stamp 0 (marked invalid)"),
-        ("repeated_stamps", recording.repeated, "with the time of the sample before"),
+        ("invalid_stamps", invalid, "with stamp 0 (marked invalid)"),
+        ("repeated_stamps", repeated, "with the time of the sample before"),
     )
     return [
         DataWarning(
@@ -68,8 +86,8 @@ def _counts(recording: Recording) -> list[DataWarning]:
     ]
 
 
-def _motion(recording: Recording) -> list[DataWarning]:
-    ranges = np.ptp(recording.position, axis=0)
+def check_motion(joints: Sequence[str], ranges: Array) -> list[DataWarning]:
+    """Return findings about joints that do not move; ``ranges`` (n,) rad."""
     if np.all(ranges < STILL):
         return [
             DataWarning(
@@ -82,7 +100,7 @@ def _motion(recording: Recording) -> list[DataWarning]:
         ]
     return [
         DataWarning("no_motion", joint, {"range_rad": float(span)}, f"moves by {span:.2g} rad only")
-        for joint, span in zip(recording.joints, ranges, strict=True)
+        for joint, span in zip(joints, ranges, strict=True)
         if span < STILL
     ]
 

@@ -46,6 +46,8 @@ class _Columns:
         """
         header = tuple(name.strip().strip('"') for name in line.rstrip("\r\n").split(","))
         where = f"{source}: line 1"
+        if len(header) == 1 and ";" in header[0]:
+            raise RecordingError(where, "columns are parted by semicolons, expected commas")
         place: dict[str, int] = {}
         for column, name in enumerate(header):
             joint, _, quantity = name.rpartition(".")

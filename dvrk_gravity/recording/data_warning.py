@@ -24,6 +24,8 @@ Kind = Literal[
     "position_unit",
     "effort_unit",
     "time_unit",
+    "coordinates",
+    "arm_limits",
 ]
 
 

@@ -13,6 +13,7 @@ from dvrk_gravity.recording.filters import LowPass, derivative
 
 GAP = 3.5  # a longer interval, in median intervals, is a gap and not jitter
 UNIFORM = 1e-4  # intervals that differ by less than this part are equal
+ON_GRID = 0.01  # intervals that a grid point may be off
 QUANTUM_SAMPLES = 20_000
 MOVING = 1e-6  # rad in one sample: below, an unchanged reading proves nothing
 
@@ -78,25 +79,29 @@ def split_at_gaps(recording: Recording) -> tuple[Recording, ...]:
     return tuple(recording.rows(slice(a, b)) for a, b in pairwise(edges))
 
 
-def resample(recording: Recording, rate: float) -> Recording:
+def resample(recording: Recording, rate: float, origin: float | None = None) -> Recording:
     """Return the recording on a uniform grid from its first to its last sample.
 
-    A recording whose intervals are uniform already is returned as it is.
+    A recording whose intervals are uniform already is returned as it is, if it lies on the grid.
     Values between samples come from Akima's piecewise cubics (Akima 1970): they follow curvature,
     and a step or an outlier disturbs only its neighbours, where a spline would ring on.
 
     Args:
         recording: With time, at least two samples.
         rate: Samples a second of the grid, Hz.
+        origin: Time of a grid point, s, inside or outside the recording; default: its first sample.
     """
     from scipy.interpolate import Akima1DInterpolator
 
     time = recording.time
     assert time is not None
-    if np.all(np.abs(np.diff(time) * rate - 1.0) < UNIFORM):
+    ahead = 0.0 if origin is None else float((origin - time[0]) * rate)
+    offset = ahead - round(ahead)
+    if abs(offset) < ON_GRID and np.all(np.abs(np.diff(time) * rate - 1.0) < UNIFORM):
         return recording
-    count = int(np.floor((time[-1] - time[0]) * rate + 1e-6)) + 1
-    grid = np.minimum(time[0] + np.arange(count) / rate, time[-1])
+    begin = time[0] + (0.0 if abs(offset) < 1e-6 else offset % 1.0) / rate
+    count = int(np.floor((time[-1] - begin) * rate + 1e-6)) + 1
+    grid = np.clip(begin + np.arange(count) / rate, time[0], time[-1])
 
     def onto_grid(values: Array) -> Array:
         return np.asarray(Akima1DInterpolator(time, values, axis=0)(grid))

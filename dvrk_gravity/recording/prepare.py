@@ -88,11 +88,11 @@ def prepare(
     if rate is None:
         raise RecordingError(recording.source, "holds one sample, expected a trajectory")
     handling = []
-    low = _low_pass(recording, cutoff, rate, order)
+    low = low_pass(recording, cutoff, rate, order)
     old = stale(recording)
     if old.any():
         handling.append(f"{old.sum()} stale samples replaced by interpolation")
-    derived = _derived_joints(recording, warnings)
+    derived = derived_joints(recording, warnings)
     if derived:
         handling.append(f"velocity differentiated from position: {', '.join(derived)}")
     parts = split_at_gaps(recording)
@@ -123,14 +123,16 @@ def prepare(
     return Prepared(tuple(segments), warnings, tuple(handling), low)
 
 
-def _low_pass(recording: Recording, cutoff: float, rate: float, order: int) -> LowPass:
+def low_pass(recording: Recording, cutoff: float, rate: float, order: int = ORDER) -> LowPass:
+    """Return the filter, or the error that names the recording."""
     try:
         return LowPass(cutoff, rate, order)
     except RecordingError as error:
         raise RecordingError(recording.source, error.problem) from error
 
 
-def _derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> tuple[str, ...]:
+def derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> tuple[str, ...]:
+    """Return the joints whose velocity is differentiated from the position."""
     if recording.velocity is None:
         return recording.joints
     worse = {warning.joint for warning in warnings if warning.kind == "velocity_mismatch"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,11 +44,43 @@ def iterate_recording(
     raise RecordingError(path, "expected a .csv file, a rosbag2 folder, or a .db3 or .mcap file")
 
 
+class RecordingFile:
+    """A recording that is left in its file and read in parts, as often as asked for.
+
+    Attributes:
+        head: Its first part; tells joints, quantities, and whether there is a time.
+
+    Raises:
+        RecordingError: On opening, if the first part cannot be used.
+    """
+
+    def __init__(
+        self, path: str | Path, topic: str | None = None, time_base: TimeBase = "stamp"
+    ) -> None:
+        """Read the first part; arguments are those of ``Recording.load``."""
+        self._path, self._topic, self._time_base = path, topic, time_base
+        self.head = next(self.parts())
+
+    def parts(self) -> Iterator[Recording]:
+        """Yield consecutive parts."""
+        return iterate_recording(self._path, self._topic, time_base=self._time_base)
+
+    def load(self) -> Recording:
+        """Return the whole."""
+        return join(list(self.parts()))
+
+
 def load_recording(
     path: str | Path, topic: str | None, coordinates: Coordinates, time_base: TimeBase
 ) -> Recording:
     """Read a whole recording; see ``Recording.load``."""
-    parts = list(iterate_recording(path, topic, coordinates, time_base))
+    return join(list(iterate_recording(path, topic, coordinates, time_base)))
+
+
+def join(parts: Sequence[Recording]) -> Recording:
+    """Return consecutive parts of one recording as one."""
+    if len(parts) == 1:
+        return parts[0]
 
     def joined(name: str) -> Array | None:
         values = [getattr(part, name) for part in parts]

@@ -22,6 +22,7 @@ from dvrk_gravity.terms.base import (
 _MOST = 8
 _FAR = 1e6  # rad
 _MOMENT = 0.2  # s
+_BLOCK = 10_000  # samples whose steps are held at a time
 _PLACES = ("joint", "motor")
 
 
@@ -139,8 +140,13 @@ class PreslidingHysteresis(LinearTerm):
             columns.append(motor_columns(self.arm, elements[..., k, 1, :]))
         return np.concatenate(columns, axis=-1)
 
-    def elements(self, state: State) -> Array:
-        """Return (…, K, 2, 7) states z of the elements, -1 to 1: at the joints, at the motors."""
+    def elements(self, state: State, before: Array | None = None) -> Array:
+        """Return (…, K, 2, 7) states z of the elements, -1 to 1: at the joints, at the motors.
+
+        Args:
+            state: As :meth:`torque` takes it.
+            before: (K, 2, 7) states at the first of (N, 7) samples, where they are known.
+        """
         motion = state.qd if state.direction is None else state.direction
         if motion is None:
             return np.zeros((*state.q.shape[:-1], len(self.displacement), 2, N_JOINTS))
@@ -151,18 +157,22 @@ class PreslidingHysteresis(LinearTerm):
             reach = travel / self.displacement
             return np.clip(motion[..., None, :, :] * reach[:, None, None], -1.0, 1.0)
         position = np.stack([state.q, self.arm.actuator_position(state.q)], axis=-2)
-        return _build_up(position, motion[0], self.displacement)
+        if before is None:
+            before = np.broadcast_to(np.sign(motion[0]), (len(self.displacement), 2, N_JOINTS))
+        return _build_up(position, before, self.displacement)
 
 
 def _build_up(position: Array, first: Array, displacement: Array) -> Array:
-    """Return (N, K, 2, 7) states along (N, 2, 7) positions; ``first`` velocities (2, 7)."""
-    step = np.diff(position, axis=0)[:, None]
-    stay = np.exp(-np.abs(step) / displacement[:, None, None])
-    # Between two samples the motion goes one way: z -> s + (z - s) exp(-|dx| / displacement).
-    gain = np.sign(step) * (1.0 - stay)
+    """Return (N, K, 2, 7) states along (N, 2, 7) positions from (K, 2, 7) ``first`` ones on."""
     out = np.empty((len(position), len(displacement), *position.shape[1:]))
-    out[0] = np.sign(first)
-    for row in range(1, len(out)):
-        np.multiply(out[row - 1], stay[row - 1], out=out[row])
-        out[row] += gain[row - 1]
+    out[0] = first
+    for start in range(1, len(out), _BLOCK):
+        rows = slice(start, min(start + _BLOCK, len(out)))
+        step = np.diff(position[rows.start - 1 : rows.stop], axis=0)[:, None]
+        stay = np.exp(-np.abs(step) / displacement[:, None, None])
+        # Between two samples the motion goes one way: z -> s + (z - s) exp(-|dx| / displacement).
+        gain = np.sign(step) * (1.0 - stay)
+        for row in range(rows.start, rows.stop):
+            np.multiply(out[row - 1], stay[row - start], out=out[row])
+            out[row] += gain[row - start]
     return out

@@ -1,0 +1,156 @@
+"""A trajectory that is read in pieces equals the whole, in little memory."""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.recording import Recording, RecordingFile, prepare, read_trajectory
+
+QUANTITIES = ("time", "position", "velocity", "acceleration", "effort")
+SAME = 1e-9  # of a signal's largest value
+
+
+def swing(samples: int = 6000, rate: float = 200.0, jitter: float = 0.0) -> Recording:
+    """Return all joints on two sines each, stamps off by ``jitter`` s, coarse encoders."""
+    random = np.random.default_rng(3)
+    # One stamp in five is off: the median interval is what it would be without.
+    off = jitter * random.uniform(-0.5, 0.5, samples) * (np.arange(samples) % 5 == 3)
+    time = np.arange(samples) / rate + off
+    rates = 2.0 * np.pi * random.uniform(0.2, 1.0, (2, 7))
+    angle = time[:, None, None] * rates + random.uniform(0.0, 6.0, (2, 7))
+    position = 0.2 * np.sin(angle).sum(axis=1)
+    velocity = 0.2 * (rates * np.cos(angle)).sum(axis=1)
+    effort = np.array([0.5, 0.5, 0.5, 0.1, 0.02, 0.02, 0.005]) * np.sin(3.0 * angle[:, 0])
+    effort += 1e-3 * random.normal(size=effort.shape)
+    return Recording(JOINT_NAMES, time, np.round(position / 1e-4) * 1e-4, velocity, effort)
+
+
+def assert_same(one, other) -> None:
+    """Assert that two trajectories have the same stretches."""
+    assert len(one.stretches) == len(other.stretches)
+    for a, b in zip(one.stretches, other.stretches, strict=True):
+        for name in QUANTITIES:
+            first, second = getattr(a, name), getattr(b, name)
+            assert first.shape == second.shape, name
+            assert np.abs(first - second).max() < SAME * np.abs(first).max(), name
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.002])
+@pytest.mark.parametrize("size", [400, 777, 3000, 5999])
+def test_pieces_equal_the_whole(size, jitter):
+    recording = swing(jitter=jitter)
+    assert_same(read_trajectory([recording]), read_trajectory([recording], piece=size))
+
+
+@pytest.mark.parametrize("size", [500, 1500, 2900])
+def test_measured_pieces_equal_the_whole(measured_data, size):
+    recording = Recording.load(measured_data / "mtm_dynamic_30s_200hz.csv")
+    whole, pieces = read_trajectory([recording]), read_trajectory([recording], piece=size)
+    assert_same(whole, pieces)
+    assert {(w.kind, w.joint) for w in whole.warnings} == {
+        (w.kind, w.joint) for w in pieces.warnings
+    }
+
+
+@pytest.mark.parametrize("first", [1999, 2000, 2001, 2010, 2200, 2300])
+def test_gaps_near_the_end_of_a_piece_part_the_same_stretches(first):
+    recording = swing()
+    rows = np.delete(np.arange(6000), np.r_[first : first + 60, first + 90 : first + 140])
+    gappy = recording.rows(rows)
+    whole, pieces = read_trajectory([gappy]), read_trajectory([gappy], piece=2000)
+    assert len(whole.stretches) == 2
+    assert_same(whole, pieces)
+    split = next(line for line in pieces.handling if line.startswith("split"))
+    assert split in whole.handling
+    assert split.endswith("30 samples of short ones left out")
+
+
+def test_what_is_kept_is_what_prepare_gives_one_in_five_at_1_khz():
+    recording = swing(8000, 1000.0)
+    kept = read_trajectory([recording], piece=3000).stretches[0]
+    motion, effort = (prepare(recording, cutoff).segments[0] for cutoff in (11.3, 5.65))
+    rows = slice(None, None, 5)
+    for ours, theirs in (
+        (kept.position, motion.recording.position),
+        (kept.velocity, motion.recording.velocity),
+        (kept.acceleration, motion.acceleration),
+        (kept.effort, effort.recording.effort),
+    ):
+        assert np.abs(ours - theirs[rows]).max() < SAME * np.abs(theirs).max()
+    assert kept.filter.rate == pytest.approx(200.0)
+
+
+def test_a_file_gives_the_same_as_the_recording_in_memory(tmp_path):
+    recording = swing(12_500)  # more than the reader's chunk
+    recording.save(tmp_path / "run.csv")
+    recording.save(tmp_path / "run")
+    whole = read_trajectory([recording])
+    for name in ("run.csv", "run"):
+        assert_same(whole, read_trajectory(RecordingFile(tmp_path / name).parts(), piece=4000))
+
+
+def test_memory_does_not_hold_the_recording():
+    part = swing(10_000, 1000.0)
+    for array in (part.position, part.velocity, part.effort):
+        assert not array.flags.writeable
+    count = 30
+    parts = (replace(part, time=part.time + 10.0 * k) for k in range(count))
+    tracemalloc.start()
+    found = read_trajectory(parts, piece=5000)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert sum(len(one.time) for one in found.stretches) == count * 2000
+    raw = count * (part.position.nbytes + part.velocity.nbytes + part.effort.nbytes)
+    assert peak < 0.75 * raw
+
+
+def test_a_long_rest_is_no_recording_without_motion():
+    recording = swing()
+    rest = np.arange(6000)[:, None] > 1500
+    held = replace(
+        recording,
+        position=np.where(rest, recording.position[1500], recording.position),
+        velocity=np.where(rest, 0.0, recording.velocity),
+    )
+    found = read_trajectory([held], piece=500)
+    assert not {"nothing_moves", "no_motion", "position_quantisation"} & {
+        warning.kind for warning in found.warnings
+    }
+
+
+def test_left_out_samples_of_all_parts_are_counted_once():
+    recording = swing()
+    parts = [
+        replace(recording.rows(slice(first, first + 700)), invalid=2, repeated=1)
+        for first in range(0, 6000, 700)
+    ]
+    found = {w.kind: w.numbers["samples"] for w in read_trajectory(parts, piece=1000).warnings}
+    assert found["invalid_stamps"] == 18
+    assert found["repeated_stamps"] == 9
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"time": 1000.0}, "expected seconds, not ms"),
+        ({"position": 57.3}, "expected rad"),
+        ({"effort": 1000.0}, r"expected N·m"),
+        ({"position": 1e-6, "velocity": 1e-6}, "no joint moves"),
+    ],
+)
+def test_what_is_unusable_in_the_whole_is_so_in_pieces(change, says):
+    recording = swing()
+    spoilt = {name: factor * getattr(recording, name) for name, factor in change.items()}
+    with pytest.raises(RecordingError, match=says):
+        read_trajectory([replace(recording, **spoilt)], piece=1500)
+
+
+def test_five_samples_are_refused():
+    with pytest.raises(RecordingError, match="samples in a row"):
+        read_trajectory([swing(5)])
