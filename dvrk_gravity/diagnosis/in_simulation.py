@@ -1,0 +1,216 @@
+"""What an extension of the model changes in the simulator: motion predicted, drift under it.
+
+Both are simulated with the model's own friction. The drift is that of an arm as the extended model
+has it: if that is right, this is what a hand will feel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.simulate import SimulatedArm, simulate
+from dvrk_gravity.simulate.model_plant import model_plant
+from dvrk_gravity.simulate.plant import Plant
+from dvrk_gravity.terms import TorqueOffset
+
+Array = NDArray[np.float64]
+
+WINDOW = 0.1  # s: what is predicted open loop diverges soon
+STEP = 1e-3  # s
+FRICTION = (1.0, 0.1)  # parts of the arm's friction: what it has, and what little it may have
+DURATION = 3.0  # s of drift
+_WINDOWS = 60
+_POSES = 3
+_RATE = 50.0  # Hz of the drift's record
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """How an arm that is let go moves under compensation.
+
+    Attributes:
+        friction: Part of the arm's friction that there is.
+        time: (T,) s.
+        before: (P, T, 7) way from each pose under the given model's compensation, rad.
+        after: (P, T, 7) the same under the extended model's.
+    """
+
+    friction: float
+    time: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True, eq=False)
+class InSimulation:
+    """The given and the extended model in the simulator.
+
+    Attributes:
+        windows: How many pieces of held-out motion were predicted.
+        before: (7,) RMS error of the position that the given model predicts at the end of
+            :data:`WINDOW`, rad; ``None`` where motion could not be simulated.
+        after: (7,) the same of the extended model.
+        drifts: One for each of :data:`FRICTION`; none where nothing can be compensated.
+        notes: What was not simulated, and why.
+    """
+
+    windows: int
+    before: Array | None
+    after: Array | None
+    drifts: tuple[Drift, ...]
+    notes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what findings.json holds of it."""
+        motion = None
+        if self.before is not None and self.after is not None:
+            motion = {
+                "seconds": WINDOW,
+                "windows": self.windows,
+                "rmse_before_rad": _by_joint(self.before),
+                "rmse_after_rad": _by_joint(self.after),
+            }
+        drift = [
+            {
+                "friction": one.friction,
+                "seconds": DURATION,
+                "poses": len(one.before),
+                "largest_before_rad": _by_joint(np.abs(one.before).max(axis=(0, 1))),
+                "largest_after_rad": _by_joint(np.abs(one.after).max(axis=(0, 1))),
+            }
+            for one in self.drifts
+        ]
+        return {"motion": motion, "drift": drift, "notes": list(self.notes)}
+
+
+def in_simulation(
+    given: TorqueModel,
+    extended: TorqueModel,
+    motion: Motion,
+    held_out: Sequence[tuple[float, float]],
+) -> InSimulation:
+    """Compare two models in the simulator.
+
+    Args:
+        given: The model on trial.
+        extended: The same with what was found.
+        motion: The recording.
+        held_out: Beginnings and ends of the pieces of time that fit and choice have not seen, s.
+    """
+    notes = []
+    before = after = None
+    starts = np.zeros(0, dtype=int)
+    if motion.static:
+        notes.append("static poses: there is no motion to predict")
+    else:
+        starts = _starts(motion, held_out)
+        try:
+            before, after = (_missed(model, motion, starts) for model in (given, extended))
+        except ConfigError as error:
+            notes.append(f"the motion was not simulated: {error}")
+    drifts: list[Drift] = []
+    try:
+        drifts = [_drift(given, extended, _poses(motion), part) for part in FRICTION]
+    except ConfigError as error:
+        notes.append(f"the drift was not simulated: {error}")
+    return InSimulation(len(starts), before, after, tuple(drifts), tuple(notes))
+
+
+def let_go(plant: Plant, model: TorqueModel, pose: Array, duration: float = DURATION) -> Array:
+    """Let an arm go at a pose, compensated by a model as the node does it.
+
+    Args:
+        plant: The arm; is put at the pose, at rest.
+        model: The model that compensates.
+        pose: (7,) measured position, rad.
+        duration: s.
+
+    Returns:
+        (T, 7) way from the pose at 50 Hz, rad.
+
+    Raises:
+        ConfigError: A model without beta, which no arm is commanded with.
+    """
+    settings = Settings.from_parameters(model.parameters())
+    arm_type, offset = plant.model.arm, plant.model.joint_offset
+    plant.reset(np.clip(pose - offset, arm_type.lower, arm_type.upper))
+    arm = SimulatedArm(plant, builtin_compensation=False, dt=STEP)
+
+    def effort(position: Array, velocity: Array) -> Array:
+        return settings.limits.clip(settings.torque(position, velocity))
+
+    start = plant.q + offset
+    arm.servo_jf(effort(start, np.zeros(N_JOINTS)))
+    recording = simulate(
+        arm, lambda arm, m: arm.servo_jf(effort(m.position, m.velocity)), duration, _RATE
+    )
+    return recording.position - start
+
+
+def _drift(given: TorqueModel, extended: TorqueModel, poses: Array, part: float) -> Drift:
+    plant = model_plant(extended, part)
+    before, after = (
+        np.array([let_go(plant, model, pose) for pose in poses]) for model in (given, extended)
+    )
+    return Drift(part, np.arange(before.shape[1]) / _RATE, before, after)
+
+
+def _poses(motion: Motion) -> Array:
+    """Return (P, 7) poses of the motion that are far from one another."""
+    arm = motion.arm
+    q = np.clip(motion.q[:: max(1, len(motion.q) // 500)], arm.lower, arm.upper)
+    scaled = q / motion.travel[1]
+    chosen = [int(np.argmin(np.linalg.norm(scaled - np.median(scaled, axis=0), axis=1)))]
+    while len(chosen) < _POSES:
+        ways = np.linalg.norm(scaled[:, None] - scaled[chosen], axis=2)
+        chosen.append(int(np.argmax(ways.min(axis=1))))
+    return q[chosen]
+
+
+def _starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[np.int64]:
+    """Return where the predicted pieces begin: within what is held out, evenly spread."""
+    inside = np.zeros(len(motion.q), dtype=bool)
+    for first, last in held_out:
+        inside |= (motion.time >= first) & (motion.time + WINDOW <= last)
+    for part in motion.parts:
+        inside[part] &= motion.time[part] + WINDOW <= motion.time[part][-1]
+    found = np.flatnonzero(inside)
+    return found[np.unique(np.linspace(0, len(found) - 1, min(_WINDOWS, len(found))).astype(int))]
+
+
+def _missed(model: TorqueModel, motion: Motion, starts: NDArray[np.int64]) -> Array:
+    """Return (7,) RMS error of the positions that a model predicts at the end of each piece."""
+    plant = model_plant(model)
+    arm, offset = model.arm, model.joint_offset
+    bias = model.term(TorqueOffset.NAME)
+    efforts = motion.effort - (bias.offset if isinstance(bias, TorqueOffset) else 0.0)
+    steps = np.arange(round(WINDOW / STEP)) * STEP
+    missed = []
+    for row in starts.tolist():
+        begin = motion.time[row]
+        rows = slice(row, row + int(1.0 + 1.5 * WINDOW * (motion.rate or 1.0)))
+        effort, there = (
+            np.stack(
+                [np.interp(begin + at, motion.time[rows], column[rows]) for column in of.T], -1
+            )
+            for of, at in ((efforts, steps + 0.5 * STEP), (motion.q, np.array([WINDOW])))
+        )
+        plant.reset(np.clip(motion.q[row] - offset, arm.lower, arm.upper), motion.qd[row])
+        for torque in effort:
+            plant.step(torque, dt=STEP)
+        missed.append(plant.q + offset - there[0])
+    return np.sqrt(np.mean(np.square(missed), axis=0))
+
+
+def _by_joint(values: Array) -> dict[str, float]:
+    return dict(zip(JOINT_NAMES, values.tolist(), strict=True))

@@ -1,0 +1,114 @@
+"""What two models do in the simulator: a section of the report, and a line for the terminal."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.diagnosis.in_simulation import DURATION, WINDOW, Drift, InSimulation
+
+Array = NDArray[np.float64]
+
+_BEFORE, _AFTER = "#bb3322", "#2266aa"
+_LEAST_DRIFT = 0.5  # deg, of a joint that is drawn
+_MOST_DRAWN = 4
+
+
+def section(result: InSimulation) -> str:
+    """Return the section's HTML."""
+    parts = ["<h2>In the simulator</h2>"]
+    if result.before is not None and result.after is not None:
+        parts.append(
+            f"<p>Measured efforts drive the simulated arm for {WINDOW:g} s from measured states "
+            f"({result.windows} pieces of held-out motion). RMS error of the position at the end, "
+            "mrad:</p>"
+        )
+        parts.append(_table(("", *JOINT_NAMES), _rows(1e3 * result.before, 1e3 * result.after)))
+    if result.drifts:
+        first = result.drifts[0]
+        parts.append(
+            f"<p>If the arm is as the extended model says: largest drift in {DURATION:g} s after "
+            f"it is let go at {len(first.before)} poses, compensated as the node does, deg. Most "
+            "friction hides what is wrong; with a tenth of it, it shows.</p>"
+        )
+        rows = [
+            (f"{name}, {100 * one.friction:.0f} % of the friction", *figures)
+            for one in result.drifts
+            for name, *figures in _rows(_largest(one.before), _largest(one.after))
+        ]
+        parts.append(_table(("", *JOINT_NAMES), rows))
+        parts.append(f'<img alt="drift over time" src="{_picture(result.drifts)}">')
+    parts += [f"<p>{escape(note)}.</p>" for note in result.notes]
+    return "\n".join(parts)
+
+
+def line(result: InSimulation) -> str:
+    """Return the same for the terminal: the joint that gains most."""
+    said = []
+    if result.before is not None and result.after is not None:
+        joint = int(np.argmin(result.after / np.maximum(result.before, 1e-12)))
+        said.append(
+            f"{JOINT_NAMES[joint]}'s position after {WINDOW:g} s is off by "
+            f"{1e3 * result.after[joint]:.2g} instead of {1e3 * result.before[joint]:.2g} mrad"
+        )
+    for drift in result.drifts:
+        before, after = _largest(drift.before), _largest(drift.after)
+        joint = int(np.argmax(before - after))
+        said.append(
+            f"with {100 * drift.friction:.0f} % of its friction {JOINT_NAMES[joint]} drifts "
+            f"{after[joint]:.2g} instead of {before[joint]:.2g} deg in {DURATION:g} s"
+        )
+    return "in the simulator: " + "; ".join([*said, *result.notes])
+
+
+def _largest(way: Array) -> Array:
+    return np.degrees(np.abs(way).max(axis=(0, 1)))
+
+
+def _rows(before: Array, after: Array) -> list[tuple[str, ...]]:
+    return [
+        (name, *(f"{value:.3g}" for value in values.tolist()))
+        for name, values in (("given model", before), ("extended model", after))
+    ]
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = ["<table>", "<tr>" + "".join(f"<th>{escape(cell)}</th>" for cell in head) + "</tr>"]
+    lines += [
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    ]
+    return "\n".join([*lines, "</table>"])
+
+
+def _picture(drifts: Sequence[Drift]) -> str:
+    """Return the joints that drift most over time as a data URL: a row for each friction."""
+    from matplotlib.figure import Figure
+
+    gain = np.max([_largest(one.before) - _largest(one.after) for one in drifts], axis=0)
+    joints = [j for j in np.argsort(-gain).tolist() if gain[j] > _LEAST_DRIFT][:_MOST_DRAWN] or [0]
+    figure = Figure(figsize=(9.0, 2.3 * len(drifts)), layout="constrained")
+    axes = figure.subplots(len(drifts), len(joints), sharex=True, squeeze=False)
+    for row, one in zip(axes, drifts, strict=True):
+        for cell, joint in zip(row, joints, strict=True):
+            for ways, color, name in (
+                (one.before, _BEFORE, "given model"),
+                (one.after, _AFTER, "extended"),
+            ):
+                for k, way in enumerate(np.degrees(ways[:, :, joint])):
+                    label = name if k == 0 else None
+                    cell.plot(one.time, way, color=color, linewidth=1.3, label=label)
+            cell.grid(alpha=0.3)
+            cell.set_title(f"{JOINT_NAMES[joint]}, {100 * one.friction:.0f} % friction", fontsize=9)
+        row[0].set_ylabel("way [deg]")
+    for cell in axes[-1]:
+        cell.set_xlabel("time [s]")
+    axes[0][0].legend(fontsize=8)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=110)
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
