@@ -65,8 +65,8 @@ def sentence_of(
     if not hypothesis.joints and hypothesis.effect in ("link_com", "link_inertia"):
         what = "weights" if hypothesis.effect == "link_com" else "inertias"
         return (
-            f"the links' {what} as a whole are others than the model's; adding them removes "
-            f"{100 * gain.relative:.0f} % of the error at {joint}"
+            f"the links' {what} as a whole are others than the model's; fitting them anew beside "
+            f"all else removes {100 * gain.relative:.0f} % of the error at {joint}"
         )
     other = names[1] if len(names) > 1 else joint
     where = f"{names[0]}'s motor" if hypothesis.place == "motor" else names[0]
@@ -74,7 +74,7 @@ def sentence_of(
         where = "all joints"
     claim = _CLAIMS[hypothesis.effect].format(joint=where, other=other)
     seconds = hypothesis.effect in ("thermal_drift", "contact")
-    first = list(parameters.items())[:_SHOWN]
+    first = list(parameters.items())[: _SHOWN + ("coulomb" in parameters)]
     values = ", ".join(f"{name.replace('_', ' ')} {shown(e, seconds)}" for name, e in first)
     removed = f"adding it removes {100 * gain.relative:.0f} % of the error at {joint}"
     return f"{claim} ({values}); {removed}"

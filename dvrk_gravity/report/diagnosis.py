@@ -9,7 +9,7 @@ from html import escape
 
 import numpy as np
 
-from dvrk_gravity.diagnosis.findings import Diagnosis, Finding, Picture
+from dvrk_gravity.diagnosis.findings import FLOORS, Ambiguity, Diagnosis, Finding, Picture
 from dvrk_gravity.diagnosis.words import shown
 
 _STYLE = """
@@ -45,8 +45,12 @@ def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         f"{diagnosis.held_out} of them held out of fit and choice; every figure of error and "
         "gain below is of those</span></p>",
     ]
+    if len(diagnosis.findings) > 1:
+        parts.append(_overview(diagnosis.findings))
     for number, finding in enumerate(diagnosis.findings, start=1):
         parts.append(_finding(number, finding))
+    if diagnosis.ambiguities:
+        parts.append(_ambiguities(diagnosis.ambiguities))
     parts.append(_errors(diagnosis))
     parts.append(_list("Data", [str(warning) for warning in diagnosis.warnings], "no warnings"))
     parts.append(_list("How it was judged", diagnosis.notes, ""))
@@ -56,6 +60,24 @@ def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         f"<title>Diagnosis: {escape(_VERDICTS[diagnosis.verdict])}</title>"
         f"<style>{_STYLE}</style></head><body>\n{body}\n</body></html>\n"
     )
+
+
+def _overview(findings: Sequence[Finding]) -> str:
+    """Return all findings at a glance."""
+    rows = []
+    for number, finding in enumerate(findings, start=1):
+        gain = finding.gain
+        removed = f"{100 * gain.relative:.0f} % ({100 * gain.low:.0f} to {100 * gain.high:.0f})"
+        rows.append(
+            (
+                str(number),
+                finding.effect.replace("_", " "),
+                ", ".join(finding.joints) or "the arm",
+                finding.place,
+                removed if gain.relative else "",
+            )
+        )
+    return _table(("", "what", "where", "form", "held-out error removed"), rows)
 
 
 def _finding(number: int, finding: Finding) -> str:
@@ -78,7 +100,7 @@ def _finding(number: int, finding: Finding) -> str:
     rows.append(("in the extended model", "yes" if finding.in_model else "no"))
     parts.append(_table((), rows))
     if finding.picture is not None:
-        parts.append(f'<img alt="error before and after" src="{_draw(finding.picture)}">')
+        parts.append(f'<img alt="error before and after" src="{_data_url(finding.picture)}">')
     if finding.alternatives:
         parts.append("<p>This data cannot tell it from:</p>")
         parts.append(
@@ -112,10 +134,37 @@ def _errors(diagnosis: Diagnosis) -> str:
                 f"{1e3 * before:.3f}",
                 f"{1e3 * diagnosis.after[joint]:.3f}",
                 f"{1e3 * floor:.3f}" if np.isfinite(floor) else "unknown",
+                f"{diagnosis.after[joint] / floor:.1f}" if floor > 0.0 else "",
             )
         )
-    head = ("joint", "before", "after", "noise floor")
-    return "<h2>Held-out error, mN·m RMS</h2>" + _table(head, rows)
+    head = ("joint", "before", "after", "noise floor", "after / floor")
+    told = f"<p class=small>The noise floor is {FLOORS[diagnosis.floor_from]}.</p>"
+    return "<h2>Held-out error, mN·m RMS</h2>" + _table(head, rows) + told
+
+
+def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
+    """Return the causes, found or not, that the recording could not tell apart."""
+    rows = []
+    for one in ambiguities:
+        for contender in (one.first, one.second):
+            rows.append(
+                (
+                    contender.effect.replace("_", " "),
+                    ", ".join(contender.joints) or "the arm",
+                    ", ".join(f"{name} {shown(e)}" for name, e in contender.alone.items()),
+                    ", ".join(f"{name} {shown(e)}" for name, e in contender.together.items()),
+                    f"{contender.gain:+.0f}",
+                    f"{100 * contender.removed:.1f} % at {contender.at}",
+                )
+            )
+    head = (
+        "cause", "joint", "fitted alone", "both fitted", "log-likelihood gain", "held-out error",
+    )  # fmt: skip
+    sentences = "".join(f"<li>{escape(one.sentence)}</li>" for one in ambiguities)
+    return (
+        "<h2>What this recording cannot tell apart, were it there</h2>"
+        f"<ul>{sentences}</ul>" + _table(head, rows)
+    )
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -132,8 +181,12 @@ def _list(title: str, items: Sequence[str], nothing: str) -> str:
     return f"<h2>{escape(title)}</h2><ul>{inside}</ul>"
 
 
-def _draw(picture: Picture) -> str:
-    """Return the picture as a data URL."""
+def _data_url(picture: Picture) -> str:
+    return "data:image/png;base64," + base64.b64encode(png(picture)).decode("ascii")
+
+
+def png(picture: Picture) -> bytes:
+    """Return the error of a joint before and after, against what it depends on, as a PNG."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
@@ -153,9 +206,9 @@ def _draw(picture: Picture) -> str:
             middle = np.bincount(index, x, minlength=_BINS) / count
             mean = np.bincount(index, y, minlength=_BINS) / count
             one.plot(middle, mean, "-", linewidth=2.0, color="#bb3322")
-        one.set_title(title)
+        one.set_title(f"{title}: {np.sqrt(np.mean(y**2)):.3g} mN·m RMS")
         one.set_xlabel(picture.variable)
     axes[0].set_ylabel(f"error at {picture.joint} [mN·m]")
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110)
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    return stream.getvalue()
