@@ -2,8 +2,9 @@
 
     python docs/real_data/story.py
 
-Every figure and picture of that page comes from here. The recordings are no part of the repository:
-the folder is ``../shared/data`` or the one that ``DVRK_GRAVITY_DATA`` names; without it nothing is written.
+Every figure and picture of that page comes from here. The recordings are no part of the
+repository: their folder is ``../shared/data`` or the one that ``DVRK_GRAVITY_DATA`` names; without
+it nothing is written.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ POSES = ("mtmr28002_static_pos.csv", "mtmr28002_static_neg.csv")
 RIGID = ("gravity", "link_inertia")
 HEAD = """# The diagnosis on real recordings
 
-What `diagnose` says about measurements of real MTMs, from models that are poor on purpose to one that is not.
+What `diagnose` says about measurements of real MTMs, from models that are poor on purpose to one
+that is not.
 `make story` writes this page and its pictures anew; the recordings are not in the repository
 (`DVRK_GRAVITY_DATA` names their folder). Every error and gain is of held-out blocks.
 """
@@ -71,27 +73,27 @@ def _steps() -> Iterator[str]:
     )  # fmt: skip
     yield from _step(
         "3. What that diagnosis wrote, once more",
-        "`extended_model.yaml` of step 2 on the same recording: what it found must not be found again.",
+        "`extended_model.yaml` of step 2 on the same recording: what was found must not be found "
+        "again.",
         diagnose(motion, climbed.model), "again",
     )  # fmt: skip
     sweep = Recording.load(DATA / SWEEP, coordinates="actuator")
     yield from _step(
         "4. One joint swept slowly",
         f"`{SWEEP}`: wrist_platform from end to end and back, nothing else moves; the rigid model "
-        "again. Thirty seconds of step 2 crossed that joint's range four times, fast; here its cable "
-        "and its hysteresis lie open.",
+        "again. Here the cable and the hysteresis of that joint lie open.",
         diagnose(sweep, rigid), "sweep", pictures=("wrist_platform",),
     )  # fmt: skip
     yield from _step(
         "5. A good model",
-        f"`identify` on `{MOTION}`, all terms: what the diagnosis makes of a model that lacks little.",
+        f"`identify` on `{MOTION}`, all terms: what is said of a model that lacks little.",
         diagnose(motion, full), "full",
     )  # fmt: skip
     poses = [Recording.load(DATA / name) for name in POSES]
     yield from _step(
         "6. Static poses, gravity alone",
-        f"`{POSES[0]}` and `{POSES[1]}`; the model is a least-squares fit of the ten entries of beta to "
-        "them, and nothing else.",
+        f"`{POSES[0]}` and `{POSES[1]}`; the model is a least-squares fit of the ten entries of "
+        "beta to them, and nothing else.",
         diagnose(poses, _gravity_alone(arm, poses)), "static",
         pictures=("wrist_platform", "wrist_pitch"),
     )  # fmt: skip
@@ -133,7 +135,8 @@ def _step(
         if found is not None and found.picture is not None:
             path = FOLDER / f"{name}_{number}.png"
             path.write_bytes(png(found.picture))
-            yield f"\n![{found.effect} at {joint}: error without and with it](real_data/{path.name})"
+            title = f"{found.effect} at {joint}: error without and with it"
+            yield f"\n![{title}](real_data/{path.name})"
     for note in diagnosis.notes:
         if note.startswith("chosen, but not confirmed"):
             yield f"- {note}"

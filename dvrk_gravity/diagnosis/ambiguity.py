@@ -28,8 +28,8 @@ def ambiguities(
 ) -> tuple[Ambiguity, ...]:
     """Return pairs of a zero and a tilt, or of two zeros, that this data cannot tell apart.
 
-    What was found already lists what could stand in its place; this is about the others, which may be
-    there unseen.
+    What was found already lists what could stand in its place; this is about the others, which
+    may be there unseen.
 
     Args:
         contest: The contest.

@@ -23,7 +23,6 @@ from dvrk_gravity.diagnosis.findings import (
     Verdict,
     by_joint,
 )
-from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.diagnosis.judge import Judge, Unconfirmed, estimates, setting_columns
 from dvrk_gravity.diagnosis.load import Loaded
 from dvrk_gravity.diagnosis.motion import Motion
@@ -215,8 +214,8 @@ def _notes(loaded: Loaded, contest: Contest, floor: Array) -> tuple[str, ...]:
     ]
     if bench.repetition is not None:
         notes.append(
-            f"the motion repeats every {bench.repetition.period:.4g} s, {bench.copies:.3g} times in "
-            "all: a block is one phase of every period, and no fit has seen the phases that judge it"
+            f"the motion repeats every {bench.repetition.period:.4g} s, {bench.copies:.3g} times "
+            "in all: a block is one phase of every period"
         )
     notes.append(f"noise floor: {FLOORS[bench.floor_from(floor)]}")
     if bench.band is not None:

@@ -32,8 +32,8 @@ class Bench:
     """The reduced problem: T samples of 7 joints, each in a block.
 
     Every third block is held out: neither fit nor choice sees it. The others make folds for
-    cross-validation. Where the motion repeats, a block is one phase of every period: what one period
-    shows is no news in the next.
+    cross-validation. Where the motion repeats, a block is one phase of every period: what one
+    period shows is no news in the next.
 
     Attributes:
         motion: Where it comes from.
@@ -139,9 +139,9 @@ class Bench:
             return nothing, nothing
         time = self.time[rows]
         order = np.argsort(time)
-        later = np.clip(np.searchsorted(time[order], time + self.repetition.period), 0, len(time) - 1)
-        found = order[later]
-        near = np.abs(time[found] - time - self.repetition.period) < _NEAR
+        later = time + self.repetition.period
+        found = order[np.minimum(np.searchsorted(time[order], later), len(time) - 1)]
+        near = np.abs(time[found] - later) < _NEAR
         return np.flatnonzero(near), found[near]
 
     def floor_from(self, floor: Array) -> FloorFrom:
@@ -169,9 +169,7 @@ class Bench:
         return np.where(np.isfinite(differs), differs, noise)
 
 
-def _blocks(
-    bench: Bench, total: int, again: Repetition | None
-) -> tuple[NDArray[np.int64], int]:
+def _blocks(bench: Bench, total: int, again: Repetition | None) -> tuple[NDArray[np.int64], int]:
     rate = bench.motion.rate
     if rate is None:
         count = int(np.clip(total // 6, *BLOCKS))

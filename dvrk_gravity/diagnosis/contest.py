@@ -81,7 +81,7 @@ class Contest:
         self._alike = self._alike_copies(residual) if final else np.zeros(N_JOINTS)
 
     def _alike_copies(self, residual: Array) -> Array:
-        """Return (7,) correlation of (R, 7) residuals with themselves a period later, at least 0."""
+        """Return (7,) correlation of (R, 7) residuals with those a period later, at least 0."""
         mine, later = residual[self._pairs[0]], residual[self._pairs[1]]
         both = self._usable[self._pairs[0]] & self._usable[self._pairs[1]]
         square = np.where(both, 0.5 * (mine**2 + later**2), 0.0).sum(axis=0)
@@ -113,7 +113,7 @@ class Contest:
         return self._usable * self.weight
 
     def _ridge(self, candidates: Sequence[Candidate]) -> Array:
-        """Return (k, k) what is known of the parameters before, in units of samples as they come."""
+        """Return (k, k) what is known of parameters before any data, in units of samples."""
         ridges = [np.zeros(0), *(one.ridge for one in candidates)]
         return np.diag(self._part * self.bench.copies * np.concatenate(ridges))
 
@@ -225,7 +225,7 @@ class Contest:
         )
         grams = [x.T @ x for x, _ in pieces]
         sides = [x.T @ y for x, y in pieces]
-        gram, side = sum(grams, self._ridge(candidates)), sum(sides)
+        gram, side = sum(grams, self._ridge(candidates)), np.sum(sides, axis=0)
         theta = _solve(gram, side)
         apart = np.array(
             [_solve(gram - g, side - s) - theta for g, s in zip(grams, sides, strict=True)]

@@ -159,12 +159,9 @@ def _held_out_confirms(
     contest.weigh(contest.out_of_fold(chosen))
     judge = Judge(contest)
     failures = [judge.unconfirmed(chosen, one) for one in chosen]
-    kept = [
-        one
-        for one, failure in zip(chosen, failures, strict=True)
-        if failure is None or one.hypothesis.place in _MOVING
-    ]
-    return kept, [one for one in failures if one is not None and one.hypothesis.place not in _MOVING]
+    failed = [one for one in failures if one and one.hypothesis.place not in _MOVING]
+    lost = {id(one.hypothesis) for one in failed}
+    return [one for one in chosen if id(one.hypothesis) not in lost], failed
 
 
 def hypotheses(motion: Motion) -> Iterable[Hypothesis]:
