@@ -137,13 +137,14 @@ def _step(
             path.write_bytes(png(found.picture))
             title = f"{found.effect} at {joint}: error without and with it"
             yield f"\n![{title}](real_data/{path.name})"
+    if shown is not None:
+        return
     for note in diagnosis.notes:
         if note.startswith("chosen, but not confirmed"):
             yield f"- {note}"
     for ambiguity in diagnosis.ambiguities:
         yield f"- Not to be told apart: {ambiguity.sentence}."
-    if shown is None:
-        yield from _errors(diagnosis)
+    yield from _errors(diagnosis)
 
 
 def _gain(finding: Finding) -> str:

@@ -76,20 +76,23 @@ def assemble(
         findings.append(unknown_finding(judge, contest, named, tried, last))
     after = judge.rmse(last)
     floor = bench.floor(loaded.floor, contest.left(named))
+    source = bench.floor_from(floor)
     told = {name for finding in findings if finding.effect == "unknown" for name in finding.joints}
     shapeless = [
         joint
         for joint in range(N_JOINTS)
         if after[joint] > _ABOVE_FLOOR * floor[joint] and JOINT_NAMES[joint] not in told
     ]
-    findings += [shapeless_finding(joint, after[joint], floor[joint]) for joint in shapeless]
+    findings += [
+        shapeless_finding(joint, after[joint], floor[joint], source) for joint in shapeless
+    ]
     return Diagnosis(
         verdict=_verdict(findings),
         findings=tuple(findings),
         before=by_joint(judge.rmse(first)),
         after=by_joint(after),
         floor=by_joint(floor),
-        floor_from=bench.floor_from(floor),
+        floor_from=source,
         samples=int((bench.block >= 0).sum()),
         held_out=judge.samples,
         warnings=loaded.warnings,

@@ -156,6 +156,7 @@ class Picture:
         x: (T,) its values.
         before: (T,) error without the effect, N·m.
         after: (T,) error with it, N·m.
+        forward: (T,) which samples were taken in positive motion; ``None`` if it does not matter.
     """
 
     joint: str
@@ -163,6 +164,7 @@ class Picture:
     x: Array
     before: Array
     after: Array
+    forward: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,12 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.findings import FLOORS, Ambiguity, Diagnosis, Finding, Picture
 from dvrk_gravity.diagnosis.words import shown
+
+Array = NDArray[np.float64]
 
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
@@ -28,7 +31,8 @@ _VERDICTS = {
     "ambiguous": "explained, but not by one cause alone",
     "unexplained": "unexplained",
 }
-_BINS = 30
+_BINS = 24
+_LEAST_IN_BIN = 3
 
 
 def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
@@ -87,7 +91,9 @@ def _finding(number: int, finding: Finding) -> str:
     parts = [f"<h2>{escape(head)}</h2>", f"<p>{escape(finding.sentence)}.</p>"]
     gain = finding.gain
     rows = [
-        (name.replace("_", " "), shown(one, seconds)) for name, one in finding.parameters.items()
+        (name.replace("_", " "), shown(one, seconds))
+        for name, one in finding.parameters.items()
+        if not ("lowest" in finding.parameters and name[1:].isdigit())  # a curve's coefficients
     ]
     rows.append(
         (
@@ -197,18 +203,34 @@ def png(picture: Picture) -> bytes:
     ):
         known = np.isfinite(error)
         x, y = picture.x[known], 1e3 * error[known]
-        one.plot(x, y, ".", markersize=2.5, color="#99aabb")
         one.axhline(0.0, color="#888888", linewidth=0.6)
-        if len(x) > _BINS:
-            edges = np.quantile(x, np.linspace(0.0, 1.0, _BINS + 1))
-            index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, _BINS - 1)
-            count = np.maximum(np.bincount(index, minlength=_BINS), 1)
-            middle = np.bincount(index, x, minlength=_BINS) / count
-            mean = np.bincount(index, y, minlength=_BINS) / count
-            one.plot(middle, mean, "-", linewidth=2.0, color="#bb3322")
+        if picture.forward is None:
+            groups = [(np.ones(len(x), dtype=bool), "#99aabb", "#bb3322", "mean")]
+        else:
+            forward = picture.forward[known]
+            groups = [
+                (forward, "#e0b0a8", "#bb3322", "moving up"),
+                (~forward, "#a8bcd8", "#224488", "moving down"),
+            ]
+        for rows, pale, strong, label in groups:
+            one.plot(x[rows], y[rows], ".", markersize=2.5, color=pale)
+            one.plot(*_means(x[rows], y[rows]), "-", linewidth=2.0, color=strong, label=label)
         one.set_title(f"{title}: {np.sqrt(np.mean(y**2)):.3g} mN·m RMS")
         one.set_xlabel(picture.variable)
+    axes[1].legend(frameon=False, fontsize="small")
     axes[0].set_ylabel(f"error at {picture.joint} [mN·m]")
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110)
     return stream.getvalue()
+
+
+def _means(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the means of x and y in equal bins of x, of those that hold enough."""
+    if not len(x):
+        return x, y
+    edges = np.linspace(x.min(), x.max(), _BINS + 1)
+    index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, _BINS - 1)
+    count = np.bincount(index, minlength=_BINS)
+    enough = count >= _LEAST_IN_BIN
+    middle = np.bincount(index, x, minlength=_BINS)[enough] / count[enough]
+    return middle, np.bincount(index, y, minlength=_BINS)[enough] / count[enough]
