@@ -128,6 +128,19 @@ def _poses(moving: tuple[int, ...]) -> Recording:
     return Recording(JOINT_NAMES, None, q, None, effort, source="poses")
 
 
+def _without_last(recording: Recording) -> Recording:
+    """Return a recording of the first six joints."""
+    assert recording.velocity is not None
+    assert recording.effort is not None
+    return replace(
+        recording,
+        joints=JOINT_NAMES[:6],
+        position=recording.position[:, :6],
+        velocity=recording.velocity[:, :6],
+        effort=recording.effort[:, :6],
+    )
+
+
 def _tilt_and_shoulder(result) -> list[str]:
     return [
         one.sentence
@@ -152,8 +165,9 @@ def test_a_tilt_and_the_shoulders_zero_are_alike_in_a_plane_and_apart_in_space()
     [
         (lambda r: r.between(0.0, 5.0), "at least 8 s"),
         (lambda r: replace(r, position=np.zeros_like(r.position)), "no joint moves"),
+        (_without_last, "has no wrist_roll"),
     ],
-    ids=["short", "no motion"],
+    ids=["short", "no motion", "a joint missing"],
 )
 def test_what_is_missing_is_said_in_one_line_with_status_2(
     periodic, tmp_path, capsys, change, words

@@ -150,13 +150,13 @@ class Bench:
             return "nothing"
         return "high_frequencies" if self.repetition is None else "repetition"
 
-    def floor(self, density: Array, left: Array) -> Array:
+    def floor(self, density: Array, left: Array | None = None) -> Array:
         """Return (7,) noise, N·m: what does not come back with the motion, where that repeats.
 
         Args:
             density: (7,) effort noise density as high frequencies show it, N·m/sqrt(Hz); for
                 motion that does not repeat.
-            left: (T, 7) what the best model so far leaves, N·m.
+            left: (T, 7) what the best model so far leaves, N·m; by default what the given one does.
         """
         if self.band is None:
             return np.full(N_JOINTS, np.nan)
@@ -165,7 +165,9 @@ class Bench:
         noise = density * np.sqrt(bandwidth)
         if self.repetition is None:
             return noise
-        differs = self.repetition.noise(self.time, left, self.usable)
+        differs = self.repetition.noise(
+            self.time, self.residual if left is None else left, self.usable
+        )
         return np.where(np.isfinite(differs), differs, noise)
 
 
