@@ -17,6 +17,7 @@ from dvrk_gravity.diagnosis.hypothesis import Hypothesis, unit_of
 Array = NDArray[np.float64]
 
 _ALPHA = 0.05  # of one effect, chosen elsewhere, on held-out blocks
+_ACTS = 0.03  # of the energy in the block where an effect acts most
 _RESAMPLED = 1000
 _DRAWN = 400
 
@@ -101,22 +102,45 @@ class Judge:
     def unconfirmed(self, chosen: Sequence[Candidate], one: Candidate) -> Unconfirmed | None:
         """Return a chosen candidate's failure on the held-out blocks; ``None`` if it holds there.
 
-        It fails if it helps neither in most blocks nor, beyond doubt, in their sum.
+        It fails if, of the blocks in which it acts, it helps neither most nor, beyond doubt, their
+        sum; where it acts in none it cannot.
         """
         before = self.error([other for other in chosen if other is not one])
         after = self.error(chosen)
         joints = self.main_joints(one.hypothesis, before, after)
-        gain = self.gain(before, after, joints)
+        theta, _ = self._contest.fit(chosen)
+        first = sum(
+            other.size for other in chosen[: [other is one for other in chosen].index(True)]
+        )
+        torque = one.columns[self._held] @ theta[first : first + one.size]
+        power = (np.where(self._usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
+        energy = np.bincount(self._block, power)
+        if not energy.any():
+            return None
+        gain = self.gain(before, after, joints, np.flatnonzero(energy > _ACTS * energy.max()))
         if gain.low > 0.0 or gain.p_value < _ALPHA:
             return None
         return Unconfirmed(one.hypothesis, JOINT_NAMES[joints[0]], gain)
 
-    def gain(self, before: Array, after: Array, joints: Sequence[int]) -> Gain:
-        """Return what is gained on some joints, with interval and p-value over the blocks."""
+    def gain(
+        self,
+        before: Array,
+        after: Array,
+        joints: Sequence[int],
+        blocks: NDArray[np.int64] | None = None,
+    ) -> Gain:
+        """Return what is gained on some joints, with interval and p-value over the blocks.
+
+        Args:
+            before: (H, 7) errors.
+            after: (H, 7) errors.
+            joints: Indices of the joints.
+            blocks: Numbers of the blocks that count; by default all that are held out.
+        """
         from scipy import stats
 
         scale = np.maximum(self.rmse(before)[list(joints)], 1e-12)
-        blocks = np.unique(self._block)
+        blocks = np.unique(self._block) if blocks is None else blocks
 
         def losses(error: Array) -> Array:
             square = np.where(self._usable, error**2, 0.0)[:, list(joints)] / scale**2
