@@ -70,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _summary(diagnosis: Diagnosis, out: Path) -> str:
+    from dvrk_gravity.diagnosis.findings import FLOORS
+
     lines = [f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}"]
     for number, finding in enumerate(diagnosis.findings, start=1):
         where = ", ".join(finding.joints) or "the arm"
@@ -81,12 +83,14 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         ]
         if not finding.in_model and finding.effect != "unknown":
             lines.append("   (not in the extended model: no term of a model file carries it)")
+    lines += [f"not to be told apart: {one.sentence}" for one in diagnosis.ambiguities]
     lines.append("held-out RMSE [mN·m]      before    after    floor")
     lines += [
         f"  {joint:<20}  {1e3 * diagnosis.before[joint]:8.3f} {1e3 * diagnosis.after[joint]:8.3f} "
         f"{1e3 * diagnosis.floor[joint]:8.3f}"
         for joint in diagnosis.before
     ]
+    lines.append(f"floor: {FLOORS[diagnosis.floor_from]}")
     lines += [f"data: {warning}" for warning in diagnosis.warnings]
     lines.append(f"written: {out}/findings.json, extended_model.yaml, report.html")
     return "\n".join(lines)

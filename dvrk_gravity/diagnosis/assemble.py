@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.diagnosis.ambiguity import ambiguities
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.extend import extended
 from dvrk_gravity.diagnosis.findings import (
+    FLOORS,
     Alternative,
     Diagnosis,
     Estimate,
@@ -21,8 +23,7 @@ from dvrk_gravity.diagnosis.findings import (
     Verdict,
     by_joint,
 )
-from dvrk_gravity.diagnosis.hypothesis import Hypothesis
-from dvrk_gravity.diagnosis.judge import Judge, estimates, setting_columns
+from dvrk_gravity.diagnosis.judge import Judge, Unconfirmed, estimates, setting_columns
 from dvrk_gravity.diagnosis.load import Loaded
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.other_findings import (
@@ -48,6 +49,8 @@ def assemble(
     contest: Contest,
     accepted: Sequence[Accepted],
     unknown: Sequence[Tried],
+    unconfirmed: Sequence[Unconfirmed],
+    pool: Sequence[Candidate],
 ) -> Diagnosis:
     """Put everything together; see :class:`dvrk_gravity.diagnosis.run.Outcome`."""
     judge, bench = Judge(contest), contest.bench
@@ -72,24 +75,29 @@ def assemble(
     for tried in unknown:
         findings.append(unknown_finding(judge, contest, named, tried, last))
     after = judge.rmse(last)
-    floor = bench.floor(loaded.floor)
+    floor = bench.floor(loaded.floor, contest.left(named))
+    source = bench.floor_from(floor)
     told = {name for finding in findings if finding.effect == "unknown" for name in finding.joints}
     shapeless = [
         joint
         for joint in range(N_JOINTS)
         if after[joint] > _ABOVE_FLOOR * floor[joint] and JOINT_NAMES[joint] not in told
     ]
-    findings += [shapeless_finding(joint, after[joint], floor[joint]) for joint in shapeless]
+    findings += [
+        shapeless_finding(joint, after[joint], floor[joint], source) for joint in shapeless
+    ]
     return Diagnosis(
         verdict=_verdict(findings),
         findings=tuple(findings),
         before=by_joint(judge.rmse(first)),
         after=by_joint(after),
         floor=by_joint(floor),
+        floor_from=source,
         samples=int((bench.block >= 0).sum()),
         held_out=judge.samples,
         warnings=loaded.warnings,
-        notes=_notes(loaded, contest),
+        notes=(*_notes(loaded, contest, floor), *(str(one) for one in unconfirmed)),
+        ambiguities=ambiguities(contest, named, pool),
         model=model,
     )
 
@@ -122,18 +130,6 @@ def _fit(
     return theta, covariance[: len(theta), : len(theta)], spreads
 
 
-def _main_joints(hypothesis: Hypothesis, before: Array, after: Array, judge: Judge) -> list[int]:
-    old, new = judge.rmse(before), judge.rmse(after)
-    joints = list(hypothesis.joints) or list(range(N_JOINTS))
-    if hypothesis.effect == "joint_coupling":
-        joints = joints[:1]
-    better = [j for j in joints if new[j] < old[j]]
-    if not better:
-        better = [j for j in range(N_JOINTS) if new[j] < old[j]] or joints
-    left = new / np.maximum(old, 1e-12)
-    return sorted(better, key=left.tolist().__getitem__)
-
-
 def _finding(
     judge: Judge,
     contest: Contest,
@@ -149,7 +145,7 @@ def _finding(
     # What the others leave to it, in whatever order they were found.
     before = judge.error([other for k, other in enumerate(named) if k != i])
     after = judge.error(named)
-    joints = _main_joints(hypothesis, before, after, judge)
+    joints = judge.main_joints(hypothesis, before, after)
     gain = judge.gain(before, after, joints)
     rest_named = [other for k, other in enumerate(named) if k != i]
     alternatives = _alternatives(contest, rest_named, one)
@@ -212,13 +208,19 @@ def _verdict(findings: Sequence[Finding]) -> Verdict:
     return "explained"
 
 
-def _notes(loaded: Loaded, contest: Contest) -> tuple[str, ...]:
+def _notes(loaded: Loaded, contest: Contest, floor: Array) -> tuple[str, ...]:
     bench = contest.bench
     notes = [
         *loaded.handling,
         f"{bench.count} blocks, every third held out of fit and choice; "
         "the others in five folds for cross-validation",
     ]
+    if bench.repetition is not None:
+        notes.append(
+            f"the motion repeats every {bench.repetition.period:.4g} s, {bench.copies:.3g} times "
+            "in all: a block is one phase of every period"
+        )
+    notes.append(f"noise floor: {FLOORS[bench.floor_from(floor)]}")
     if bench.band is not None:
         notes.append(f"torques and hypotheses compared below {bench.band:g} Hz, zero-phase")
         stuck = loaded.motion.stuck.mean(axis=0)

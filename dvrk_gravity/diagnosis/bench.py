@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.diagnosis.findings import FloorFrom
 from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.repetition import Repetition, find_repetition
 from dvrk_gravity.recording import LowPass
 
 Array = NDArray[np.float64]
@@ -21,6 +23,8 @@ FOLDS = 5
 _OVERSAMPLING = 5.0  # samples kept a second, in bands
 _STUCK = 0.05  # part of a stuck sample that the low-pass may leave in a usable one
 _GUARD = 1  # samples left out at either end of a block
+_NEAR = 0.03  # s, about one kept sample
+_SHORTEST_PHASE = 6  # samples of a block, where blocks are phases of a short period
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +32,8 @@ class Bench:
     """The reduced problem: T samples of 7 joints, each in a block.
 
     Every third block is held out: neither fit nor choice sees it. The others make folds for
-    cross-validation.
+    cross-validation. Where the motion repeats, a block is one phase of every period: what one
+    period shows is no news in the next.
 
     Attributes:
         motion: Where it comes from.
@@ -37,6 +42,7 @@ class Bench:
         residual: (T, 7) measured minus modelled torque, N·m.
         block: (T,) number of the block; -1 for samples between blocks.
         count: Number of blocks.
+        repetition: How the motion repeats, if it does.
     """
 
     motion: Motion
@@ -45,6 +51,7 @@ class Bench:
     residual: Array
     block: NDArray[np.int64]
     count: int
+    repetition: Repetition | None = None
 
     @classmethod
     def of(cls, motion: Motion) -> Bench:
@@ -54,8 +61,9 @@ class Bench:
         every = 1 if rate is None or band is None else max(1, int(rate / (_OVERSAMPLING * band)))
         bench = cls(motion, band, every, np.zeros((0, N_JOINTS)), np.zeros(0, dtype=int), 0)
         residual = bench.reduce(motion.residual)
-        block, count = _blocks(bench, len(residual))
-        return cls(motion, band, every, residual, block, count)
+        again = None if rate is None else find_repetition(motion.q, motion.time, motion.parts, rate)
+        block, count = _blocks(bench, len(residual), again)
+        return cls(motion, band, every, residual, block, count, again)
 
     def reduce(self, columns: Array) -> Array:
         """Low-pass and thin out (N, …) signals to (T, …)."""
@@ -115,23 +123,67 @@ class Bench:
         ]
         return np.concatenate(pieces)
 
-    def floor(self, density: Array) -> Array:
-        """Return (7,) noise that an effort noise density leaves in the band, N·m."""
+    @property
+    def copies(self) -> float:
+        """How often the motion shows the same, at least 1."""
+        return 1.0 if self.repetition is None else self.repetition.copies
+
+    def pairs(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return (P,) and (P,) which of some samples show the same, a period apart.
+
+        Args:
+            rows: (R,) indices of the samples.
+        """
+        if self.repetition is None:
+            nothing = np.zeros(0, dtype=np.int64)
+            return nothing, nothing
+        time = self.time[rows]
+        order = np.argsort(time)
+        later = time + self.repetition.period
+        found = order[np.minimum(np.searchsorted(time[order], later), len(time) - 1)]
+        near = np.abs(time[found] - later) < _NEAR
+        return np.flatnonzero(near), found[near]
+
+    def floor_from(self, floor: Array) -> FloorFrom:
+        """Return where a (7,) floor comes from."""
+        if not np.isfinite(floor).any():
+            return "nothing"
+        return "high_frequencies" if self.repetition is None else "repetition"
+
+    def floor(self, density: Array, left: Array | None = None) -> Array:
+        """Return (7,) noise, N·m: what does not come back with the motion, where that repeats.
+
+        Args:
+            density: (7,) effort noise density as high frequencies show it, N·m/sqrt(Hz); for
+                motion that does not repeat.
+            left: (T, 7) what the best model so far leaves, N·m; by default what the given one does.
+        """
         if self.band is None:
             return np.full(N_JOINTS, np.nan)
         frequency = np.linspace(0.0, 10.0 * self.band, 4000)
         bandwidth = np.mean(1.0 / (1.0 + (frequency / self.band) ** 4) ** 2) * frequency[-1]
-        return density * np.sqrt(bandwidth)
+        noise = density * np.sqrt(bandwidth)
+        if self.repetition is None:
+            return noise
+        differs = self.repetition.noise(
+            self.time, self.residual if left is None else left, self.usable
+        )
+        return np.where(np.isfinite(differs), differs, noise)
 
 
-def _blocks(bench: Bench, total: int) -> tuple[NDArray[np.int64], int]:
+def _blocks(bench: Bench, total: int, again: Repetition | None) -> tuple[NDArray[np.int64], int]:
     rate = bench.motion.rate
     if rate is None:
         count = int(np.clip(total // 6, *BLOCKS))
         return np.arange(total) * count // total, count
     rate /= bench.every
-    count = int(np.clip(total / rate / BLOCK, *BLOCKS))
-    block = np.arange(total) * count // total
+    if again is None:
+        count = int(np.clip(total / rate / BLOCK, *BLOCKS))
+        block = np.arange(total) * count // total
+    else:
+        count = int(np.clip(again.period / BLOCK, *BLOCKS))
+        count = max(2 * FOLDS, min(count, int(again.period * rate / _SHORTEST_PHASE)))
+        block = (again.phase(bench.time) * count).astype(int) % count
     inside = np.ones(total, dtype=bool)
     edges = np.flatnonzero(np.diff(block)) + 1
     for shift in range(-_GUARD, _GUARD):

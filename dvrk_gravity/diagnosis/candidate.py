@@ -33,6 +33,12 @@ class Candidate:
         return self.columns.shape[2]
 
     @property
+    def ridge(self) -> Array:
+        """(k,) inverse variances of the parameters before any data."""
+        size = self.hypothesis.plausible_size
+        return 1.0 / np.square(size) if size else np.zeros(self.size)
+
+    @property
     def cost(self) -> float:
         """Log-likelihood that it has to bring before it is worth having."""
         return PENALTY * (self.size + len(self.hypothesis.refine)) + float(

@@ -13,6 +13,7 @@ from dvrk_gravity import gravity
 from dvrk_gravity.arm import GRAVITY, N_JOINTS, Arm
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.identification.columns import beta_map, prior_scale
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.terms import Gravity, Payload
 from dvrk_gravity.tree import TREE_LINKS, link_frames
@@ -42,9 +43,9 @@ def body(motion: Motion) -> Iterator[Hypothesis]:
                 yield _inertia(joint, form)
     for index in range(len(BETA_JOINTS)):
         yield _beta(index)
-    yield _all_weights()
+    yield _all_weights(motion.arm)
     if not motion.static:
-        yield _all_inertia()
+        yield _all_inertia(motion)
     if any(isinstance(term, Gravity) for term in motion.model.terms):
         yield _tilt()
 
@@ -154,9 +155,10 @@ def _beta(index: int) -> Hypothesis:
     )  # fmt: skip
 
 
-def _all_weights() -> Hypothesis:
+def _all_weights(arm: Arm) -> Hypothesis:
     """Return the hypothesis that beta as a whole is another one."""
     count = len(BETA_JOINTS)
+    size = np.linalg.norm(beta_map(arm)[:count] * prior_scale(), axis=1)
     return Hypothesis(
         "link_com", (), ALL_WEIGHTS,
         lambda motion, _: gravity.regressor(motion.true_q, motion.gravity, count),
@@ -164,10 +166,11 @@ def _all_weights() -> Hypothesis:
             f"delta_beta_{name}": float(value)
             for name, value in zip(gravity.BETA_NAMES, theta, strict=False)
         },
+        plausible_size=tuple(size.tolist()),
     )  # fmt: skip
 
 
-def _all_inertia() -> Hypothesis:
+def _all_inertia(motion: Motion) -> Hypothesis:
     """Return the hypothesis that the links' inertia as a whole is another one, or missing."""
 
     def describe(theta: Array, setting: Setting) -> dict[str, float]:
@@ -177,6 +180,7 @@ def _all_inertia() -> Hypothesis:
     return Hypothesis(
         "link_inertia", (), ALL_INERTIA, lambda motion, _: motion.inertial[1], describe,
         variable="acceleration",
+        plausible_size=tuple(prior_scale()[motion.inertial[0]].tolist()),
     )  # fmt: skip
 
 

@@ -110,7 +110,8 @@ def _presliding(
         return spread(row, bent, motion.sign(row)) if with_coulomb else spread(row, bent)
 
     def describe(theta: Array, setting: Setting) -> dict[str, float]:
-        return {"level": float(theta[0]), "length": setting["length"]}
+        values = {"level": float(theta[0]), "length": setting["length"]}
+        return values | ({"coulomb": float(theta[1])} if with_coulomb else {})
 
     return Hypothesis(
         "presliding_hysteresis", (joint,), place, build, describe, {"length": length}, ("length",),
@@ -190,7 +191,12 @@ def cable(joint: int, degree: int, middle: float, half: float) -> Hypothesis:
         powers = scaled.convert(kind=np.polynomial.Polynomial).coef
         powers = np.pad(powers, (0, degree + 1 - len(powers)))
         values = {f"k{i}": float(value) for i, value in enumerate(powers)}
-        return {"stiffness": float(scaled.deriv()(middle))} | values
+        values = {"stiffness": float(scaled.deriv()(middle))} | values
+        if degree == 1:
+            return values
+        # One slope says little of a curve: between what it pulls, over the way.
+        way = scaled(np.linspace(middle - half, middle + half, 101))
+        return {"lowest": float(way.min()), "highest": float(way.max())} | values
 
     return Hypothesis("elastic_cable", (joint,), f"degree {degree}", build, describe)
 

@@ -47,25 +47,46 @@ class Contest:
         self._usable = bench.usable[self._rows]
         self._counts = np.maximum(self._usable.sum(axis=0), 1)
         self._cache: dict[tuple[object, ...], Candidate] = {}
+        self._pairs = bench.pairs(self._rows)
+        self._alike = np.zeros(N_JOINTS)  # (7,) correlation of what two copies leave
         self.weight = np.zeros(N_JOINTS)
         self.weigh(self._residual)
 
     @property
     def samples(self) -> Array:
         """(7,) independent samples of each joint, about."""
-        part = 1.0 if self.bench.band is None else _SAMPLES_PER_INDEPENDENT
-        return self._counts / part
+        # Of what comes back with the motion, the copies are no news (Kish's design effect).
+        return self._counts / (self._part * (1.0 + (self.bench.copies - 1.0) * self._alike))
+
+    @property
+    def _part(self) -> float:
+        return 1.0 if self.bench.band is None else _SAMPLES_PER_INDEPENDENT
 
     def _mean_square(self, error: Array) -> Array:
         """Return (7,) mean squares of (R, 7) errors over the usable samples."""
         return (error**2 * self._usable).sum(axis=0) / self._counts
 
-    def weigh(self, residual: Array) -> None:
-        """Weigh the joints by (R, 7) residuals."""
+    def weigh(self, residual: Array, final: bool = False) -> None:
+        """Weigh the joints by (R, 7) residuals.
+
+        Args:
+            residual: What is left, N·m.
+            final: All causes are in, so that what comes back with the motion is there to stay:
+                copies of it count once. While causes are missing, it is theirs.
+        """
         rms = np.sqrt(self._mean_square(residual))
         enough = self._usable.sum(axis=0) > _LEAST_USABLE * len(self._rows)
         present = self.bench.motion.present & (rms > 0.0) & enough
         self.weight = np.where(present, 1.0 / np.where(present, rms, 1.0), 0.0)
+        self._alike = self._alike_copies(residual) if final else np.zeros(N_JOINTS)
+
+    def _alike_copies(self, residual: Array) -> Array:
+        """Return (7,) correlation of (R, 7) residuals with those a period later, at least 0."""
+        mine, later = residual[self._pairs[0]], residual[self._pairs[1]]
+        both = self._usable[self._pairs[0]] & self._usable[self._pairs[1]]
+        square = np.where(both, 0.5 * (mine**2 + later**2), 0.0).sum(axis=0)
+        alike = np.where(both, mine * later, 0.0).sum(axis=0) / np.maximum(square, 1e-300)
+        return np.clip(alike, 0.0, 1.0)
 
     def candidate(self, hypothesis: Hypothesis) -> Candidate:
         """Return a hypothesis with its columns, built once."""
@@ -91,6 +112,11 @@ class Contest:
     def _weights(self) -> Array:
         return self._usable * self.weight
 
+    def _ridge(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (k, k) what is known of parameters before any data, in units of samples."""
+        ridges = [np.zeros(0), *(one.ridge for one in candidates)]
+        return np.diag(self._part * self.bench.copies * np.concatenate(ridges))
+
     def out_of_fold(self, candidates: Sequence[Candidate]) -> Array:
         """Return (R, 7) errors of the choice's samples, each from a fit that left its fold out."""
         design, target = self._design(candidates), self._target
@@ -98,7 +124,7 @@ class Contest:
         if design.shape[1]:
             grams = [design[rows].T @ design[rows] for rows in self._folds]
             sides = [design[rows].T @ target[rows] for rows in self._folds]
-            gram, side = sum(grams), sum(sides)
+            gram, side = sum(grams, self._ridge(candidates)), sum(sides)
             for rows, one_gram, one_side in zip(self._folds, grams, sides, strict=True):
                 theta = _solve(gram - one_gram, side - one_side)
                 error[rows] -= design[rows] @ theta
@@ -158,7 +184,7 @@ class Contest:
     ) -> list[Candidate]:
         """Return the candidates of the pool that fit best beside the accepted ones, best first."""
         base, target = self._design(accepted), self._target
-        gram = base.T @ base
+        gram = base.T @ base + self._ridge(accepted)
         if base.shape[1]:
             target = target - base @ _solve(gram, base.T @ target)
         square = (target**2).reshape(-1, N_JOINTS).sum(axis=0)
@@ -167,31 +193,44 @@ class Contest:
             columns = self._design([candidate])
             if base.shape[1]:
                 columns = columns - base @ _solve(gram, base.T @ columns)
-            fit = columns @ _solve(columns.T @ columns, columns.T @ target)
-            left = ((target - fit) ** 2).reshape(-1, N_JOINTS).sum(axis=0)
+            own = columns.T @ columns + self._ridge([candidate])
+            error = target - columns @ _solve(own, columns.T @ target)
+            left = (error**2).reshape(-1, N_JOINTS).sum(axis=0)
             used = (square > 0.0) & (left > 0.0)
             gain = 0.5 * float(self.samples[used] @ np.log(square[used] / left[used]))
             found.append((gain - candidate.cost, candidate))
         found.sort(key=lambda pair: -pair[0])
         return [candidate for gain, candidate in found[:keep] if gain > 0.0]
 
+    def left(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (T, 7) what a fit of candidates to the samples of choice leaves everywhere."""
+        left = self.bench.residual.copy()
+        if candidates:
+            theta, _ = self.fit(candidates)
+            left -= np.concatenate([one.columns for one in candidates], axis=2) @ theta
+        return left
+
     def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
 
-        The covariance is that of a sandwich clustered by blocks: errors may be correlated within.
+        The covariance is the jackknife's over blocks: errors may be correlated within one, and
+        parameters may be many beside the blocks (MacKinnon and White 1985, "HC3").
         """
         design, target = self._design(candidates), self._target
-        gram = design.T @ design
-        theta = _solve(gram, design.T @ target)
-        error = target - design @ theta
         block = np.repeat(self._block, N_JOINTS)
         order = np.argsort(block, kind="stable")
-        edges = np.flatnonzero(np.diff(block[order], prepend=-1))
-        scores = np.add.reduceat((design * error[:, None])[order], edges, axis=0)
-        bread = _solve(gram, np.eye(len(gram)))
-        groups = len(edges)
-        factor = groups / max(groups - len(theta), 1)
-        return theta, factor * bread @ (scores.T @ scores) @ bread
+        edges = np.flatnonzero(np.diff(block[order], prepend=-1))[1:]
+        pieces = list(
+            zip(np.split(design[order], edges), np.split(target[order], edges), strict=True)
+        )
+        grams = [x.T @ x for x, _ in pieces]
+        sides = [x.T @ y for x, y in pieces]
+        gram, side = sum(grams, self._ridge(candidates)), np.sum(sides, axis=0)
+        theta = _solve(gram, side)
+        apart = np.array(
+            [_solve(gram - g, side - s) - theta for g, s in zip(grams, sides, strict=True)]
+        )
+        return theta, (len(pieces) - 1) / len(pieces) * apart.T @ apart
 
     def contains(self, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]) -> bool:
         """Tell whether a larger hypothesis is a smaller one with needless parameters."""
@@ -205,19 +244,34 @@ class Contest:
         Both are taken beside the rest: what that reproduces anyway does not count.
         """
         theta, _ = self.fit([*rest, mine])
-        torque = self._design([mine]) @ theta[-mine.size :]
+        return self.reproduced(mine, theta[-mine.size :], other, rest)[0]
+
+    def reproduced(
+        self, mine: Candidate, theta: Array, other: Candidate, rest: Sequence[Candidate]
+    ) -> tuple[float, Array]:
+        """Return which part of a torque another's columns reproduce, and its (k,) parameters there.
+
+        Args:
+            mine: The hypothesis.
+            theta: Its parameters.
+            other: Another one.
+            rest: What both are taken beside.
+        """
+        torque = self._design([mine]) @ theta
         columns, base = self._design([other]), self._design(rest)
         if base.shape[1]:
-            gram = base.T @ base
+            gram = base.T @ base + self._ridge(rest)
             torque = torque - base @ _solve(gram, base.T @ torque)
             columns = columns - base @ _solve(gram, base.T @ columns)
-        left = torque - columns @ _solve(columns.T @ columns, columns.T @ torque)
-        return 1.0 - float(left @ left) / max(float(torque @ torque), 1e-300)
+        found = _solve(columns.T @ columns, columns.T @ torque)
+        left = torque - columns @ found
+        return 1.0 - float(left @ left) / max(float(torque @ torque), 1e-300), found
 
     def misfit(self, candidates: Sequence[Candidate]) -> float:
         """Return minus the log-likelihood of a fit to all the samples of choice."""
         design, target = self._design(candidates), self._target
-        error = target - design @ _solve(design.T @ design, design.T @ target)
+        gram = design.T @ design + self._ridge(candidates)
+        error = target - design @ _solve(gram, design.T @ target)
         mean = (error.reshape(-1, N_JOINTS) ** 2).sum(axis=0) / self._counts
         used = mean > 0.0
         return 0.5 * float(self.samples[used] @ np.log(mean[used]))

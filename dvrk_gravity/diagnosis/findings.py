@@ -15,7 +15,16 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
 
 Array = NDArray[np.float64]
+FloorFrom = Literal["repetition", "high_frequencies", "nothing"]
 Verdict = Literal["nothing_to_explain", "explained", "partly_explained", "ambiguous", "unexplained"]
+
+
+# What the floor is, in words.
+FLOORS: Mapping[FloorFrom, str] = {
+    "repetition": "what differs between one period of the motion and the next",
+    "high_frequencies": "the noise that high frequencies show",
+    "nothing": "a noise that is not known",
+}
 
 
 @dataclass(frozen=True)
@@ -86,6 +95,57 @@ class Rejected:
     behind: float
 
 
+@dataclass(frozen=True)
+class Contender:
+    """One of two causes that the data cannot tell apart, whether or not it is there.
+
+    Attributes:
+        effect: Name in the vocabulary.
+        joints: Names of the joints.
+        alone: Estimates if only this one is fitted.
+        together: Estimates if both are.
+        gain: Log-likelihood that it brings on unseen blocks, its cost taken off.
+        at: Joint whose held-out error it lowers most.
+        removed: Part of that error.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    alone: Mapping[str, Estimate]
+    together: Mapping[str, Estimate]
+    gain: float
+    at: str
+    removed: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what findings.json holds of it."""
+        return {
+            "effect": self.effect,
+            "joints": list(self.joints),
+            "parameters": _parameters(self.alone),
+            "parameters_together": _parameters(self.together),
+            "log_likelihood_gain": self.gain,
+            "held_out": {"joint": self.at, "removed": self.removed},
+        }
+
+
+@dataclass(frozen=True)
+class Ambiguity:
+    """Two causes that would look alike in this recording.
+
+    Attributes:
+        first: One.
+        second: The other.
+        overlap: Part of the first's torque that the second reproduces.
+        sentence: All of it in words, with what would tell them apart.
+    """
+
+    first: Contender
+    second: Contender
+    overlap: float
+    sentence: str
+
+
 @dataclass(frozen=True, eq=False)
 class Picture:
     """Residual of one joint against what it depends on, held-out samples.
@@ -96,6 +156,7 @@ class Picture:
         x: (T,) its values.
         before: (T,) error without the effect, N·m.
         after: (T,) error with it, N·m.
+        forward: (T,) which samples were taken in positive motion; ``None`` if it does not matter.
     """
 
     joint: str
@@ -103,6 +164,7 @@ class Picture:
     x: Array
     before: Array
     after: Array
+    forward: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,10 +201,7 @@ class Finding:
             "effect": self.effect,
             "joints": list(self.joints),
             "place": self.place,
-            "parameters": {
-                name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit}
-                for name, e in self.parameters.items()
-            },
+            "parameters": _parameters(self.parameters),
             "gain": {
                 "relative": self.gain.relative,
                 "ci95": [self.gain.low, self.gain.high],
@@ -167,10 +226,12 @@ class Diagnosis:
         before: RMSE of the given model by joint, held-out, N·m.
         after: RMSE with all findings that have a name.
         floor: RMSE that noise alone would leave; NaN where it cannot be told.
+        floor_from: What the floor was seen in: ``repetition``, ``high_frequencies``, ``nothing``.
         samples: Samples compared.
         held_out: Those of them that neither fit nor choice has seen.
         warnings: About the data.
         notes: How it was judged, one sentence each.
+        ambiguities: Causes, found or not, that this data could not tell apart.
         model: The model, extended by what a model file can carry.
     """
 
@@ -179,18 +240,27 @@ class Diagnosis:
     before: Mapping[str, float]
     after: Mapping[str, float]
     floor: Mapping[str, float]
+    floor_from: FloorFrom
     samples: int
     held_out: int
     warnings: tuple[DataWarning, ...]
     notes: tuple[str, ...]
+    ambiguities: tuple[Ambiguity, ...]
     model: TorqueModel = field(repr=False)
 
     @property
     def sentence(self) -> str:
         """The diagnosis in one sentence."""
-        if not self.findings:
-            return "The model explains this recording to within its noise; nothing is missing."
-        return self.findings[0].sentence
+        if self.findings:
+            return self.findings[0].sentence
+        ratio = {name: self.after[name] / floor for name, floor in self.floor.items() if floor > 0}
+        if not ratio:
+            return "Nothing was found that the model lacks."
+        most = max(ratio, key=lambda name: ratio[name])
+        return (
+            "Nothing was found that the model lacks: what it leaves is at most "
+            f"{ratio[most]:.2g} times {FLOORS[self.floor_from]} ({most})."
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return findings.json's content."""
@@ -210,13 +280,29 @@ class Diagnosis:
                 "samples": self.samples,
                 "held_out": self.held_out,
                 "warnings": [str(warning) for warning in self.warnings],
+                "floor_from": self.floor_from,
             },
+            "ambiguities": [
+                {
+                    "between": [one.first.to_dict(), one.second.to_dict()],
+                    "overlap": one.overlap,
+                    "sentence": one.sentence,
+                }
+                for one in self.ambiguities
+            ],
             "notes": list(self.notes),
         }
 
     def to_json(self) -> str:
         """Return findings.json's text."""
         return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _parameters(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+    return {
+        name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit}
+        for name, e in estimates.items()
+    }
 
 
 def _number(value: float) -> float | None:

@@ -33,7 +33,8 @@ UNITS = {
     "mass": "kg", "first_moment_x": "kg·m", "first_moment_y": "kg·m", "first_moment_z": "kg·m",
     "roll": "rad", "pitch": "rad", "delta_beta": "N·m", "delta_beta_x": "N·m",
     "delta_beta_y": "N·m", "delta_beta_z": "N·m", "offset": "", "factor": "", "positive": "N·m",
-    "negative": "N·m", "coefficient": "N·m·s/rad", "level": "N·m", "velocity": "rad/s",
+    "negative": "N·m", "coefficient": "N·m·s/rad", "level": "N·m",
+    "coulomb": "N·m", "lowest": "N·m", "highest": "N·m", "velocity": "rad/s",
     "length": "rad", "stiffness": "N·m/rad", "inertia": "kg·m^2", "delay": "s",
     "torque": "N·m", "time_constant": "s", "limit": "N·m", "amplitude": "N·m",
     "cycles_per_revolution": "1/rev", "phase": "rad", "start": "s", "end": "s",
@@ -57,6 +58,8 @@ class Hypothesis:
             same name: the columns are rebuilt there.
         variable: What the torque is a function of, for the picture: ``position``, ``velocity``,
             ``acceleration`` or ``time``.
+        plausible_size: (k,) standard deviations that parameters of the model itself may have, which
+            move along beside others; empty for claims, which no prior holds back.
         prior_count: How many more hypotheses it stands for (the grid of a search), at least 1.
     """
 
@@ -70,6 +73,7 @@ class Hypothesis:
     fixed_point: tuple[str, ...] = ()
     variable: str = "position"
     prior_count: int = 1
+    plausible_size: tuple[float, ...] = ()
 
     @property
     def key(self) -> tuple[str, tuple[int, ...], str]:
@@ -113,6 +117,9 @@ _PLAUSIBLE: Mapping[tuple[str, str], tuple[float, float]] = {
 }
 
 
+_DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance
+
+
 def plausible(hypothesis: Hypothesis, theta: Array) -> bool:
     """Tell whether a hypothesis can have (k,) such parameters.
 
@@ -120,6 +127,11 @@ def plausible(hypothesis: Hypothesis, theta: Array) -> bool:
     has found something else.
     """
     values = hypothesis.describe(theta, hypothesis.setting)
+    if hypothesis.effect == "coulomb_friction":
+        # Friction that drives one way and brakes the other is an offset beside friction.
+        up, down = values["positive"], values["negative"]
+        if up * down < 0.0 and min(abs(up), abs(down)) > _DRIVES * max(abs(up), abs(down)):
+            return False
     for name, value in values.items():
         low, high = _PLAUSIBLE.get((hypothesis.effect, name), (-np.inf, np.inf))
         if not low <= value <= high:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import Estimate, Gain
@@ -15,8 +16,33 @@ from dvrk_gravity.diagnosis.hypothesis import Hypothesis, unit_of
 
 Array = NDArray[np.float64]
 
+_ALPHA = 0.05  # of one effect, chosen elsewhere, on held-out blocks
+_ACTS = 0.03  # of the energy in the block where an effect acts most
 _RESAMPLED = 1000
 _DRAWN = 400
+
+
+@dataclass(frozen=True)
+class Unconfirmed:
+    """What was chosen, and is not there on the blocks that the choice had not seen.
+
+    Attributes:
+        hypothesis: The claim.
+        joint: Name of the joint where it does best.
+        gain: What it removes there.
+    """
+
+    hypothesis: Hypothesis
+    joint: str
+    gain: Gain
+
+    def __str__(self) -> str:
+        """Say so."""
+        return (
+            f"chosen, but not confirmed on the held-out blocks, and left out: {self.hypothesis} "
+            f"(removes {100 * self.gain.relative:.0f} % of the error at {self.joint}, "
+            f"95 %: {100 * self.gain.low:.0f} to {100 * self.gain.high:.0f})"
+        )
 
 
 class Judge:
@@ -61,12 +87,60 @@ class Judge:
         count = np.maximum(self._usable.sum(axis=0), 1)
         return np.sqrt(np.where(self._usable, error**2, 0.0).sum(axis=0) / count)
 
-    def gain(self, before: Array, after: Array, joints: Sequence[int]) -> Gain:
-        """Return what is gained on some joints, with interval and p-value over the blocks."""
+    def main_joints(self, hypothesis: Hypothesis, before: Array, after: Array) -> list[int]:
+        """Return the joints by which a hypothesis is judged, the one that gains most first."""
+        old, new = self.rmse(before), self.rmse(after)
+        joints = list(hypothesis.joints) or list(range(N_JOINTS))
+        if hypothesis.effect == "joint_coupling":
+            joints = joints[:1]
+        better = [j for j in joints if new[j] < old[j]]
+        if not better:
+            better = [j for j in range(N_JOINTS) if new[j] < old[j]] or joints
+        left = new / np.maximum(old, 1e-12)
+        return sorted(better, key=left.tolist().__getitem__)
+
+    def unconfirmed(self, chosen: Sequence[Candidate], one: Candidate) -> Unconfirmed | None:
+        """Return a chosen candidate's failure on the held-out blocks; ``None`` if it holds there.
+
+        It fails if, of the blocks in which it acts, it helps neither most nor, beyond doubt, their
+        sum; where it acts in none it cannot.
+        """
+        before = self.error([other for other in chosen if other is not one])
+        after = self.error(chosen)
+        joints = self.main_joints(one.hypothesis, before, after)
+        theta, _ = self._contest.fit(chosen)
+        first = sum(
+            other.size for other in chosen[: [other is one for other in chosen].index(True)]
+        )
+        torque = one.columns[self._held] @ theta[first : first + one.size]
+        power = (np.where(self._usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
+        energy = np.bincount(self._block, power)
+        if not energy.any():
+            return None
+        gain = self.gain(before, after, joints, np.flatnonzero(energy > _ACTS * energy.max()))
+        if gain.low > 0.0 or gain.p_value < _ALPHA:
+            return None
+        return Unconfirmed(one.hypothesis, JOINT_NAMES[joints[0]], gain)
+
+    def gain(
+        self,
+        before: Array,
+        after: Array,
+        joints: Sequence[int],
+        blocks: NDArray[np.int64] | None = None,
+    ) -> Gain:
+        """Return what is gained on some joints, with interval and p-value over the blocks.
+
+        Args:
+            before: (H, 7) errors.
+            after: (H, 7) errors.
+            joints: Indices of the joints.
+            blocks: Numbers of the blocks that count; by default all that are held out.
+        """
         from scipy import stats
 
         scale = np.maximum(self.rmse(before)[list(joints)], 1e-12)
-        blocks = np.unique(self._block)
+        blocks = np.unique(self._block) if blocks is None else blocks
 
         def losses(error: Array) -> Array:
             square = np.where(self._usable, error**2, 0.0)[:, list(joints)] / scale**2

@@ -62,6 +62,13 @@ def load(recordings: Sequence[Recording], model: TorqueModel) -> Loaded:
     for recording in recordings:
         if recording.effort is None:
             raise RecordingError(recording.source, "has no effort, which is to be explained")
+        missing = [joint for joint in JOINT_NAMES if joint not in recording.joints]
+        if missing:
+            # Every joint's position enters every torque of the model.
+            raise RecordingError(
+                recording.source,
+                f"has no {', '.join(missing)}: expected all of {', '.join(JOINT_NAMES)}",
+            )
     if {recording.joints for recording in recordings} != {recordings[0].joints}:
         raise RecordingError(recordings[0].source, "the recordings hold different joints")
     pieces: list[Motion] = []

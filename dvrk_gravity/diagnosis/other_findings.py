@@ -12,9 +12,11 @@ from dvrk_gravity.diagnosis.bench import Bench
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import (
+    FLOORS,
     Alternative,
     Estimate,
     Finding,
+    FloorFrom,
     Gain,
     Picture,
 )
@@ -25,6 +27,8 @@ from dvrk_gravity.diagnosis.readings import ReadingScore
 from dvrk_gravity.diagnosis.selection import Tried
 
 Array = NDArray[np.float64]
+
+_DIRECTED = ("coulomb_friction", "presliding_hysteresis")  # shown by the direction of motion
 
 
 def unknown_finding(
@@ -109,10 +113,14 @@ def picture_of(
         "time": (motion.time, "time [s]"),
     }[variable]
     x = bench.reduce_state(values[:, None])[judge.rows, 0]
-    return Picture(JOINT_NAMES[joint], label, x, before[:, joint], after[:, joint])
+    forward = None
+    if variable == "position" and hypothesis.effect in _DIRECTED:
+        way = motion.qd if motion.direction is None else motion.direction
+        forward = bench.reduce_state(way[:, [own]])[judge.rows, 0] > 0.0
+    return Picture(JOINT_NAMES[joint], label, x, before[:, joint], after[:, joint], forward)
 
 
-def shapeless_finding(joint: int, after: float, floor: float) -> Finding:
+def shapeless_finding(joint: int, after: float, floor: float, source: FloorFrom) -> Finding:
     """Return the finding that a joint is off by more than noise, whatever it depends on."""
     rms = float(np.sqrt(after**2 - floor**2))
     name = JOINT_NAMES[joint]
@@ -125,8 +133,8 @@ def shapeless_finding(joint: int, after: float, floor: float) -> Finding:
         alternatives=(),
         rejected=(),
         sentence=(
-            f"{name} is off by {1e3 * after:.3g} mN·m where noise alone would leave "
-            f"{1e3 * floor:.3g}, and it depends on nothing that was tried"
+            f"{name} is off by {1e3 * after:.3g} mN·m, {after / floor:.2g} times {FLOORS[source]}, "
+            "and it depends on nothing that was tried"
         ),
         picture=None,
         in_model=False,

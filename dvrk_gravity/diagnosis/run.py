@@ -15,6 +15,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import Diagnosis
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
+from dvrk_gravity.diagnosis.judge import Judge, Unconfirmed
 from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import ReadingScore, try_readings
@@ -29,6 +30,7 @@ _LEAST_UNKNOWN = 1.5 * LEAST_GAIN
 _MOST_UNKNOWN = 3
 _MODEL_DOUBTFUL = 1.5  # times the noise, left by all that was found
 _MOVING = (columns_body.ALL_WEIGHTS, columns_body.ALL_INERTIA)
+_OF_LINKS = ("payload", "link_com", "link_inertia")  # part of the masses that move along
 _MOVING_GAIN = 20.0  # log-likelihood, all costs taken off
 _AT_FLOOR = 1.05  # times the noise: nothing worth finding is left
 _MIMIC = 0.5  # share of a nameless function's gain below which a name does not fit
@@ -44,6 +46,8 @@ class Outcome:
         contest: The contest.
         accepted: Named effects in order.
         unknown: Structure without a name.
+        unconfirmed: Effects that the held-out blocks do not show.
+        pool: Hypotheses that need no search.
     """
 
     loaded: Loaded
@@ -51,6 +55,8 @@ class Outcome:
     contest: Contest
     accepted: tuple[Accepted, ...]
     unknown: tuple[Tried, ...]
+    unconfirmed: tuple[Unconfirmed, ...]
+    pool: tuple[Candidate, ...]
 
 
 def diagnose(
@@ -79,8 +85,9 @@ def diagnose(
     outcome = investigate(recordings, model, say)
     say("measuring gains on held-out blocks")
     return assemble(
-        outcome.loaded, outcome.readings, outcome.contest, outcome.accepted, outcome.unknown
-    )
+        outcome.loaded, outcome.readings, outcome.contest, outcome.accepted, outcome.unknown,
+        outcome.unconfirmed, outcome.pool,
+    )  # fmt: skip
 
 
 def investigate(
@@ -103,15 +110,20 @@ def investigate(
     selection = Selection(contest, pool, say)
     say("weighing hypotheses")
     chosen = selection.run()
-    floor = contest.bench.floor(loaded.floor)
+    floor = contest.bench.floor(loaded.floor, contest.left(chosen))
     if np.any(contest.score(chosen).rms > _MODEL_DOUBTFUL * floor):
         selection, chosen = _with_model_moving(contest, pool, selection, chosen, say)
     say("comparing alternatives")
-    chosen = selection.settled(chosen)
+    chosen = selection.confirmed(selection.settled(chosen))
+    chosen, unconfirmed = _held_out_confirms(contest, chosen)
+    # Masses that only moved along are no cause: they come last.
+    chosen.sort(key=lambda one: one.hypothesis.place in _MOVING)
     accepted = selection.explained(chosen)
     say("looking for structure without a name")
+    floor = contest.bench.floor(loaded.floor, contest.left(chosen))
     accepted, unknown = _nameless(contest, selection, accepted, floor)
-    return Outcome(loaded, tuple(readings), contest, tuple(accepted), tuple(unknown))
+    return Outcome(loaded, tuple(readings), contest, tuple(accepted), tuple(unknown),
+                   tuple(unconfirmed), tuple(pool))  # fmt: skip
 
 
 def _with_model_moving(
@@ -128,14 +140,28 @@ def _with_model_moving(
     """
     say("weighing hypotheses with the model's own parameters moving along")
     always = [one for one in pool if one.hypothesis.place in _MOVING]
+    pool = [one for one in pool if one in always or one.hypothesis.effect not in _OF_LINKS]
     moving = Selection(contest, pool, say, always)
     other = moving.run()
     contest.weigh(contest.out_of_fold(other))
-    gain = contest.score(other).likelihood - contest.score(chosen).likelihood
+    whole = contest.score(other).likelihood
+    # What the masses overfit shows in the folds that they have not seen: no further cost.
+    gain = whole + sum(one.cost for one in always) - contest.score(chosen).likelihood
     if gain <= _MOVING_GAIN:
         return selection, chosen
-    worth = [one for one in other if one not in always or moving.needed(other, one)]
-    return moving, worth
+    return moving, other
+
+
+def _held_out_confirms(
+    contest: Contest, chosen: Sequence[Candidate]
+) -> tuple[list[Candidate], list[Unconfirmed]]:
+    """Return the effects that blocks show which no choice had seen, and those that they do not."""
+    contest.weigh(contest.out_of_fold(chosen))
+    judge = Judge(contest)
+    failures = [judge.unconfirmed(chosen, one) for one in chosen]
+    failed = [one for one in failures if one and one.hypothesis.place not in _MOVING]
+    lost = {id(one.hypothesis) for one in failed}
+    return [one for one in chosen if id(one.hypothesis) not in lost], failed
 
 
 def hypotheses(motion: Motion) -> Iterable[Hypothesis]:
@@ -165,13 +191,17 @@ def _nameless(
     unknown: list[Tried] = []
     while len(unknown) < _MOST_UNKNOWN:
         beside = [*named, *(one.candidate for one in unknown)]
-        contest.weigh(contest.out_of_fold(beside))
+        contest.weigh(contest.out_of_fold(beside), final=True)
         before = contest.score(beside)
         best = selection.best(beside, before, pool)
         strong = [one for one in best if one.passes and one.removed > _LEAST_UNKNOWN]
         if not strong:
             break
         unknown.append(strong[0])
+    judge = Judge(contest)
+    unknown = [
+        one for one in unknown if judge.unconfirmed([*named, one.candidate], one.candidate) is None
+    ]
     for found in unknown:
         named = [one for one in named if not _mimics(contest, named, one, found.candidate)]
     kept = [one for one in accepted if any(one.tried.candidate is other for other in named)]

@@ -18,7 +18,7 @@ Report = Callable[[str], None]
 
 ALPHA = 0.01  # after correction for the number of hypotheses
 LEAST_GAIN = 0.06  # of a joint's error, that a finding must remove
-MOST_EFFECTS = 14
+MOST_EFFECTS = 18
 _SCREENED = 24
 _REFINED = 6
 _CLOSE = 0.15  # of the best gain: worth refining
@@ -164,8 +164,7 @@ class Selection:
         after = self.contest.score([*accepted, one])
         p_value = self.contest.p_value(before, after, one)
         corrected = min(1.0, p_value * self.count * one.hypothesis.prior_count**0.5)
-        used = self.contest.weight > 0.0
-        removed = float(np.max(1.0 - after.rms[used] / before.rms[used]))
+        removed = self._removed(before, after, one)
         gain = after.likelihood - before.likelihood
         theta, _ = self.contest.fit([*accepted, one])
         can_be = plausible(one.hypothesis, theta[-one.size :])
@@ -174,10 +173,7 @@ class Selection:
     def _searched(self, accepted: Sequence[Candidate]) -> list[Candidate]:
         """Return the hypotheses that are found in what is left."""
         bench = self.contest.bench
-        left = bench.residual.copy()
-        if accepted:
-            theta, _ = self.contest.fit(accepted)
-            left -= np.concatenate([one.columns for one in accepted], axis=2) @ theta
+        left = self.contest.left(accepted)
         allowed = bench.fold >= 0
         weight = allowed[:, None] * self.contest.weight**2
         found = [
@@ -205,16 +201,39 @@ class Selection:
             del accepted[weakest[1]]
         return accepted
 
-    def needed(self, accepted: Sequence[Candidate], one: Candidate) -> bool:
-        """Tell whether an accepted candidate is significant and worth having beside the others."""
-        without = self.contest.score([other for other in accepted if other is not one])
-        return self._verdict(without, self.contest.score(accepted), one).passes
-
     def _verdict(self, without: Score, whole: Score, one: Candidate) -> Tried:
         p_value = min(1.0, self.contest.p_value(without, whole, one) * self.count)
-        used = self.contest.weight > 0.0
-        removed = float(np.max(1.0 - whole.rms[used] / without.rms[used]))
+        removed = self._removed(without, whole, one)
         return Tried(one, whole, whole.likelihood - without.likelihood, p_value, removed, True)
+
+    def _removed(self, before: Score, after: Score, one: Candidate) -> float:
+        """Return the largest part that is gone of the error of a joint that a candidate acts on."""
+        used = (self.contest.weight > 0.0) & one.acts
+        return float(np.max(1.0 - after.rms[used] / before.rms[used], initial=0.0))
+
+    def confirmed(self, accepted: Sequence[Candidate]) -> list[Candidate]:
+        """Return those that are still significant and worth having when all is known.
+
+        The weakest goes first, since others may take its place. Parameters of the model that moved
+        along stay if they help to predict what they have not seen.
+        """
+        kept = list(accepted)
+        while kept:
+            self.contest.weigh(self.contest.out_of_fold(kept), final=True)
+            whole = self.contest.score(kept)
+            tests = []
+            for one in kept:
+                without = self.contest.score([other for other in kept if other is not one])
+                verdict = self._verdict(without, whole, one)
+                own = one in self._always
+                if not (verdict.gain + one.cost > 0.0 if own else verdict.passes):
+                    tests.append((verdict.gain, one))
+            if not tests:
+                break
+            weakest = min(tests, key=lambda pair: pair[0])[1]
+            self._report(f"not confirmed: {weakest.hypothesis}")
+            kept = [one for one in kept if one is not weakest]
+        return kept
 
     def settled(self, accepted: list[Candidate]) -> list[Candidate]:
         """Give every place to the best for it, now that the others are known."""

@@ -18,7 +18,6 @@ _CLAIMS = {
     "viscous_friction": "{joint} has viscous friction that the model lacks",
     "stribeck_friction": "friction of {joint} falls with speed",
     "presliding_hysteresis": "friction of {joint} builds up over a way after each reversal",
-    "elastic_cable": "{joint} is pulled by something elastic",
     "rotor_inertia": "{joint} has rotor inertia that the model lacks",
     "link_inertia": "the link of {joint} has another inertia than the model's",
     "joint_coupling": "{other} leaks into {joint}",
@@ -65,16 +64,29 @@ def sentence_of(
     if not hypothesis.joints and hypothesis.effect in ("link_com", "link_inertia"):
         what = "weights" if hypothesis.effect == "link_com" else "inertias"
         return (
-            f"the links' {what} as a whole are others than the model's; adding them removes "
-            f"{100 * gain.relative:.0f} % of the error at {joint}"
+            f"the links' {what} as a whole are others than the model's; fitting them anew beside "
+            f"all else removes {100 * gain.relative:.0f} % of the error at {joint}"
         )
     other = names[1] if len(names) > 1 else joint
     where = f"{names[0]}'s motor" if hypothesis.place == "motor" else names[0]
     if hypothesis.place == "all":
         where = "all joints"
+    if hypothesis.effect == "elastic_cable" and "lowest" in parameters:
+        return (
+            f"{names[0]} is pulled by something elastic, from {shown(parameters['lowest'])} to "
+            f"{shown(parameters['highest'])} over its way; adding it removes "
+            f"{100 * gain.relative:.0f} % of the error at {joint}"
+        )
+    if hypothesis.effect == "elastic_cable":
+        stiffness = parameters["stiffness"]
+        kind = "pulls back like" if stiffness.value > 0.0 else "is pushed away as by"
+        return (
+            f"{names[0]} {kind} a spring of {shown(stiffness)}; adding it removes "
+            f"{100 * gain.relative:.0f} % of the error at {joint}"
+        )
     claim = _CLAIMS[hypothesis.effect].format(joint=where, other=other)
     seconds = hypothesis.effect in ("thermal_drift", "contact")
-    first = list(parameters.items())[:_SHOWN]
+    first = list(parameters.items())[: _SHOWN + ("coulomb" in parameters)]
     values = ", ".join(f"{name.replace('_', ' ')} {shown(e, seconds)}" for name, e in first)
     removed = f"adding it removes {100 * gain.relative:.0f} % of the error at {joint}"
     return f"{claim} ({values}); {removed}"

@@ -8,9 +8,12 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.findings import Diagnosis, Finding, Picture
+from dvrk_gravity.diagnosis.findings import FLOORS, Ambiguity, Diagnosis, Finding, Picture
 from dvrk_gravity.diagnosis.words import shown
+
+Array = NDArray[np.float64]
 
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
@@ -28,7 +31,8 @@ _VERDICTS = {
     "ambiguous": "explained, but not by one cause alone",
     "unexplained": "unexplained",
 }
-_BINS = 30
+_BINS = 24
+_LEAST_IN_BIN = 3
 
 
 def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
@@ -45,8 +49,12 @@ def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         f"{diagnosis.held_out} of them held out of fit and choice; every figure of error and "
         "gain below is of those</span></p>",
     ]
+    if len(diagnosis.findings) > 1:
+        parts.append(_overview(diagnosis.findings))
     for number, finding in enumerate(diagnosis.findings, start=1):
         parts.append(_finding(number, finding))
+    if diagnosis.ambiguities:
+        parts.append(_ambiguities(diagnosis.ambiguities))
     parts.append(_errors(diagnosis))
     parts.append(_list("Data", [str(warning) for warning in diagnosis.warnings], "no warnings"))
     parts.append(_list("How it was judged", diagnosis.notes, ""))
@@ -58,6 +66,24 @@ def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
     )
 
 
+def _overview(findings: Sequence[Finding]) -> str:
+    """Return all findings at a glance."""
+    rows = []
+    for number, finding in enumerate(findings, start=1):
+        gain = finding.gain
+        removed = f"{100 * gain.relative:.0f} % ({100 * gain.low:.0f} to {100 * gain.high:.0f})"
+        rows.append(
+            (
+                str(number),
+                finding.effect.replace("_", " "),
+                ", ".join(finding.joints) or "the arm",
+                finding.place,
+                removed if gain.relative else "",
+            )
+        )
+    return _table(("", "what", "where", "form", "held-out error removed"), rows)
+
+
 def _finding(number: int, finding: Finding) -> str:
     where = ", ".join(finding.joints) or "the arm"
     seconds = finding.effect in ("thermal_drift", "contact")
@@ -65,7 +91,9 @@ def _finding(number: int, finding: Finding) -> str:
     parts = [f"<h2>{escape(head)}</h2>", f"<p>{escape(finding.sentence)}.</p>"]
     gain = finding.gain
     rows = [
-        (name.replace("_", " "), shown(one, seconds)) for name, one in finding.parameters.items()
+        (name.replace("_", " "), shown(one, seconds))
+        for name, one in finding.parameters.items()
+        if not ("lowest" in finding.parameters and name[1:].isdigit())  # a curve's coefficients
     ]
     rows.append(
         (
@@ -78,7 +106,7 @@ def _finding(number: int, finding: Finding) -> str:
     rows.append(("in the extended model", "yes" if finding.in_model else "no"))
     parts.append(_table((), rows))
     if finding.picture is not None:
-        parts.append(f'<img alt="error before and after" src="{_draw(finding.picture)}">')
+        parts.append(f'<img alt="error before and after" src="{_data_url(finding.picture)}">')
     if finding.alternatives:
         parts.append("<p>This data cannot tell it from:</p>")
         parts.append(
@@ -112,10 +140,37 @@ def _errors(diagnosis: Diagnosis) -> str:
                 f"{1e3 * before:.3f}",
                 f"{1e3 * diagnosis.after[joint]:.3f}",
                 f"{1e3 * floor:.3f}" if np.isfinite(floor) else "unknown",
+                f"{diagnosis.after[joint] / floor:.1f}" if floor > 0.0 else "",
             )
         )
-    head = ("joint", "before", "after", "noise floor")
-    return "<h2>Held-out error, mN·m RMS</h2>" + _table(head, rows)
+    head = ("joint", "before", "after", "noise floor", "after / floor")
+    told = f"<p class=small>The noise floor is {FLOORS[diagnosis.floor_from]}.</p>"
+    return "<h2>Held-out error, mN·m RMS</h2>" + _table(head, rows) + told
+
+
+def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
+    """Return the causes, found or not, that the recording could not tell apart."""
+    rows = []
+    for one in ambiguities:
+        for contender in (one.first, one.second):
+            rows.append(
+                (
+                    contender.effect.replace("_", " "),
+                    ", ".join(contender.joints) or "the arm",
+                    ", ".join(f"{name} {shown(e)}" for name, e in contender.alone.items()),
+                    ", ".join(f"{name} {shown(e)}" for name, e in contender.together.items()),
+                    f"{contender.gain:+.0f}",
+                    f"{100 * contender.removed:.1f} % at {contender.at}",
+                )
+            )
+    head = (
+        "cause", "joint", "fitted alone", "both fitted", "log-likelihood gain", "held-out error",
+    )  # fmt: skip
+    sentences = "".join(f"<li>{escape(one.sentence)}</li>" for one in ambiguities)
+    return (
+        "<h2>What this recording cannot tell apart, were it there</h2>"
+        f"<ul>{sentences}</ul>" + _table(head, rows)
+    )
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -132,8 +187,12 @@ def _list(title: str, items: Sequence[str], nothing: str) -> str:
     return f"<h2>{escape(title)}</h2><ul>{inside}</ul>"
 
 
-def _draw(picture: Picture) -> str:
-    """Return the picture as a data URL."""
+def _data_url(picture: Picture) -> str:
+    return "data:image/png;base64," + base64.b64encode(png(picture)).decode("ascii")
+
+
+def png(picture: Picture) -> bytes:
+    """Return the error of a joint before and after, against what it depends on, as a PNG."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
@@ -144,18 +203,34 @@ def _draw(picture: Picture) -> str:
     ):
         known = np.isfinite(error)
         x, y = picture.x[known], 1e3 * error[known]
-        one.plot(x, y, ".", markersize=2.5, color="#99aabb")
         one.axhline(0.0, color="#888888", linewidth=0.6)
-        if len(x) > _BINS:
-            edges = np.quantile(x, np.linspace(0.0, 1.0, _BINS + 1))
-            index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, _BINS - 1)
-            count = np.maximum(np.bincount(index, minlength=_BINS), 1)
-            middle = np.bincount(index, x, minlength=_BINS) / count
-            mean = np.bincount(index, y, minlength=_BINS) / count
-            one.plot(middle, mean, "-", linewidth=2.0, color="#bb3322")
-        one.set_title(title)
+        if picture.forward is None:
+            groups = [(np.ones(len(x), dtype=bool), "#99aabb", "#bb3322", "mean")]
+        else:
+            forward = picture.forward[known]
+            groups = [
+                (forward, "#e0b0a8", "#bb3322", "moving up"),
+                (~forward, "#a8bcd8", "#224488", "moving down"),
+            ]
+        for rows, pale, strong, label in groups:
+            one.plot(x[rows], y[rows], ".", markersize=2.5, color=pale)
+            one.plot(*_means(x[rows], y[rows]), "-", linewidth=2.0, color=strong, label=label)
+        one.set_title(f"{title}: {np.sqrt(np.mean(y**2)):.3g} mN·m RMS")
         one.set_xlabel(picture.variable)
+    axes[1].legend(frameon=False, fontsize="small")
     axes[0].set_ylabel(f"error at {picture.joint} [mN·m]")
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110)
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    return stream.getvalue()
+
+
+def _means(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the means of x and y in equal bins of x, of those that hold enough."""
+    if not len(x):
+        return x, y
+    edges = np.linspace(x.min(), x.max(), _BINS + 1)
+    index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, _BINS - 1)
+    count = np.bincount(index, minlength=_BINS)
+    enough = count >= _LEAST_IN_BIN
+    middle = np.bincount(index, x, minlength=_BINS)[enough] / count[enough]
+    return middle, np.bincount(index, y, minlength=_BINS)[enough] / count[enough]

@@ -1,0 +1,170 @@
+"""Diagnose real recordings from poor models to good ones, and write docs/real_data.md from it.
+
+    python docs/real_data/story.py
+
+Every figure and picture of that page comes from here. The recordings are no part of the
+repository: their folder is ``../shared/data`` or the one that ``DVRK_GRAVITY_DATA`` names; without
+it nothing is written.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dvrk_gravity import Recording, TorqueModel, diagnose, gravity, identify
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.diagnosis.findings import FLOORS, Diagnosis, Finding
+from dvrk_gravity.report.diagnosis import png
+from dvrk_gravity.terms import Gravity
+
+FOLDER = Path(__file__).resolve().parent
+PAGE = FOLDER.parent / "real_data.md"
+DATA = Path(os.environ.get("DVRK_GRAVITY_DATA", FOLDER.parents[2] / "shared" / "data"))
+MOTION = "mtm_dynamic_30s_200hz.csv"
+SWEEP = "mtm_wrist_platform_sweep_200hz.csv"
+POSES = ("mtmr28002_static_pos.csv", "mtmr28002_static_neg.csv")
+RIGID = ("gravity", "link_inertia")
+HEAD = """# The diagnosis on real recordings
+
+What `diagnose` says about measurements of real MTMs, from models that are poor on purpose to one
+that is not.
+`make story` writes this page and its pictures anew; the recordings are not in the repository
+(`DVRK_GRAVITY_DATA` names their folder). Every error and gain is of held-out blocks.
+"""
+
+
+def main() -> int:
+    """Run every step and write the page; skip where the recordings are absent."""
+    missing = [name for name in (MOTION, SWEEP, *POSES) if not (DATA / name).is_file()]
+    if missing:
+        print(f"skipped: no {missing[0]} in {DATA} (DVRK_GRAVITY_DATA names another folder)")
+        return 0
+    for old in FOLDER.glob("*.png"):
+        old.unlink()
+    PAGE.write_text(HEAD + "\n" + "\n".join(_steps()), encoding="utf-8")
+    print(f"written: {PAGE}")
+    return 0
+
+
+def _steps() -> Iterator[str]:
+    arm = Arm.load("mtmr")
+    motion = Recording.load(DATA / MOTION, coordinates="actuator")
+    rigid = identify([motion], arm, "actuator", effects=RIGID).model
+    full = identify([motion], arm, "actuator").model
+
+    wrong = Recording.load(DATA / MOTION, coordinates="joint")
+    yield from _step(
+        "1. Read in the wrong coordinates",
+        f"The model is the rigid body alone, identified from `{MOTION}`; the file holds actuator "
+        "coordinates and is read as joint coordinates. The reading is blamed before any physics.",
+        diagnose(wrong, rigid), "reading", shown=1,
+    )  # fmt: skip
+    climbed = diagnose(motion, rigid)
+    yield from _step(
+        "2. Rigid body alone",
+        "The same model and recording, read rightly. Nobody says what is missing. Its masses, "
+        "fitted without friction and springs, have made up for them; they move along.",
+        climbed, "rigid", pictures=("wrist_pitch", "elbow_pitch", "wrist_platform"),
+    )  # fmt: skip
+    yield from _step(
+        "3. What that diagnosis wrote, once more",
+        "`extended_model.yaml` of step 2 on the same recording: what was found must not be found "
+        "again.",
+        diagnose(motion, climbed.model), "again",
+    )  # fmt: skip
+    sweep = Recording.load(DATA / SWEEP, coordinates="actuator")
+    yield from _step(
+        "4. One joint swept slowly",
+        f"`{SWEEP}`: wrist_platform from end to end and back, nothing else moves; the rigid model "
+        "again. Here the cable and the hysteresis of that joint lie open.",
+        diagnose(sweep, rigid), "sweep", pictures=("wrist_platform",),
+    )  # fmt: skip
+    yield from _step(
+        "5. A good model",
+        f"`identify` on `{MOTION}`, all terms: what is said of a model that lacks little.",
+        diagnose(motion, full), "full",
+    )  # fmt: skip
+    poses = [Recording.load(DATA / name) for name in POSES]
+    yield from _step(
+        "6. Static poses, gravity alone",
+        f"`{POSES[0]}` and `{POSES[1]}`; the model is a least-squares fit of the ten entries of "
+        "beta to them, and nothing else.",
+        diagnose(poses, _gravity_alone(arm, poses)), "static",
+        pictures=("wrist_platform", "wrist_pitch"),
+    )  # fmt: skip
+
+
+def _gravity_alone(arm: Arm, poses: Sequence[Recording]) -> TorqueModel:
+    columns = gravity.regressor(np.vstack([one.position for one in poses]), arm.gravity, 10)
+    effort = np.vstack([one.effort for one in poses if one.effort is not None])
+    beta = np.linalg.lstsq(columns.reshape(-1, 10), effort.ravel(), rcond=None)[0]
+    return TorqueModel(arm, (Gravity(arm, beta, arm.gravity),))
+
+
+def _step(
+    title: str,
+    start: str,
+    diagnosis: Diagnosis,
+    name: str,
+    pictures: Sequence[str] = (),
+    shown: int | None = None,
+) -> Iterator[str]:
+    """Yield the lines of one step, and save its pictures."""
+    print(f"{title}: {diagnosis.verdict}", flush=True)
+    yield f"\n## {title}\n"
+    yield f"{start}\n"
+    yield f"**{diagnosis.sentence}** (verdict: `{diagnosis.verdict}`)\n"
+    findings = diagnosis.findings[:shown]
+    if findings:
+        yield "| | finding | of the error removed, held out |"
+        yield "|---|---|---|"
+        for number, one in enumerate(findings, start=1):
+            yield f"| {number} | `{one.effect}`: {one.sentence} | {_gain(one)} |"
+        yield ""
+    for one in findings:
+        for other in one.alternatives:
+            where = ", ".join(other.joints) or "the arm"
+            yield f"- `{one.effect}` could as well be `{other.effect}` at {where}: {other.why}"
+    for number, joint in enumerate(pictures):
+        found = next((f for f in findings if f.picture and f.picture.joint == joint), None)
+        if found is not None and found.picture is not None:
+            path = FOLDER / f"{name}_{number}.png"
+            path.write_bytes(png(found.picture))
+            title = f"{found.effect} at {joint}: error without and with it"
+            yield f"\n![{title}](real_data/{path.name})"
+    if shown is not None:
+        return
+    for note in diagnosis.notes:
+        if note.startswith("chosen, but not confirmed"):
+            yield f"- {note}"
+    for ambiguity in diagnosis.ambiguities:
+        yield f"- Not to be told apart: {ambiguity.sentence}."
+    yield from _errors(diagnosis)
+
+
+def _gain(finding: Finding) -> str:
+    gain = finding.gain
+    if gain.relative == 0.0:
+        return ""
+    return f"{100 * gain.relative:.0f} % ({100 * gain.low:.0f} to {100 * gain.high:.0f})"
+
+
+def _errors(diagnosis: Diagnosis) -> Iterator[str]:
+    yield f"\nWhat remains, mN·m RMS; the floor is {FLOORS[diagnosis.floor_from]}:\n"
+    yield "| joint | before | after | floor |"
+    yield "|---|---|---|---|"
+    for joint, before in diagnosis.before.items():
+        if before == 0.0:
+            continue
+        floor = diagnosis.floor[joint]
+        told = f"{1e3 * floor:.2f}" if np.isfinite(floor) else "not known"
+        yield f"| {joint} | {1e3 * before:.2f} | {1e3 * diagnosis.after[joint]:.2f} | {told} |"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

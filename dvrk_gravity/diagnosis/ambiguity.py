@@ -1,0 +1,139 @@
+"""Tilt of the base and zeros of joints: which of them this motion can tell apart, found or not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.contest import Contest
+from dvrk_gravity.diagnosis.findings import Ambiguity, Contender
+from dvrk_gravity.diagnosis.judge import Judge, estimates
+from dvrk_gravity.diagnosis.words import shown
+
+Array = NDArray[np.float64]
+
+_SAME = 0.8  # part of one's torque that the other reproduces
+_DEGREE = np.pi / 180.0
+_POSES = 2000
+
+
+def ambiguities(
+    contest: Contest, named: Sequence[Candidate], pool: Sequence[Candidate]
+) -> tuple[Ambiguity, ...]:
+    """Return pairs of a zero and a tilt, or of two zeros, that this data cannot tell apart.
+
+    What was found already lists what could stand in its place; this is about the others, which
+    may be there unseen.
+
+    Args:
+        contest: The contest.
+        named: The accepted effects.
+        pool: All hypotheses that need no search.
+    """
+    contest.weigh(contest.out_of_fold(named), final=True)
+    found = {one.hypothesis.key for one in named}
+    free = [one for one in pool if one.hypothesis.key not in found and one.acts.any()]
+    zeros = [
+        one
+        for one in free
+        if one.hypothesis.effect == "joint_offset" and one.hypothesis.place == "joint"
+    ]
+    others = [one for one in free if one.hypothesis.effect == "base_tilt"] + zeros
+    result, seen = [], set()
+    for zero in zeros:
+        for other in others:
+            pair = frozenset((zero.hypothesis.key, other.hypothesis.key))
+            if other is zero or pair in seen:
+                continue
+            share, theta = contest.reproduced(zero, np.array([_DEGREE]), other, named)
+            if share > _SAME:
+                seen.add(pair)
+                result.append(_ambiguity(contest, named, zero, other, share, theta))
+    return tuple(sorted(result, key=lambda one: -one.overlap))
+
+
+def _ambiguity(
+    contest: Contest,
+    named: Sequence[Candidate],
+    zero: Candidate,
+    other: Candidate,
+    share: float,
+    theta: Array,
+) -> Ambiguity:
+    both = _estimates(contest, named, (zero, other))
+    contenders = []
+    judge = Judge(contest)
+    without, before = contest.score(named), judge.rmse(judge.error(named))
+    for one, together in zip((zero, other), both, strict=True):
+        (alone,) = _estimates(contest, named, (one,))
+        gain = contest.score([*named, one]).likelihood - without.likelihood
+        after = judge.rmse(judge.error([*named, one]))
+        removed = 1.0 - after / np.where(before > 0.0, before, 1.0)
+        best = int(np.argmax(removed))
+        contenders.append(
+            Contender(
+                one.hypothesis.effect, one.hypothesis.names, alone, together, gain,
+                JOINT_NAMES[best], float(removed[best]),
+            )
+        )  # fmt: skip
+    sentence = (
+        f"{_name(zero)} and {_name(other)} cannot be told apart here: {100 * share:.0f} % of the "
+        "torque of the first is the second's as well; "
+        + " against ".join(_numbers(one) for one in contenders)
+        + f"; {_pose(contest, zero, other, theta)}"
+    )
+    return Ambiguity(contenders[0], contenders[1], share, sentence)
+
+
+def _name(one: Candidate) -> str:
+    if one.hypothesis.effect == "base_tilt":
+        return "a tilt of the base"
+    return f"the zero of {one.hypothesis.names[0]}"
+
+
+def _numbers(one: Contender) -> str:
+    alone = ", ".join(f"{name} {shown(value)}" for name, value in one.alone.items())
+    together = ", ".join(shown(value) for value in one.together.values())
+    return (
+        f"{alone} alone ({together} beside the other; log-likelihood {one.gain:+.0f} on unseen "
+        f"blocks, {100 * one.removed:.1f} % of the held-out error at {one.at})"
+    )
+
+
+def _estimates(
+    contest: Contest, named: Sequence[Candidate], ones: Sequence[Candidate]
+) -> list[dict]:
+    theta, covariance = contest.fit([*named, *ones])
+    sizes = [sum(one.size for one in named), *(one.size for one in ones)]
+    return [
+        estimates(one.hypothesis, theta[a:b], covariance[a:b, a:b], {})
+        for one, (a, b) in zip(ones, pairwise(np.cumsum(sizes).tolist()), strict=True)
+    ]
+
+
+def _pose(contest: Contest, zero: Candidate, other: Candidate, theta: Array) -> str:
+    """Return at rest in which pose one degree of zero differs most from what mimics it here."""
+    motion, arm = contest.bench.motion, contest.bench.motion.arm
+    random = np.random.default_rng(0)
+    q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (_POSES, N_JOINTS))
+    still = np.zeros_like(q)
+    posed = replace(
+        motion, q=q, qd=still, qdd=still, effort=still, time=np.arange(float(_POSES)),
+        direction=None if motion.direction is None else np.ones_like(q),
+        parts=(slice(0, _POSES),),
+    )  # fmt: skip
+    mine = zero.hypothesis.build(posed, zero.hypothesis.setting) @ np.array([_DEGREE])
+    its = other.hypothesis.build(posed, other.hypothesis.setting) @ theta
+    apart = np.abs(mine - its)
+    pose, joint = np.unravel_index(int(np.argmax(apart * contest.weight)), apart.shape)
+    where = ", ".join(f"{np.degrees(value):.0f}" for value in q[pose])
+    return (
+        f"held still at [{where}] deg, a zero one degree off and what looks like it here differ by "
+        f"{1e3 * apart[pose, joint]:.3g} mN·m on {JOINT_NAMES[int(joint)]}"
+    )

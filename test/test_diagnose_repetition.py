@@ -1,0 +1,236 @@
+"""Motion that repeats, causes that a recording cannot tell apart, and the real recordings."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recording_samples import shared_data
+
+from dvrk_gravity import diagnose, identify
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.commands import diagnose as command
+from dvrk_gravity.diagnosis.bench import Bench
+from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis.repetition import Repetition, find_repetition
+from dvrk_gravity.recording import Recording
+from dvrk_gravity.simulate.excitation import Multisine, record_motion
+from dvrk_gravity.simulate.hidden import hide
+from dvrk_gravity.simulate.simulated_arm import SimulatedArm
+from dvrk_gravity.simulate.world import World
+
+KNOWN = World.draw(5)
+PERIOD = 10.0
+MOTION = "mtm_dynamic_30s_200hz.csv"
+
+
+@pytest.fixture(scope="module")
+def periodic() -> Recording:
+    """25 s of an arm that repeats a motion of 10 s."""
+    drawn = Multisine.draw(KNOWN.arm, 3)
+    motion = replace(drawn, frequency=np.round(drawn.frequency * PERIOD) / PERIOD)
+    return record_motion(SimulatedArm(KNOWN.plant(), KNOWN.sensors, 4), motion, 25.0, 200.0)
+
+
+def test_what_differs_between_periods_is_the_noise_whatever_repeats():
+    random = np.random.default_rng(0)
+    time = np.arange(1200) / 40.0
+    wave = np.sin(2.0 * np.pi * time / 11.665)[:, None] * np.linspace(0.1, 1.0, N_JOINTS)
+    level = np.linspace(0.001, 0.05, N_JOINTS)
+    # Smooth over a few samples, as everything is that has been through a low-pass.
+    noise = np.apply_along_axis(
+        np.convolve, 0, random.normal(size=(1206, N_JOINTS)), np.hanning(9), "same"
+    )[3:-3]
+    noise *= level / noise.std(axis=0)
+
+    found = Repetition(11.665, 2.57).noise(time, wave + noise, np.ones(wave.shape, dtype=bool))
+
+    np.testing.assert_allclose(found, level, rtol=0.15)
+
+
+def test_too_little_seen_twice_is_no_floor():
+    time = np.arange(440) / 40.0
+
+    found = Repetition(10.0, 1.1).noise(time, np.ones((440, 7)), np.ones((440, 7), dtype=bool))
+
+    assert np.isnan(found).all()
+
+
+def test_the_period_is_found_across_a_gap_and_not_where_the_phase_jumps():
+    time = np.arange(5000) / 200.0
+    phase = np.outer(2.0 * np.pi * time / PERIOD, [1.0, 2.0, 3.0, 1.0, 2.0, 1.0, 4.0])
+    q = np.sin(phase + np.arange(7))
+    parts = (slice(0, 3200), slice(3200, 5000))
+
+    gap = time + np.where(np.arange(5000) < 3200, 0.0, PERIOD)
+    found = find_repetition(q, gap, parts, 200.0)
+    jump = time + np.where(np.arange(5000) < 3200, 0.0, 0.37 * PERIOD)
+
+    assert found is not None
+    assert found.period == pytest.approx(PERIOD, abs=0.01)
+    assert find_repetition(q, jump, parts, 200.0) is None
+
+
+def test_no_held_out_phase_is_seen_in_another_period(periodic):
+    bench = Bench.of(load([periodic], KNOWN.model()).motion)
+
+    assert bench.repetition is not None
+    # Same phase, other period: both held out or neither.
+    phase = np.round(bench.time % PERIOD, 3)
+    seen = set(phase[bench.fold >= 0])
+    assert bench.held_out.sum() > 100
+    assert not seen & set(phase[bench.held_out])
+    copies = [np.sum(phase[bench.held_out] == one) for one in np.unique(phase[bench.held_out])]
+    assert max(copies) > 1
+
+
+def test_a_known_model_of_a_repeated_motion_stands_at_its_floor(periodic):
+    result = diagnose(periodic, KNOWN.model())
+
+    assert result.verdict == "nothing_to_explain"
+    assert result.floor_from == "repetition"
+    for joint in JOINT_NAMES:
+        assert 0.5 < result.after[joint] / result.floor[joint] < 2.0, joint
+
+
+def test_a_motion_that_does_not_repeat_says_where_its_floor_comes_from():
+    result = diagnose(KNOWN.record(3, 4, duration=12.0), KNOWN.model())
+
+    assert result.floor_from == "high_frequencies"
+
+
+def test_wrong_coordinates_are_found_before_what_else_is_wrong():
+    world, _ = hide(KNOWN, "viscous_friction", np.random.default_rng(2))
+    right = world.record(3, 4, duration=14.0)
+    back = KNOWN.arm.joint_to_actuator
+    motors = replace(
+        right,
+        position=right.position @ back.T,
+        velocity=right.velocity @ back.T,
+        effort=KNOWN.arm.actuator_effort(right.effort),
+    )
+
+    effects = [finding.effect for finding in diagnose(motors, KNOWN.model()).findings]
+
+    assert effects[:2] == ["wrong_coordinates", "viscous_friction"]
+
+
+def _poses(moving: tuple[int, ...]) -> Recording:
+    """Return 200 poses of an arm of which some joints move."""
+    random = np.random.default_rng(1)
+    model, arm = KNOWN.model(), KNOWN.arm
+    q = np.tile(np.clip(0.0, arm.lower, arm.upper), (200, 1))
+    low, high = np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)
+    q[:, moving] = random.uniform(low, high, (200, N_JOINTS))[:, moving]
+    effort = model.torque(q) + 0.002 * random.normal(size=q.shape)
+    return Recording(JOINT_NAMES, None, q, None, effort, source="poses")
+
+
+def _without_last(recording: Recording) -> Recording:
+    """Return a recording of the first six joints."""
+    assert recording.velocity is not None
+    assert recording.effort is not None
+    return replace(
+        recording,
+        joints=JOINT_NAMES[:6],
+        position=recording.position[:, :6],
+        velocity=recording.velocity[:, :6],
+        effort=recording.effort[:, :6],
+    )
+
+
+def _tilt_and_shoulder(result) -> list[str]:
+    return [
+        one.sentence
+        for one in result.ambiguities
+        if {one.first.effect, one.second.effect} == {"joint_offset", "base_tilt"}
+        and "shoulder_pitch" in (*one.first.joints, *one.second.joints)
+    ]
+
+
+def test_a_tilt_and_the_shoulders_zero_are_alike_in_a_plane_and_apart_in_space():
+    flat = diagnose(_poses((1, 2, 4)), KNOWN.model())
+    full = diagnose(_poses(tuple(range(N_JOINTS))), KNOWN.model())
+
+    (sentence,) = _tilt_and_shoulder(flat)
+    assert "mN·m" in sentence
+    assert "held still at" in sentence
+    assert not _tilt_and_shoulder(full)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda r: r.between(0.0, 5.0), "at least 8 s"),
+        (lambda r: replace(r, position=np.zeros_like(r.position)), "no joint moves"),
+        (_without_last, "has no wrist_roll"),
+    ],
+    ids=["short", "no motion", "a joint missing"],
+)
+def test_what_is_missing_is_said_in_one_line_with_status_2(
+    periodic, tmp_path, capsys, change, words
+):
+    KNOWN.model().save(tmp_path / "model.yaml")
+    change(periodic).save(tmp_path / "bad.csv")
+
+    arguments = [str(tmp_path / "bad.csv"), "--model", str(tmp_path / "model.yaml")]
+    status = command.main([*arguments, "--out", str(tmp_path / "out")])
+
+    assert status == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_good_model_of_the_real_motion_has_nothing_to_explain_but_an_ambiguity():
+    recording = Recording.load(shared_data(MOTION), coordinates="actuator")
+    model = identify([recording], KNOWN.arm, "actuator").model
+
+    result = diagnose(recording, model)
+
+    assert result.floor_from == "repetition"
+    assert not [one for one in result.findings if one.effect != "unknown"]
+    assert all(result.after[joint] < 2.5 * result.floor[joint] for joint in JOINT_NAMES)
+    assert _tilt_and_shoulder(result)
+    assert json.loads(result.to_json())["ambiguities"]
+
+
+def test_the_real_motion_read_as_joint_coordinates_is_read_wrongly():
+    recording = Recording.load(shared_data(MOTION), coordinates="joint")
+    right = replace(recording, coordinates="actuator")
+    model = identify([right], KNOWN.arm, "actuator").model
+
+    result = diagnose(recording, model)
+
+    assert result.findings[0].effect == "wrong_coordinates"
+    assert "actuator coordinates" in result.findings[0].sentence
+
+
+@pytest.mark.slow
+def test_from_the_rigid_body_alone_the_real_arms_friction_and_spring_are_named():
+    recording = Recording.load(shared_data(MOTION), coordinates="actuator")
+    rigid = identify([recording], KNOWN.arm, "actuator", ("gravity", "link_inertia")).model
+    sweep = shared_data("mtm_wrist_platform_sweep_200hz.csv")
+
+    def named(result) -> set[tuple[str, str, bool]]:
+        return {
+            (one.effect, one.joints[0], one.place == "motor")
+            for one in result.findings
+            if one.joints
+        }
+
+    motion = named(diagnose(recording, rigid))
+    alone = named(diagnose(Recording.load(sweep, coordinates="actuator"), rigid))
+
+    assert ("elastic_cable", "wrist_pitch", False) in motion
+    assert motion & {
+        ("coulomb_friction", "elbow_pitch", True),
+        ("presliding_hysteresis", "elbow_pitch", True),
+    }
+    assert {one for one in motion if one[:2] == ("coulomb_friction", "wrist_platform")}
+    assert ("presliding_hysteresis", "wrist_platform", False) in motion
+    assert ("elastic_cable", "wrist_platform", False) in alone
+    assert not [one for one in (*motion, *alone) if one[0] in ("contact", "joint_coupling")]
