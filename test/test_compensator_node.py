@@ -244,7 +244,7 @@ def test_enable_false_ends_in_a_hold_and_true_starts_again(arm, start):
     response = arm.client.enable(False)
     assert response.success
     assert "disabled" in response.message
-    arm.client.wait(lambda: len(arm.holds) == 1, "the hold")
+    arm.client.wait(lambda: bool(arm.holds), "the hold")
     mark = len(arm.commands)
     arm.run(0.2)
     assert len(arm.commands) == mark
@@ -326,7 +326,7 @@ def test_refuses_while_the_arm_s_own_compensation_is_on_and_says_how_to_switch_i
     arm.builtin.publish(arm.message(effort=off))
     arm.run_until(lambda: len(arm.commands) > 0, "commands")
     arm.builtin.publish(arm.message(effort=on))
-    arm.run_until(lambda: len(arm.holds) == 1, "the hold")
+    arm.run_until(lambda: bool(arm.holds), "the hold")
     arm.client.wait(lambda: arm.state.startswith("fault"), "the fault")
 
 
@@ -339,7 +339,7 @@ def test_switches_the_arm_s_own_compensation_off_if_it_may_and_goes_on(arm, star
     arm.builtin.publish(arm.message(effort=off))
     arm.run_until(lambda: len(arm.commands) > 0, "commands")
     arm.builtin.publish(arm.message(effort=on))  # teleoperation switches it on again
-    arm.run_until(lambda: len(arm.holds) == 1, "the hold")
+    arm.run_until(lambda: bool(arm.holds), "the hold")
     arm.run_until(lambda: len(arm.switches) == 2, "the switch")
 
 
@@ -348,7 +348,7 @@ def test_a_signal_ends_it_with_a_hold_and_status_0(arm, start, number):
     node = start(*PATIENT)
     arm.run_until(lambda: len(arm.commands) > 5, "commands")
     node.signal(number)
-    arm.client.wait(lambda: len(arm.holds) == 1, "the hold")
+    arm.client.wait(lambda: bool(arm.holds), "the hold")
     assert node.wait() == 0
     after = [when for when, _ in arm.commands if when > arm.holds[0]]
     assert not after
@@ -373,7 +373,7 @@ sys.exit(main())
         arm.await_compensator()
         arm.run_until(lambda: len(arm.commands) > 0, "commands")
         assert not arm.holds
-        arm.run_until(lambda: len(arm.holds) == 1, "the hold", position=[0.0] * 6 + [2.0])
+        arm.run_until(lambda: bool(arm.holds), "the hold", position=[0.0] * 6 + [2.0])
         assert node.wait() == 1
         assert "a defect" in node.output
 

@@ -21,7 +21,8 @@ from dvrk_gravity.processes import NodeProcess
 
 # A loaded machine may stall a test for a while: only tests of a time-out use a short one.
 PATIENT = ("-p", "timeout:=2.0", "-p", "input_depth:=100")
-QUICK = ("-p", "timeout:=0.2")
+TIMEOUT = 0.5  # s
+QUICK = ("-p", f"timeout:={TIMEOUT}", "-p", "input_depth:=100")
 MODEL = TorqueModel.load(MODEL_FILE)
 ARM = MODEL.arm
 LONGEST_STEP = 0.02  # s of slew that one command may use
@@ -111,7 +112,7 @@ def test_a_stopped_compensator_is_held_for_and_does_not_go_on_when_it_wakes(arm,
     stopped = time.monotonic()
     arm.run_until(lambda: bool(arm.holds), "the hold")
     assert arm.holds[0] - stopped < 0.2 * 1.25 + LATE
-    arm.run(0.3)
+    arm.run(TIMEOUT)
     compensator.signal(signal.SIGCONT)
     arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
     assert_silent(arm)
@@ -229,7 +230,7 @@ def test_a_simulated_clock_that_steps_neither_hides_nor_fakes_a_silence(arm, sta
     assert not arm.holds
     silence = time.monotonic()  # and the clock stands still
     arm.client.wait(lambda: bool(arm.holds), "the hold")
-    assert arm.holds[0] - silence < 0.2 * 1.25 + LATE
+    assert arm.holds[0] - silence < TIMEOUT * 1.25 + LATE
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -361,7 +362,7 @@ def test_an_idle_client_is_no_rival_and_one_that_commands_is(arm, start):
         other.publish(JointState(effort=[0.0] * 7))
         arm.run(0.01)
     arm.run_until(lambda: bool(arm.holds), "the hold")
-    assert arm.holds[0] - begun < 0.2 + LATE
+    assert arm.holds[0] - begun < 0.2 + LATE  # the first of them is noticed, not the last
     assert "another node" in arm.state
     assert len(arm.commands) > ours
 
@@ -413,16 +414,20 @@ def test_ctrl_c_while_it_sets_up_waits_ramps_and_is_in_a_fault(arm, start):
     arm.run_until(commands(arm), "commands")
     assert arm.state.startswith("ramping")
     ramping.signal(signal.SIGINT)
-    arm.client.wait(lambda: len(arm.holds) == 1, "the hold")
+    arm.client.wait(lambda: bool(arm.holds), "the hold")  # it comes again until it is acknowledged
     assert ramping.wait() == 0
 
     faulty = start("compensator", *QUICK)
+    arm.client.spin(0.1)
+    before = len(arm.holds)
     arm.run_until(commands(arm), "commands")
-    arm.client.wait(lambda: len(arm.holds) == 2, "the hold")
+    arm.client.wait(lambda: len(arm.holds) > before, "the hold")
+    arm.client.wait(lambda: arm.state.startswith("fault"), "the fault")
+    before = len(arm.holds)
     faulty.signal(signal.SIGINT)
     assert faulty.wait() == 0
     arm.client.spin(0.1)
-    assert len(arm.holds) == 2  # it holds already
+    assert len(arm.holds) == before  # it holds already
 
 
 # --- files ------------------------------------------------------------------------------------

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
         if shown:
             print(f"\r\033[K{line} …", end="", file=sys.stderr, flush=True)
 
-    diagnosis = diagnose(recordings, model, progress)
+    diagnosis = diagnose(recordings, model, progress, simulated=True)
     if shown:
         print("\r\033[K", end="", file=sys.stderr)
     args.out.mkdir(parents=True, exist_ok=True)
@@ -91,6 +91,10 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         for joint in diagnosis.before
     ]
     lines.append(f"floor: {FLOORS[diagnosis.floor_from]}")
+    if diagnosis.in_simulation is not None:
+        from dvrk_gravity.report.in_simulation import line
+
+        lines.append(line(diagnosis.in_simulation))
     lines += [f"data: {warning}" for warning in diagnosis.warnings]
     lines.append(f"written: {out}/findings.json, extended_model.yaml, report.html")
     return "\n".join(lines)

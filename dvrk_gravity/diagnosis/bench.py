@@ -99,6 +99,15 @@ class Bench:
         return (self.block >= 0) & (self.block % 3 == 2)
 
     @cached_property
+    def held_out_spans(self) -> list[tuple[float, float]]:
+        """Beginnings and ends of the pieces of time that are held out, s."""
+        edges = np.flatnonzero(np.diff(self.held_out, prepend=False, append=False))
+        return [
+            (float(self.time[first]), float(self.time[last - 1]))
+            for first, last in zip(edges[::2], edges[1::2], strict=True)
+        ]
+
+    @cached_property
     def fold(self) -> NDArray[np.int64]:
         """(T,) fold of the samples that choice may see, -1 of the others."""
         rank = self.block - (self.block + 1) // 3  # among the blocks that are not held out

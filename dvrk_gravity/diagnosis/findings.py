@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.diagnosis.in_simulation import InSimulation
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
 
@@ -233,6 +234,8 @@ class Diagnosis:
         notes: How it was judged, one sentence each.
         ambiguities: Causes, found or not, that this data could not tell apart.
         model: The model, extended by what a model file can carry.
+        in_simulation: The given and the extended model in the simulator; ``None`` if not asked
+            for, or if they are the same.
     """
 
     verdict: Verdict
@@ -247,6 +250,7 @@ class Diagnosis:
     notes: tuple[str, ...]
     ambiguities: tuple[Ambiguity, ...]
     model: TorqueModel = field(repr=False)
+    in_simulation: InSimulation | None = None
 
     @property
     def sentence(self) -> str:
@@ -291,6 +295,7 @@ class Diagnosis:
                 for one in self.ambiguities
             ],
             "notes": list(self.notes),
+            "simulation": self.in_simulation and self.in_simulation.to_dict(),
         }
 
     def to_json(self) -> str:

@@ -15,6 +15,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import Diagnosis
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
+from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.judge import Judge, Unconfirmed
 from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.motion import Motion
@@ -63,6 +64,7 @@ def diagnose(
     recordings: Recording | Sequence[Recording],
     model: TorqueModel,
     progress: Callable[[str], None] | None = None,
+    simulated: bool = False,
 ) -> Diagnosis:
     """Tell what a model gets wrong about recordings, and prove it on data held out.
 
@@ -71,6 +73,7 @@ def diagnose(
             coordinates, as each says.
         model: The model on trial.
         progress: Called with one line at every step.
+        simulated: Also compare given and extended model in the simulator, which takes seconds.
 
     Returns:
         Findings, gains on held-out blocks, and the model extended by what it can carry.
@@ -84,10 +87,16 @@ def diagnose(
     say("reading")
     outcome = investigate(recordings, model, say)
     say("measuring gains on held-out blocks")
-    return assemble(
+    diagnosis = assemble(
         outcome.loaded, outcome.readings, outcome.contest, outcome.accepted, outcome.unknown,
         outcome.unconfirmed, outcome.pool,
     )  # fmt: skip
+    if not simulated or not any(finding.in_model for finding in diagnosis.findings):
+        return diagnosis
+    say("simulating motion and drift")
+    spans = outcome.contest.bench.held_out_spans
+    compared = in_simulation(model, diagnosis.model, outcome.loaded.motion, spans)
+    return replace(diagnosis, in_simulation=compared)
 
 
 def investigate(

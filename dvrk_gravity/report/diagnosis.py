@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.findings import FLOORS, Ambiguity, Diagnosis, Finding, Picture
 from dvrk_gravity.diagnosis.words import shown
+from dvrk_gravity.report.in_simulation import section
 
 Array = NDArray[np.float64]
 
@@ -56,6 +57,8 @@ def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
     if diagnosis.ambiguities:
         parts.append(_ambiguities(diagnosis.ambiguities))
     parts.append(_errors(diagnosis))
+    if diagnosis.in_simulation is not None:
+        parts.append(section(diagnosis.in_simulation))
     parts.append(_list("Data", [str(warning) for warning in diagnosis.warnings], "no warnings"))
     parts.append(_list("How it was judged", diagnosis.notes, ""))
     body = "\n".join(parts)
