@@ -32,7 +32,7 @@ def retimed(recording: Recording) -> Recording:
         recording: With time, without gaps and stale samples.
     """
     time, velocity, rate = recording.time, recording.velocity, recording.rate
-    if time is None or velocity is None or rate is None or len(recording) < 3:
+    if time is None or velocity is None or rate is None or rate <= 4.0 * SLOWEST:
         return recording
     low = LowPass(SLOWEST, rate)
     grid = np.arange(time[0], time[-1], 1.0 / rate)
