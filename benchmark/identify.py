@@ -1,11 +1,9 @@
-"""Speed of an identification, and whether its 95 % intervals hold what they promise.
+"""Time and memory of an identification against the length of the recording.
 
     PYTHONPATH=. python benchmark/identify.py [--minutes 10 60] [--json FILE]
-    PYTHONPATH=. python benchmark/identify.py --coverage 200
 
-The first writes synthetic recordings of 4 and 10 minutes at 1 kHz as CSV, identifies each in a
-process of its own, and prints time and peak memory against length, and the shares of the parts. The
-second takes simulated recordings with a known truth.
+It writes synthetic recordings of 4 and 10 minutes at 1 kHz as CSV, identifies each in a
+process of its own, and prints time and peak memory against length, and the shares of the parts.
 """
 
 from __future__ import annotations
@@ -24,9 +22,8 @@ import numpy as np
 
 from dvrk_gravity import text_file
 from dvrk_gravity.arm import Arm
-from dvrk_gravity.identification import dynamic_fit, identify
+from dvrk_gravity.identification import identify
 from dvrk_gravity.identification.columns import Columns, base_directions
-from dvrk_gravity.identification.identifiability import describe
 from dvrk_gravity.identification.moments import Moments, build_design
 from dvrk_gravity.identification.motion import read, read_motions
 from dvrk_gravity.model import TorqueModel
@@ -155,52 +152,6 @@ def speed(lengths: Sequence[float], rate: float, report: Path | None) -> bool:
     return all(reached.values())
 
 
-def coverage(repetitions: int, world_seed: int, duration: float) -> None:
-    """Print how often the 95 % intervals of identifiable parameters hold the truth."""
-    world = World.draw(world_seed)
-    model = world.model()
-    inside: dict[str, list[bool]] = {}
-    for repetition in range(repetitions):
-        recording = world.record(world_seed, 1000 + repetition, duration)
-        caught: list[tuple] = []
-
-        def catching(columns, chosen, solution, spread, design, caught=caught):
-            caught.append((columns, chosen, spread, design))
-            return describe(columns, chosen, solution, spread, design)
-
-        dynamic_fit.describe = catching
-        fit = identify([recording], world.arm, "joint")
-        columns, chosen, spread, design = caught[0]
-        theta = true_coefficients(model, columns, chosen)
-        zero = describe(columns, chosen, theta, spread, design)[0]
-        for parameter, truth in zip(fit.parameters, zero, strict=True):
-            if parameter.identifiable:
-                low, high = parameter.ci95
-                inside.setdefault(parameter.name, []).append(low <= truth.value <= high)
-        share = np.mean([one for many in inside.values() for one in many])
-        print(f"{repetition + 1:4d}: {100 * share:.1f} % hold the truth", flush=True)
-    for name, hits in sorted(inside.items(), key=lambda item: np.mean(item[1])):
-        print(f"{100 * np.mean(hits):5.0f} %  of {len(hits):3d}  {name}")
-
-
-def true_coefficients(model: TorqueModel, columns: Columns, chosen: list[int]):
-    """Return the solution whose chosen columns give the true model's torque exactly."""
-    from dvrk_gravity.identification.regression import Solution
-
-    random = np.random.default_rng(5)
-    q = random.uniform(columns.valid.lower, columns.valid.upper, (1500, 7))
-    qd, qdd = random.normal(size=(2, 1500, 7)) * np.array([1.0, 4.0])[:, None, None]
-    qd += 0.1 * np.sign(qd)  # where dry friction is full
-    history = np.zeros((len(q), 4, 2, 7))
-    x = columns.regressor(State(q, qd, qdd), history)[:, :, chosen].reshape(-1, len(chosen))
-    y = columns.arm.actuator_effort(model.torque(q, qd, qdd)).ravel()
-    scale = columns.scale[chosen]
-    ridge = np.vstack([x * scale, 1e-6 * np.eye(len(chosen))])
-    theta = scale * np.linalg.lstsq(ridge, np.append(y, np.zeros(len(chosen))), rcond=None)[0]
-    empty = np.zeros((len(chosen), len(chosen)))
-    return Solution(theta, empty, empty, np.ones(len(chosen), dtype=bool))
-
-
 def main() -> int:
     """Run what was asked for; status 1 if a target is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -208,17 +159,11 @@ def main() -> int:
     parser.add_argument("--rate", type=float, default=1000.0)
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
-    parser.add_argument("--coverage", type=int, metavar="REPETITIONS")
-    parser.add_argument("--world", type=int, default=1, help="seed of arm and motion")
-    parser.add_argument("--duration", type=float, default=30.0, help="s, of a recording")
     arguments = parser.parse_args()
     if arguments.child is not None:
         fit = identify([RecordingFile(arguments.child)], drawn()[0])
         # A model that does not fit would be no use, however quickly found.
         return int(max(error.nrmse for error in fit.training.values()) > 0.2)
-    if arguments.coverage:
-        coverage(arguments.coverage, arguments.world, arguments.duration)
-        return 0
     return 0 if speed(arguments.minutes, arguments.rate, arguments.json) else 1
 
 

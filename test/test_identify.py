@@ -13,6 +13,9 @@ from dvrk_gravity import cli
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification.dynamic_fit import estimate, pose
+from dvrk_gravity.identification.motion import read_motions
+from dvrk_gravity.identification.selection import start_columns
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.tree import build_tree
@@ -107,6 +110,23 @@ def test_friction_has_its_sign(fit):
             assert one.value >= 0.0, one.name
 
 
+def test_a_burst_of_wrong_efforts_hardly_moves_the_parameters():
+    recording = truth(1)
+    effort = recording.effort.copy()
+    effort[600:612, 3] += 1.0  # fifty times the joint's Coulomb friction
+    clean, hit = (_plain_estimate(one) for one in (recording, replace(recording, effort=effort)))
+    for name in ("coulomb_friction.joint[wrist_platform]", "beta[3]"):
+        before, after = parameter(clean, name), parameter(hit, name)
+        half = 0.5 * (before.ci95[1] - before.ci95[0])
+        assert abs(after.value - before.value) < half, name
+        assert 0.5 * (after.ci95[1] - after.ci95[0]) < 1.5 * half, name
+
+
+def _plain_estimate(recording: Recording):
+    problem = pose(read_motions([recording], ARM, "joint").parts, ARM)
+    return estimate(problem, start_columns(problem.design.columns))
+
+
 def test_what_does_not_pay_is_left_out_and_said(fit):
     left = [choice for choice in fit.choices if not choice.kept]
     assert any(choice.term.startswith("presliding_hysteresis wrist_pitch") for choice in left)
@@ -146,6 +166,19 @@ def test_a_short_range_cannot_tell_gravity_from_a_spring():
     text = " ".join(found.identifiability.statements)
     assert "shoulder_pitch moves over" in text
     assert "most of its range" in text
+
+
+def test_a_spring_left_out_that_gravity_could_replace_is_named():
+    """The shoulder over 13 deg, and no spring in the model: beta[0] holds the sum of both."""
+    recording = truth(4)
+    part = np.array([1, 0.3, 1, 1, 1, 1, 1])
+    middle = recording.position.mean(axis=0)
+    small = middle + part * (recording.position - middle)
+    found = _plain_estimate(replace(recording, position=small, velocity=part * recording.velocity))
+    text = " ".join(found.identifiability.statements)
+    assert "beta[0] (arm_x) holds whatever linear elastic torque shoulder_pitch may have" in text
+    assert "a wider range of shoulder_pitch would separate them" in text
+    assert "elastic torque outer_yaw" not in text  # its axis is upright: no weight to confuse
 
 
 def test_validation_recordings_judge_the_model():

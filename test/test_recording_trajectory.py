@@ -31,14 +31,14 @@ def swing(samples: int = 6000, rate: float = 200.0, jitter: float = 0.0) -> Reco
     return Recording(JOINT_NAMES, time, np.round(position / 1e-4) * 1e-4, velocity, effort)
 
 
-def assert_same(one, other) -> None:
+def assert_same(one, other, same: float = SAME) -> None:
     """Assert that two trajectories have the same stretches."""
     assert len(one.stretches) == len(other.stretches)
     for a, b in zip(one.stretches, other.stretches, strict=True):
         for name in QUANTITIES:
             first, second = getattr(a, name), getattr(b, name)
             assert first.shape == second.shape, name
-            assert np.abs(first - second).max() < SAME * np.abs(first).max(), name
+            assert np.abs(first - second).max() < same * np.abs(first).max(), name
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.002])
@@ -52,7 +52,8 @@ def test_pieces_equal_the_whole(size, jitter):
 def test_measured_pieces_equal_the_whole(measured_data, size):
     recording = Recording.load(measured_data / "mtm_dynamic_30s_200hz.csv")
     whole, pieces = read_trajectory([recording]), read_trajectory([recording], piece=size)
-    assert_same(whole, pieces)
+    # Its samples are put back to their times, and a piece weighs joints by its own velocities.
+    assert_same(whole, pieces, 5e-3)
     assert {(w.kind, w.joint) for w in whole.warnings} == {
         (w.kind, w.joint) for w in pieces.warnings
     }

@@ -28,7 +28,7 @@ from dvrk_gravity.tree import TREE_LINKS
 SPRINGS = 4  # entries of beta, arm and forearm, that a balancing spring can add to
 DEGREE = 7  # highest power of a joint's own position that is tried
 DISPLACEMENTS = (0.01, 0.03, 0.1, 0.3)  # rad, of the elements of presliding
-TRANSITION = 0.01  # rad/s over which Coulomb friction changes its sign
+TRANSITION = 0.003  # rad/s over which Coulomb friction changes its sign
 # What one effect may plausibly take of a motor's largest torque, as a standard deviation.
 PART = 0.2
 # Plausible size of each link, for the prior: mass kg, extent m.

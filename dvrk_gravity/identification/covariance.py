@@ -54,24 +54,30 @@ def uncertainty(
     chosen: Sequence[int],
     solution: Solution,
     residual: Array,
+    held_out: Array,
     weight: Array,
 ) -> Uncertainty:
     """Return the sandwich covariance P^-1 (X' W R W X) P^-1 of a weighted ridge fit.
 
     R holds the residual's own autocorrelation, motor by motor, tapered (Parzen) to zero at
-    1.5 s (Newey and West 1987; Andrews 1991).
+    1.5 s (Newey and West 1987; Andrews 1991). Its variance is the mean product of a residual
+    with the same sample's residual when held out: a fit bends itself towards the noise that it
+    has seen, so the first is too small, the second too large by the same factor, and the product
+    is unbiased (the leave-out estimate of Kline, Saggio and Sølvsten 2020; HC2 and HC3 of
+    MacKinnon and White 1985 lie on either side).
 
     Args:
         design: The samples.
         chosen: Columns of the fit.
         solution: The fit.
-        residual: (n, 7) N·m, best of samples that were held out: a fit bends itself towards the
-            noise that it has seen (as HC3 and the jackknife have it, MacKinnon and White 1985).
+        residual: (n, 7) N·m, of the fit, times the samples' robust weights.
+        held_out: (n, 7) N·m, of fits that had not seen the sample, weighted in the same way.
         weight: (7,) inverse variance of one sample of each motor, correlation included.
     """
     longest = int(LONGEST * design.rate)
-    rho = autocorrelation(residual, design.part, longest) * _parzen(longest)[:, None]
-    variance = np.mean(residual**2, axis=0, where=design.measured)
+    rho = autocorrelation(held_out, design.part, longest) * _parzen(longest)[:, None]
+    product = np.mean(residual * held_out, axis=0, where=design.measured)
+    variance = np.maximum(product, 0.0)
     meat = np.zeros_like(solution.data)
     index = list(chosen)
     for j in range(residual.shape[1]):

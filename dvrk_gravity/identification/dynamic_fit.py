@@ -14,7 +14,7 @@ from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.folds import Folds, make_folds
 from dvrk_gravity.identification.identifiability import describe
 from dvrk_gravity.identification.moments import Design, Moments, build_design
-from dvrk_gravity.identification.motion import Source, read_motions
+from dvrk_gravity.identification.motion import Motion, Source, read_motions
 from dvrk_gravity.identification.physical import certificate, physical_links
 from dvrk_gravity.identification.regression import (
     ROUNDS,
@@ -23,8 +23,14 @@ from dvrk_gravity.identification.regression import (
     huber_weights,
     solve,
 )
-from dvrk_gravity.identification.result import Fit, JointError, Trace
-from dvrk_gravity.identification.selection import Selection, split_moments, start_columns
+from dvrk_gravity.identification.result import (
+    Fit,
+    FittedParameter,
+    Identifiability,
+    JointError,
+    Trace,
+)
+from dvrk_gravity.identification.selection import Selection, split_moments, starts
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
@@ -48,6 +54,37 @@ class Weighting:
 
     motor: Array
     sample: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is asked of the data, before any term is chosen."""
+
+    design: Design
+    folds: Folds
+    weighting: Weighting
+    selection: Selection
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A fit of chosen columns.
+
+    Attributes:
+        solution: The coefficients.
+        links: (90,) link parameters, if they were asked to be physical.
+        predicted: (n, 7) torque of the fit, N·m.
+        blind: (n, 7) torque, each sample predicted by a fit that had not seen it, N·m.
+        parameters: Named, with intervals.
+        identifiability: What the data determine.
+    """
+
+    solution: Solution
+    links: Array | None
+    predicted: Array
+    blind: Array
+    parameters: tuple[FittedParameter, ...]
+    identifiability: Identifiability
 
 
 def fit_dynamic(
@@ -74,41 +111,76 @@ def fit_dynamic(
         RecordingError: A recording that cannot serve.
     """
     motions = read_motions(recordings, arm, coordinates, cutoff)
-    q = np.concatenate([motion.state.q for motion in motions.parts])
+    problem = pose(motions.parts, arm, effects, lambda share: report("regressor", share))
+    columns, design, selection = problem.design.columns, problem.design, problem.selection
+    chosen = selection.search(
+        starts(columns, effects), lambda share: report("choice of terms", share)
+    )
+    found = estimate(problem, chosen, physical)
+    return Fit(
+        model=_model(columns, chosen, found.solution, found.links),
+        held_out=_errors(design, found.blind, coordinates),
+        training=_errors(design, found.predicted, coordinates),
+        parameters=found.parameters,
+        identifiability=found.identifiability,
+        choices=tuple(selection.choices),
+        warnings=motions.warnings,
+        handling=motions.handling,
+        validation=problem.folds.how,
+        coordinates=coordinates,
+        samples=sum(len(motion) for motion in motions.parts),
+        physical={} if found.links is None else certificate(found.links),
+        traces=_traces(design, found.blind, coordinates),
+    )
+
+
+def pose(
+    motions: Sequence[Motion],
+    arm: Arm,
+    effects: Sequence[str] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Problem:
+    """Return the least-squares problem of some motions, before any term is chosen.
+
+    Args:
+        motions: At least one.
+        arm: The arm.
+        effects: Effects that may be used besides the rigid body; ``None``: all.
+        progress: Called with the share of the regressor that is done.
+    """
+    q = np.concatenate([motion.state.q for motion in motions])
     columns = Columns(arm, q.min(axis=0), q.max(axis=0))
-    design = build_design(columns, motions.parts, lambda share: report("regressor", share))
+    design = build_design(columns, motions, progress)
     folds = make_folds(design)
     weighting = weigh(design)
     train, test = split_moments(design, folds, weighting.sample)
     selection = Selection(columns, train, test, weighting.motor, effects=effects)
-    start = [i for i in start_columns(columns) if selection.allowed(columns.columns[i].effect)]
-    chosen = selection.run(start, lambda share: report("choice of terms", share))
-    whole = Moments.of(design.x, design.y, weighting.sample).select(chosen)
-    scale, positive = columns.scale[chosen], columns.positive[chosen]
-    solution = solve(whole, weighting.motor, scale, positive)
+    return Problem(design, folds, weighting, selection)
+
+
+def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) -> Estimate:
+    """Fit the chosen columns and say how certain the result is.
+
+    Args:
+        problem: The problem.
+        chosen: Columns of the fit.
+        physical: Ask for links that can exist.
+    """
+    design, weighting = problem.design, problem.weighting
+    columns, index = design.columns, list(chosen)
+    whole = Moments.of(design.x, design.y, weighting.sample).select(index)
+    solution = solve(whole, weighting.motor, columns.scale[index], columns.positive[index])
     links = None
     if physical:
-        theta, links = physical_links(columns, chosen, solution)
+        theta, links = physical_links(columns, index, solution)
         solution = replace(solution, theta=theta)
-    predicted = design.x[:, :, chosen] @ solution.theta
-    blind = _held_out(design, folds, selection, chosen, physical)
-    spread = uncertainty(design, chosen, solution, design.y - blind, weighting.motor)
-    parameters, identifiability = describe(columns, chosen, solution, spread, design)
-    return Fit(
-        model=_model(columns, chosen, solution, links),
-        held_out=_errors(design, blind, coordinates),
-        training=_errors(design, predicted, coordinates),
-        parameters=parameters,
-        identifiability=identifiability,
-        choices=tuple(selection.choices),
-        warnings=motions.warnings,
-        handling=motions.handling,
-        validation=folds.how,
-        coordinates=coordinates,
-        samples=len(q),
-        physical={} if links is None else certificate(links),
-        traces=_traces(design, blind, coordinates),
-    )
+    predicted = design.x[:, :, index] @ solution.theta
+    blind = _held_out(design, problem.folds, problem.selection, index, physical)
+    fitted, unseen = (weighting.sample * (design.y - torque) for torque in (predicted, blind))
+    spread = uncertainty(design, index, solution, fitted, unseen, weighting.motor)
+    weight = weighting.sample * weighting.motor
+    parameters, identifiability = describe(columns, index, solution, spread, design, weight)
+    return Estimate(solution, links, predicted, blind, parameters, identifiability)
 
 
 def weigh(design: Design) -> Weighting:
@@ -119,17 +191,18 @@ def weigh(design: Design) -> Weighting:
     """
     columns = design.columns
     sample = np.ones_like(design.y)
-    moments = Moments.of(design.x, design.y, sample)
     seen = design.measured
     motor = 1.0 / np.maximum(0.1 * design.y.std(axis=0, where=seen), 1e-6) ** 2
-    residual = design.y
     for _ in range(ROUNDS):
+        moments = Moments.of(design.x, design.y, sample)
         theta = solve(moments, motor, columns.scale, columns.positive).theta
         residual = design.y - design.x @ theta
+        for j, rows in enumerate(seen.T):
+            sample[rows, j] = huber_weights(residual[rows, j])
+        # An outlier must not tell how noisy its motor is.
+        residual = sample * residual
         together = correlation_time(residual, design.part, int(MEMORY * design.rate))
         motor = 1.0 / (np.maximum(residual.var(axis=0, where=seen), 1e-12) * together)
-    for j, rows in enumerate(seen.T):
-        sample[rows, j] = huber_weights(residual[rows, j])
     return Weighting(motor, sample)
 
 

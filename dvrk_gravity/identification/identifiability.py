@@ -48,8 +48,18 @@ def describe(
     solution: Solution,
     spread: Uncertainty,
     design: Design,
+    weight: Array,
 ) -> tuple[tuple[FittedParameter, ...], Identifiability]:
-    """Return the identified numbers with intervals, and what cannot be told apart."""
+    """Return the identified numbers with intervals, and what cannot be told apart.
+
+    Args:
+        columns: All columns.
+        chosen: Columns of the fit.
+        solution: The fit.
+        spread: Its covariance.
+        design: The samples.
+        weight: (n, 7) weight of each sample in the fit.
+    """
     quantities = list(_quantities(columns, chosen))
     parameters = []
     for quantity in quantities:
@@ -65,6 +75,7 @@ def describe(
     statements = [
         *_motion_statements(design),
         *_pair_statements(quantities, spread, design),
+        *_absent_statements(quantities, columns, chosen, solution, design, weight),
         *_open_statements(parameters),
     ]
     return tuple(parameters), Identifiability(
@@ -191,6 +202,45 @@ def _pair_statements(
             statements.append(
                 f"{first.name} and {second.name} cannot be separated (correlation "
                 f"{together:+.3f}); only a weighted {sign} is known; {hint} would separate them"
+            )
+    return statements
+
+
+def _absent_statements(
+    quantities: Sequence[_Quantity],
+    columns: Columns,
+    chosen: Sequence[int],
+    solution: Solution,
+    design: Design,
+    weight: Array,
+) -> list[str]:
+    """Name gravity parameters that a linear elastic torque left out of the model could replace.
+
+    Over a short range sin q is q: data then choose neither, and beta holds the sum of both. The
+    correlation is that of the fit with the elastic column added (Schur complement).
+    """
+    statements = []
+    low, high = np.degrees(design.state.q.min(axis=0)), np.degrees(design.state.q.max(axis=0))
+    index = list(chosen)
+    inverse = np.linalg.inv(solution.precision)
+    for column in columns.select(effect="elastic_cable", index=1):
+        if column in chosen:
+            continue
+        x = design.x[:, :, column] * weight
+        shared = inverse @ np.tensordot(x, design.x[:, :, index], ((0, 1), (0, 1)))
+        joint = columns.columns[column].joint
+        alone = float(np.sum(x * design.x[:, :, column])) + columns.scale[column] ** -2
+        rest = alone - shared @ solution.precision @ shared
+        for one in (q for q in quantities if q.name.startswith("beta")):
+            through = float(one.direction @ shared)
+            own = float(one.direction @ inverse @ one.direction)
+            if through**2 < INSEPARABLE**2 * (rest * own + through**2):
+                continue
+            name = JOINT_NAMES[joint]
+            statements.append(
+                f"{one.name} holds whatever linear elastic torque {name} may have: over "
+                f"{low[joint]:.0f} to {high[joint]:.0f} deg the two cannot be separated; a wider "
+                f"range of {name} would separate them"
             )
     return statements
 

@@ -110,6 +110,31 @@ class Selection:
         mean = float(gain.sum()) / N_JOINTS
         return mean, float(np.std(gain, ddof=1) * np.sqrt(folds)) / N_JOINTS
 
+    def search(self, starts: Sequence[list[int]], progress: Callable[[float], None]) -> list[int]:
+        """Return the best end of searches from several starts.
+
+        One change at a time does not find effects that pay only together; a search that starts
+        with all of them does. A later start must beat the first as a change must.
+
+        Args:
+            starts: Columns to start with; at least one.
+            progress: Called with the share that is done, a guess.
+        """
+        best: list[int] = []
+        best_choices: list[Choice] = []
+        for number, start in enumerate(starts):
+            self.choices = []
+            progress(number / len(starts))
+            found = self.run(start, lambda share: None)
+            if number:
+                gain, uncertainty = self.compare(self.score(best), self.score(found))
+                more = max(1, len(found) - len(best))
+                if gain <= max(LEAST_GAIN * more, STANDARD_ERRORS * uncertainty):
+                    continue
+            best, best_choices = found, self.choices
+        self.choices = best_choices
+        return best
+
     def run(self, chosen: list[int], progress: Callable[[float], None]) -> list[int]:
         """Add, exchange and remove columns for as long as that pays on held-out blocks.
 
@@ -185,12 +210,11 @@ class Selection:
     def _all_moves(self, inside: set[int]) -> Iterator[Move]:
         yield from self._elastic_moves(inside)
         columns = self.columns
-        mixed = (2, 3)
         for j in range(N_JOINTS):
-            places = ("joint", "motor") if j in mixed else ("joint",)
+            places = _places(j)
             name = JOINT_NAMES[j]
             for place in places:
-                where = f"{name} ({place})" if j in mixed else name
+                where = f"{name} ({place})" if len(places) == 2 else name
                 for effect in ("coulomb_friction", "viscous_friction"):
                     here = columns.select(effect=effect, place=place, joint=j)
                     if here[0] in inside:
@@ -238,6 +262,33 @@ class Selection:
                 yield Move((), (powers[degree],), f"elastic_cable {name}, degree {degree - 1} only")
             elif degree == 0:
                 yield Move((), (powers[0],), f"without a constant torque on {name}")
+
+
+def _places(j: int) -> tuple[str, ...]:
+    """Return where friction of a joint may live: motors 3 and 4 move more than their joint."""
+    return ("joint", "motor") if j in (2, 3) else ("joint",)
+
+
+def starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[int]]:
+    """Return what searches start with: the plainest model, and one with presliding everywhere.
+
+    Args:
+        columns: The columns.
+        effects: Effects that may be used besides the rigid body; ``None``: all.
+    """
+    everywhere = [
+        index
+        for j in range(N_JOINTS)
+        for place in _places(j)
+        for index in columns.select(effect="presliding_hysteresis", place=place, joint=j)
+    ]
+    plain = start_columns(columns)
+    found = [plain, sorted(plain + everywhere)]
+    if effects is None:
+        return found
+    permitted = {*RIGID, *effects}
+    found = [[i for i in one if columns.columns[i].effect in permitted] for one in found]
+    return found if found[0] != found[1] else found[:1]
 
 
 def start_columns(columns: Columns) -> list[int]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.recording.data import QUANTITIES, Array, Recording
 from dvrk_gravity.recording.filters import LowPass, derivative
+from dvrk_gravity.recording.sample_times import retimed
 
 GAP = 3.5  # a longer interval, in median intervals, is a gap and not jitter
 UNIFORM = 1e-4  # intervals that differ by less than this part are equal
@@ -82,7 +83,8 @@ def split_at_gaps(recording: Recording) -> tuple[Recording, ...]:
 def resample(recording: Recording, rate: float, origin: float | None = None) -> Recording:
     """Return the recording on a uniform grid from its first to its last sample.
 
-    A recording whose intervals are uniform already is returned as it is, if it lies on the grid.
+    Samples that were taken off their stamps are put back first, see :func:`retimed`. A recording
+    whose intervals are uniform then is returned as it is, if it lies on the grid.
     Values between samples come from Akima's piecewise cubics (Akima 1970): they follow curvature,
     and a step or an outlier disturbs only its neighbours, where a spline would ring on.
 
@@ -93,6 +95,7 @@ def resample(recording: Recording, rate: float, origin: float | None = None) -> 
     """
     from scipy.interpolate import Akima1DInterpolator
 
+    recording = retimed(recording)
     time = recording.time
     assert time is not None
     ahead = 0.0 if origin is None else float((origin - time[0]) * rate)

@@ -135,6 +135,9 @@ def derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> t
     """Return the joints whose velocity is differentiated from the position."""
     if recording.velocity is None:
         return recording.joints
+    # Once the times are right, the encoders' positions are better than any velocity column.
+    if any(one.kind == "read_jitter" and one.numbers["corrected"] for one in warnings):
+        return recording.joints
     worse = {warning.joint for warning in warnings if warning.kind == "velocity_mismatch"}
     return tuple(joint for joint in recording.joints if joint in worse)
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
 from dvrk_gravity.recording.filters import LowPass
-from dvrk_gravity.recording.grid import quantum, speed, stale
+from dvrk_gravity.recording.grid import quantum, speed, split_at_gaps, stale
+from dvrk_gravity.recording.sample_times import retimed
 
 STALE_SHARE = 0.01
 READ_JITTER = 0.2  # of the sampling interval
@@ -43,14 +44,17 @@ def sampling(recording: Recording) -> list[DataWarning]:
         )
     jitter = read_jitter(recording)
     rate = recording.rate
-    if jitter is not None and rate is not None and jitter * rate > READ_JITTER:
+    fresh = max(split_at_gaps(recording.rows(~old)), key=len)
+    corrected = rate is not None and retimed(fresh) is not fresh
+    if jitter is not None and rate is not None and (corrected or jitter * rate > READ_JITTER):
         findings.append(
             DataWarning(
                 "read_jitter",
                 None,
-                {"jitter_s": jitter, "interval_s": 1.0 / rate},
+                {"jitter_s": jitter, "interval_s": 1.0 / rate, "corrected": float(corrected)},
                 f"samples were taken about {1e3 * jitter:.2g} ms off their stamps, stale ones "
-                f"included (interval {1e3 / rate:.3g} ms)",
+                f"included (interval {1e3 / rate:.3g} ms)"
+                + ("; put back to when positions and velocities agree" if corrected else ""),
             )
         )
     return findings

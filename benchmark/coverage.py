@@ -1,0 +1,257 @@
+"""Do the 95 % intervals of an identification hold what they promise?
+
+Every repetition draws an arm, a motion and sensor noise, simulates a recording, and identifies
+it twice: with the terms that the arm really has, and with the terms that the choice by held-out
+error picks. Counted are the parameters that are called identifiable. Intervals are conditional
+on the terms; so the first count judges them, the second says what the choice costs.
+
+Exit status 1 if the pooled coverage with the true terms is not within 93 to 97 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest
+
+from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.gravity import BETA_NAMES
+from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.dynamic_fit import Problem, estimate, pose
+from dvrk_gravity.identification.identifiability import base_parameters
+from dvrk_gravity.identification.motion import read_motions
+from dvrk_gravity.identification.result import FittedParameter
+from dvrk_gravity.identification.selection import starts
+from dvrk_gravity.simulate.world import World
+from dvrk_gravity.terms import LinkInertia, State
+
+LOW, HIGH = 0.93, 0.97
+FAMILIES = {
+    "beta": "gravity (beta)",
+    "elastic_cable": "elastic torque",
+    "coulomb_friction": "Coulomb friction",
+    "viscous_friction": "viscous friction",
+    "rotor_inertia": "rotor inertia",
+    "presliding_hysteresis": "presliding",
+}
+RIGID = "rigid-body combinations"
+
+
+@dataclass
+class Count:
+    """Hits of the intervals.
+
+    Attributes:
+        hits: By parameter: whether the interval held the truth, in every repetition in which
+            the parameter was identifiable.
+        errors: By parameter: error over standard error, likewise.
+        shares: By family: hits and count of each repetition.
+        open: By parameter: repetitions in which it was called not identifiable.
+    """
+
+    hits: dict[str, list[bool]] = field(default_factory=dict)
+    errors: dict[str, list[float]] = field(default_factory=dict)
+    shares: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
+    open: dict[str, int] = field(default_factory=dict)
+
+    def add(self, parameters: Sequence[FittedParameter], truth: dict[str, float]) -> None:
+        """Count one repetition."""
+        seen: dict[str, list[bool]] = {}
+        for one in parameters:
+            if not one.identifiable:
+                self.open[one.name] = self.open.get(one.name, 0) + 1
+                continue
+            low, high = one.ci95
+            value = truth.get(one.name, 0.0)
+            self.hits.setdefault(one.name, []).append(low <= value <= high)
+            error = (one.value - value) / ((high - low) / 2.0 / 1.959964)
+            self.errors.setdefault(one.name, []).append(error)
+            for group in (family(one.name), "all"):
+                seen.setdefault(group, []).append(self.hits[one.name][-1])
+        for group, inside in seen.items():
+            self.shares.setdefault(group, []).append((sum(inside), len(inside)))
+
+    def table(self) -> dict[str, dict[str, Any]]:
+        """Return coverage by family, with a 95 % interval, and what parameters there are.
+
+        Parameters of one repetition share its noise: the interval is that of a ratio of sums
+        over repetitions.
+        """
+        rows = {}
+        for group, shares in self.shares.items():
+            hits, counts = np.array(shares, dtype=float).T
+            share = hits.sum() / counts.sum()
+            spread = np.sqrt(np.sum((hits - share * counts) ** 2)) / counts.sum()
+            names = [n for n in self.hits if group in ("all", family(n))]
+            rows[group] = {
+                "coverage": share,
+                "ci95": [share - 1.96 * spread, min(share + 1.96 * spread, 1.0)],
+                "parameters": len(names),
+                "intervals": int(counts.sum()),
+                "worst": min(np.mean(self.hits[name]) for name in names),
+            }
+        return rows
+
+    def by_parameter(self) -> dict[str, dict[str, Any]]:
+        """Return coverage by parameter, with the exact binomial 95 % interval."""
+        rows = {}
+        for name, hits in self.hits.items():
+            interval = binomtest(sum(hits), len(hits)).proportion_ci(0.95)
+            rows[name] = {
+                "coverage": float(np.mean(hits)),
+                "ci95": [float(interval.low), float(interval.high)],
+                "identifiable": len(hits),
+                "open": self.open.get(name, 0),
+                "mean_error": float(np.mean(self.errors[name])),
+                "spread_of_error": float(np.std(self.errors[name])),
+            }
+        return rows
+
+
+def family(name: str) -> str:
+    """Return what kind of parameter a name is."""
+    return FAMILIES.get(name.split("[")[0].split(".")[0], RIGID)
+
+
+@lru_cache(maxsize=1)
+def rotors_as_links(arm: Arm) -> dict[int, np.ndarray]:
+    """Return those rotors that torque cannot tell from inertia of links, as such links.
+
+    By motor: (90,) link parameters of a rotor of 1 kg·m^2.
+    """
+    columns = Columns(arm, arm.lower, arm.upper)
+    random = np.random.default_rng(5)
+    q = random.uniform(arm.lower, arm.upper, (300, 7))
+    state = State(q, *random.normal(size=(2, 300, 7)))
+    x = columns.regressor(state, columns.history(state)).reshape(-1, len(columns.columns))
+    rigid, found = columns.select(effect="link_inertia"), {}
+    for j in range(7):
+        rotor = x[:, columns.select(effect="rotor_inertia", joint=j)[0]]
+        theta, *_ = np.linalg.lstsq(x[:, rigid], rotor, rcond=None)
+        if np.abs(x[:, rigid] @ theta - rotor).max() < 1e-8:
+            found[j] = columns.base @ theta
+    return found
+
+
+def true_columns(columns: Columns, world: World) -> list[int]:
+    """Return the columns that the world's torque consists of, each effect once."""
+    chosen = columns.select(effect="link_inertia") + columns.select(effect="gravity")
+    for j in range(7):
+        degree = int(np.max(np.flatnonzero(world.cable[:, j]), initial=0))
+        for power in range(degree + 1):
+            chosen += columns.select(effect="elastic_cable", joint=j, index=power)
+        for place, level in (("joint", world.coulomb[0, j]), ("motor", world.coulomb[2, j])):
+            if level:
+                chosen += columns.select(effect="coulomb_friction", place=place, joint=j)
+        chosen += columns.select(effect="viscous_friction", place="joint", joint=j)
+        if j not in rotors_as_links(world.arm):
+            chosen += columns.select(effect="rotor_inertia", joint=j)
+    return sorted(chosen)
+
+
+def true_values(world: World, columns: Columns, chosen: Sequence[int]) -> dict[str, float]:
+    """Return the world's parameters by name; what is not listed is zero."""
+    inertia = next(term for term in world.model().terms if isinstance(term, LinkInertia))
+    links = inertia.theta.copy()
+    for j, as_links in rotors_as_links(world.arm).items():
+        if columns.select(effect="rotor_inertia", joint=j)[0] not in chosen:
+            links += world.rotors[j] * as_links
+    truth = {f"beta[{k}] ({BETA_NAMES[k]})": float(world.beta[k]) for k in range(len(BETA_NAMES))}
+    truth |= {name: float(one @ links) for name, _, one in base_parameters(world.arm)}
+    for j, joint in enumerate(JOINT_NAMES):
+        truth |= {f"elastic_cable.{joint}[{k}]": float(v) for k, v in enumerate(world.cable[:, j])}
+        truth[f"coulomb_friction.joint[{joint}]"] = float(world.coulomb[0, j])
+        truth[f"coulomb_friction.motor[{joint}]"] = float(world.coulomb[2, j])
+        truth[f"viscous_friction.joint[{joint}]"] = float(world.viscous[j])
+        truth[f"rotor_inertia.motor[{joint}]"] = float(world.rotors[j])
+    return truth
+
+
+def record(seed: int, duration: float) -> tuple[World, Problem]:
+    """Return an arm and the least-squares problem of a recording of it."""
+    world = World.draw(seed)
+    recording = world.record(motion=seed, noise=seed, duration=duration)
+    motions = read_motions([recording], world.arm, "joint")
+    return world, pose(motions.parts, world.arm)
+
+
+def report(title: str, count: Count) -> None:
+    """Print coverage by family, and the parameters that are far off."""
+    print(f"\n{title}")
+    print(f"  {'':26s}coverage      95 % interval  parameters  intervals")
+    for group, row in sorted(count.table().items(), key=lambda item: item[0] == "all"):
+        low, high = row["ci95"]
+        print(
+            f"  {group:26s}{100 * row['coverage']:6.1f} %   {100 * low:6.1f} to {100 * high:5.1f} %"
+            f"{row['parameters']:10d}{row['intervals']:12d}"
+        )
+    rows = count.by_parameter()
+    off = {n: r for n, r in rows.items() if not r["ci95"][0] <= 0.95 <= r["ci95"][1]}
+    print(f"  {len(off)} of {len(rows)} parameters differ from 95 % beyond their binomial interval")
+    for name, row in sorted(off.items(), key=lambda item: item[1]["coverage"]):
+        print(
+            f"  {100 * row['coverage']:6.1f} % of {row['identifiable']:3d}  {name}  (mean error "
+            f"{row['mean_error']:+.2f}, spread {row['spread_of_error']:.2f} standard errors)"
+        )
+    never = [name for name in count.open if name not in count.hits]
+    if never:
+        print(f"  never identifiable: {'; '.join(never)}")
+
+
+def main() -> int:
+    """Run the repetitions."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--repetitions", type=int, default=200)
+    parser.add_argument("--first", type=int, default=1000, help="seed of the first repetition")
+    parser.add_argument("--duration", type=float, default=30.0, help="s, of a recording")
+    parser.add_argument("--only-true", action="store_true", help="leave the choice of terms out")
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    arguments = parser.parse_args()
+    counts = {"true terms": Count()}
+    if not arguments.only_true:
+        counts["chosen terms"] = Count()
+    start = time.perf_counter()
+    for repetition in range(arguments.repetitions):
+        world, problem = record(arguments.first + repetition, arguments.duration)
+        columns = problem.design.columns
+        for title, count in counts.items():
+            if title == "true terms":
+                chosen = true_columns(columns, world)
+            else:
+                chosen = problem.selection.search(starts(columns), lambda share: None)
+            count.add(estimate(problem, chosen).parameters, true_values(world, columns, chosen))
+        if (repetition + 1) % 20 == 0:
+            shares = ", ".join(
+                f"{100 * count.table()['all']['coverage']:.1f} % with {title}"
+                for title, count in counts.items()
+            )
+            spent = time.perf_counter() - start
+            print(f"{repetition + 1:4d} repetitions, {spent:.0f} s: {shares}", flush=True)
+    for title, count in counts.items():
+        report(title, count)
+    if arguments.json:
+        content = {
+            title: {"families": count.table(), "parameters": count.by_parameter()}
+            for title, count in counts.items()
+        }
+        arguments.json.write_text(json.dumps(content, indent=1))
+    pooled = counts["true terms"].table()["all"]["coverage"]
+    if LOW <= pooled <= HIGH:
+        return 0
+    print(f"pooled coverage {100 * pooled:.1f} %, expected {100 * LOW:.0f} to {100 * HIGH:.0f} %")
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
