@@ -48,12 +48,13 @@ def test_pieces_equal_the_whole(size, jitter):
     assert_same(read_trajectory([recording]), read_trajectory([recording], piece=size))
 
 
-@pytest.mark.parametrize("size", [1500, 2900, 4000])
+@pytest.mark.parametrize("size", [1500, 2000, 4000])
 def test_measured_pieces_equal_the_whole(measured_data, size):
     recording = Recording.load(measured_data / "mtm_dynamic_30s_200hz.csv")
     whole, pieces = read_trajectory([recording]), read_trajectory([recording], piece=size)
-    # Its samples are put back to their times, and a piece weighs joints by its own velocities.
-    assert_same(whole, pieces, 5e-3)
+    # Its samples are put back to their times: a slower filter with a shorter margin. A piece of a
+    # few seconds, also the last, weighs joints by its own velocities, and is not compared here.
+    assert_same(whole, pieces, 1e-5)
     assert {(w.kind, w.joint) for w in whole.warnings} == {
         (w.kind, w.joint) for w in pieces.warnings
     }

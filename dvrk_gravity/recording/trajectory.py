@@ -20,6 +20,7 @@ from dvrk_gravity.recording.filters import LowPass, derivative
 from dvrk_gravity.recording.grid import resample, split_at_gaps, stale
 from dvrk_gravity.recording.pieces import Findings, Piece, blocks, with_margins
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF, SHORTEST, derived_joints, low_pass
+from dvrk_gravity.recording.sample_times import SLOWEST
 
 # The motion is filtered less than the torques: friction's sign and products of velocities put
 # power above the motion's own frequencies. The columns then go through the torques' filter.
@@ -30,6 +31,8 @@ PIECE = 60_000  # samples that are worked on at a time
 # Edges of the torques' filter by which pieces overlap: what a margin's end does to the block is
 # EDGE_LEVEL to that power, below 1e-12 of the signal.
 MARGIN = 4.5
+# The same of the far slower filter that parts jitter from wander: 1e-5 of the jitter is enough.
+JITTER_MARGIN = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +112,8 @@ def read_trajectory(
             left_out.append((block.invalid, block.repeated))
             yield block
 
-    for place, one in enumerate(with_margins(counted(), int(np.ceil(MARGIN * low.edge)))):
+    margin = max(MARGIN * low.edge, JITTER_MARGIN * LowPass(SLOWEST, rate).edge)
+    for place, one in enumerate(with_margins(counted(), int(np.ceil(margin)))):
         findings.add(one, *left_out[place])
         work.add(one)
     warnings = findings.merged(first)
