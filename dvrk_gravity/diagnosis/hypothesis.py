@@ -29,6 +29,9 @@ RANK = {
     )
 }  # fmt: skip
 
+OF_LINKS = ("payload", "link_com", "link_inertia")
+"""Effects that are named after a link, and carried by all joints before it."""
+
 UNITS = {
     "mass": "kg", "first_moment_x": "kg·m", "first_moment_y": "kg·m", "first_moment_z": "kg·m",
     "roll": "rad", "pitch": "rad", "delta_beta": "N·m", "delta_beta_x": "N·m",

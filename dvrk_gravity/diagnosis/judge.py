@@ -12,12 +12,13 @@ from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import Estimate, Gain
-from dvrk_gravity.diagnosis.hypothesis import Hypothesis, unit_of
+from dvrk_gravity.diagnosis.hypothesis import OF_LINKS, Hypothesis, unit_of
 
 Array = NDArray[np.float64]
 
 _ALPHA = 0.05  # of one effect, chosen elsewhere, on held-out blocks
 _ACTS = 0.03  # of the energy in the block where an effect acts most
+_NOTABLE = 0.2  # of what is removed at the joint that gains most
 _RESAMPLED = 1000
 _DRAWN = 400
 
@@ -93,11 +94,14 @@ class Judge:
         joints = list(hypothesis.joints) or list(range(N_JOINTS))
         if hypothesis.effect == "joint_coupling":
             joints = joints[:1]
-        better = [j for j in joints if new[j] < old[j]]
-        if not better:
-            better = [j for j in range(N_JOINTS) if new[j] < old[j]] or joints
-        left = new / np.maximum(old, 1e-12)
-        return sorted(better, key=left.tolist().__getitem__)
+        if hypothesis.effect in OF_LINKS:  # a link's mass is carried by the joints before it
+            joints = list(range(N_JOINTS))
+        removed = 1.0 - new / np.maximum(old, 1e-12)
+        if np.max(removed[joints]) <= 0.0:
+            joints = list(range(N_JOINTS)) if np.max(removed) > 0.0 else joints
+        least = max(_NOTABLE * float(np.max(removed[joints])), 0.0)
+        better = [j for j in joints if removed[j] > least] or joints
+        return sorted(better, key=lambda j: -float(removed[j]))
 
     def unconfirmed(self, chosen: Sequence[Candidate], one: Candidate) -> Unconfirmed | None:
         """Return a chosen candidate's failure on the held-out blocks; ``None`` if it holds there.

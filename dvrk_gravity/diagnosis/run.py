@@ -14,7 +14,7 @@ from dvrk_gravity.diagnosis.bench import Bench
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import Diagnosis
-from dvrk_gravity.diagnosis.hypothesis import Hypothesis
+from dvrk_gravity.diagnosis.hypothesis import OF_LINKS, Hypothesis
 from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.judge import Judge, Unconfirmed
 from dvrk_gravity.diagnosis.load import Loaded, load
@@ -31,7 +31,6 @@ _LEAST_UNKNOWN = 1.5 * LEAST_GAIN
 _MOST_UNKNOWN = 3
 _MODEL_DOUBTFUL = 1.5  # times the noise, left by all that was found
 _MOVING = (columns_body.ALL_WEIGHTS, columns_body.ALL_INERTIA)
-_OF_LINKS = ("payload", "link_com", "link_inertia")  # part of the masses that move along
 _MOVING_GAIN = 20.0  # log-likelihood, all costs taken off
 _AT_FLOOR = 1.05  # times the noise: nothing worth finding is left
 _MIMIC = 0.5  # share of a nameless function's gain below which a name does not fit
@@ -123,7 +122,7 @@ def investigate(
     if np.any(contest.score(chosen).rms > _MODEL_DOUBTFUL * floor):
         selection, chosen = _with_model_moving(contest, pool, selection, chosen, say)
     say("comparing alternatives")
-    chosen = selection.confirmed(selection.settled(chosen))
+    chosen = selection.confirmed(selection.fewer(selection.settled(chosen)))
     chosen, unconfirmed = _held_out_confirms(contest, chosen)
     # Masses that only moved along are no cause: they come last.
     chosen.sort(key=lambda one: one.hypothesis.place in _MOVING)
@@ -149,7 +148,7 @@ def _with_model_moving(
     """
     say("weighing hypotheses with the model's own parameters moving along")
     always = [one for one in pool if one.hypothesis.place in _MOVING]
-    pool = [one for one in pool if one in always or one.hypothesis.effect not in _OF_LINKS]
+    pool = [one for one in pool if one in always or one.hypothesis.effect not in OF_LINKS]
     moving = Selection(contest, pool, say, always)
     other = moving.run()
     contest.weigh(contest.out_of_fold(other))

@@ -260,6 +260,37 @@ class Selection:
                     accepted[i] = best.candidate
         return accepted
 
+    def fewer(self, accepted: list[Candidate]) -> list[Candidate]:
+        """Let one hypothesis take the places of two where it explains as well.
+
+        A cause that is named at the wrong joint needs a second one to make up for that.
+        """
+        for i in range(len(accepted)):
+            if accepted[i] in self._always or len(accepted) - len(self._always) < 2:
+                continue
+            rest = [*accepted[:i], *accepted[i + 1 :]]
+            self.contest.weigh(self.contest.out_of_fold(accepted))
+            whole = self.contest.score(accepted).likelihood
+            without = self.contest.score(rest)
+            key = accepted[i].hypothesis.key
+            others = [
+                one.candidate for one in self.best(rest, without)
+                if one.passes and one.candidate.hypothesis.key != key
+            ]  # fmt: skip
+            for other in others[:_REFINED]:
+                replaced = [*accepted[:i], other, *accepted[i + 1 :]]
+                for two in rest:
+                    if two in self._always:
+                        continue
+                    one_less = [one for one in replaced if one is not two]
+                    if self.contest.score(one_less).likelihood >= whole - _EQUAL_LEAST:
+                        self._report(
+                            f"{other.hypothesis} instead of {accepted[i].hypothesis} "
+                            f"and {two.hypothesis}"
+                        )
+                        return self.fewer(one_less)
+        return accepted
+
     def _stand_ins(self, accepted: Sequence[Candidate], i: int) -> Accepted:
         rest = [*accepted[:i], *accepted[i + 1 :]]
         self.contest.weigh(self.contest.out_of_fold(accepted))
