@@ -83,7 +83,14 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         ]
         if not finding.in_model and finding.effect != "unknown":
             lines.append("   (not in the extended model: no term of a model file carries it)")
-    lines += [f"not to be told apart: {one.sentence}" for one in diagnosis.ambiguities]
+    suspected = [one for one in diagnosis.ambiguities if one.suspected]
+    lines += [f"not to be told apart: {one.sentence}" for one in suspected]
+    unseen = [one.pair for one in diagnosis.ambiguities if one not in suspected]
+    if unseen:
+        lines.append(
+            f"no sign of these, but this data could not tell them apart: {'; '.join(unseen)} "
+            "(numbers in the report)"
+        )
     lines.append("held-out RMSE [mN·m]      before    after    floor")
     lines += [
         f"  {joint:<20}  {1e3 * diagnosis.before[joint]:8.3f} {1e3 * diagnosis.after[joint]:8.3f} "

@@ -82,13 +82,14 @@ def _ambiguity(
                 JOINT_NAMES[best], float(removed[best]),
             )
         )  # fmt: skip
+    pair = f"{_name(zero)} and {_name(other)}"
     sentence = (
-        f"{_name(zero)} and {_name(other)} cannot be told apart here: {100 * share:.0f} % of the "
+        f"{pair} cannot be told apart here: {100 * share:.0f} % of the "
         "torque of the first is the second's as well; "
         + " against ".join(_numbers(one) for one in contenders)
         + f"; {_pose(contest, zero, other, theta)}"
     )
-    return Ambiguity(contenders[0], contenders[1], share, sentence)
+    return Ambiguity(contenders[0], contenders[1], share, pair, sentence)
 
 
 def _name(one: Candidate) -> str:

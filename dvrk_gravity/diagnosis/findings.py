@@ -138,13 +138,20 @@ class Ambiguity:
         first: One.
         second: The other.
         overlap: Part of the first's torque that the second reproduces.
+        pair: The two in words.
         sentence: All of it in words, with what would tell them apart.
     """
 
     first: Contender
     second: Contender
     overlap: float
+    pair: str
     sentence: str
+
+    @property
+    def suspected(self) -> bool:
+        """Whether unseen blocks speak for either of them."""
+        return max(self.first.gain, self.second.gain) > 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 _ALPHA = 0.05  # of one effect, chosen elsewhere, on held-out blocks
 _ACTS = 0.03  # of the energy in the block where an effect acts most
-_NOTABLE = 0.2  # of what is removed at the joint that gains most
+_NOTABLE = 0.5  # of what is removed at the joint that gains most
 _RESAMPLED = 1000
 _DRAWN = 400
 

@@ -170,9 +170,10 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
         "cause", "joint", "fitted alone", "both fitted", "log-likelihood gain", "held-out error",
     )  # fmt: skip
     sentences = "".join(f"<li>{escape(one.sentence)}</li>" for one in ambiguities)
+    sign = "" if any(one.suspected for one in ambiguities) else "<p>There is no sign of any.</p>"
     return (
         "<h2>What this recording cannot tell apart, were it there</h2>"
-        f"<ul>{sentences}</ul>" + _table(head, rows)
+        f"{sign}<ul>{sentences}</ul>" + _table(head, rows)
     )
 
 

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 STAND_IN = "mtmr_28002"
 """Plant file whose inertia stands in where a model has none."""
 
-_STATES = 60  # 7 torques each, for the 48 combinations of parameters that act
+_STATES = 60  # 7 torques each, for the 42 combinations of parameters that act
 _RANK = 1e-9
 
 
