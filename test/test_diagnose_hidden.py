@@ -12,9 +12,6 @@ from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.hidden import HIDERS, Hidden, hide
 from dvrk_gravity.simulate.world import World
 
-# Twenty-five diagnoses take minutes.
-pytestmark = pytest.mark.slow
-
 DURATION, RATE = 20.0, 100.0  # s, Hz
 SEED = 7
 # What an effect's parameters may be off: the wider of this and its own 95 % interval.

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity import Recording, TorqueModel, diagnose, gravity, identify
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis.findings import FLOORS, Diagnosis, Finding
 from dvrk_gravity.report.diagnosis import png
 from dvrk_gravity.terms import Gravity
@@ -27,6 +27,9 @@ PAGE = FOLDER.parent / "real_data.md"
 DATA = Path(os.environ.get("DVRK_GRAVITY_DATA", FOLDER.parents[2] / "shared" / "data"))
 MOTION = "mtm_dynamic_30s_200hz.csv"
 SWEEP = "mtm_wrist_platform_sweep_200hz.csv"
+SWEPT_AT = dict.fromkeys(JOINT_NAMES, 0.0) | dict.fromkeys(
+    ("shoulder_pitch", "elbow_pitch"), np.radians(2.5)
+)
 POSES = ("mtmr28002_static_pos.csv", "mtmr28002_static_neg.csv")
 RIGID = ("gravity", "link_inertia")
 HEAD = """# The diagnosis on real recordings
@@ -82,7 +85,7 @@ def _steps() -> Iterator[str]:
         "4. One joint swept slowly",
         f"`{SWEEP}`: wrist_platform from end to end and back, nothing else moves; the rigid model "
         "again. Here the cable and the hysteresis of that joint lie open.",
-        diagnose(sweep, rigid), "sweep", pictures=("wrist_platform",),
+        diagnose(sweep, rigid, still=SWEPT_AT), "sweep", pictures=("wrist_platform",),
     )  # fmt: skip
     yield from _step(
         "5. A good model",

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvrk_gravity import cli, text_file
+from dvrk_gravity.commands.still_joints import add_at, still_joints
 
 if TYPE_CHECKING:
     from dvrk_gravity.diagnosis import Diagnosis
@@ -31,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--coordinates", choices=("joint", "actuator"), default="joint",
         help="what the recordings' columns are (default: joint)",
     )  # fmt: skip
+    add_at(parser)
     parser.add_argument("--topic", help="JointState topic of a bag, if it has several")
     parser.add_argument("--json", action="store_true", help="print findings.json, nothing else")
 
@@ -43,6 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from dvrk_gravity.recording import Recording
     from dvrk_gravity.report.diagnosis import render
 
+    still = still_joints(args.at)
     model = TorqueModel.load(args.model)
     recordings = [
         Recording.load(path, args.topic, coordinates=args.coordinates) for path in args.recordings
@@ -53,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         if shown:
             print(f"\r\033[K{line} …", end="", file=sys.stderr, flush=True)
 
-    diagnosis = diagnose(recordings, model, progress, simulated=True)
+    diagnosis = diagnose(recordings, model, progress, simulated=True, still=still)
     if shown:
         print("\r\033[K", end="", file=sys.stderr)
     args.out.mkdir(parents=True, exist_ok=True)

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
 from dvrk_gravity import cli, text_file
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.commands.still_joints import add_at, still_joints
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.recording.data import Coordinates
 
 NAME = "identify"
 EXAMPLE = "python -m dvrk_gravity identify exciting.csv --arm mtmr --out model.yaml"
-
-_UNITS = {"deg": math.pi / 180.0, "rad": 1.0}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,9 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--coordinates",
                         help="joint or actuator, one for all or a comma-separated one for each "
                         "recording (default: found out)")  # fmt: skip
-    parser.add_argument("--at", metavar="JOINT=ANGLE,...", action="append", default=[],
-                        help="where joints stood that a recording does not hold, joint coordinates:"
-                        " shoulder_pitch=2.5deg,others=0deg")  # fmt: skip
+    add_at(parser)
     parser.add_argument("--physical", action="store_true",
                         help="links that can exist: pseudo-inertias positive definite")  # fmt: skip
     parser.add_argument("--topic", help="topic of bags, if they have several with JointStates")
@@ -58,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise ConfigError(str(path), str(path.parent), "an existing folder")
     arm = Arm.load(arguments.arm)
     coordinates = _coordinates(arguments.coordinates)
-    still = _still(arguments.at)
+    still = still_joints(arguments.at)
     recordings = [RecordingFile(path, arguments.topic) for path in arguments.recordings]
     validate = [RecordingFile(path, arguments.topic) for path in arguments.validate]
     progress = cli.Progress("identify", 100)
@@ -98,31 +93,6 @@ def _coordinates(text: str | None) -> Coordinates | list[Coordinates] | None:
     if len(sure) < len(found):
         raise ConfigError("--coordinates", text, "joint or actuator, one for all or for each")
     return sure[0] if len(sure) == 1 else sure
-
-
-def _still(texts: Sequence[str]) -> dict[str, float]:
-    """Return joint positions, rad, from ``JOINT=ANGLE,...``; ``others`` is for those not named."""
-    named: dict[str, float] = {}
-    for entry in ",".join(texts).split(",") if texts else ():
-        joint, _, angle = entry.strip().partition("=")
-        if joint not in (*JOINT_NAMES, "others"):
-            raise ConfigError("--at", entry, f"JOINT=ANGLE of {', '.join(JOINT_NAMES)} or others")
-        if joint in named:
-            raise ConfigError("--at", entry, f"{joint} once")
-        unit = next((unit for unit in _UNITS if angle.endswith(unit)), "")
-        try:
-            value = float(angle.removesuffix(unit))
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value) or (not unit and value != 0.0):
-            raise ConfigError("--at", entry, "an angle with its unit, like 2.5deg or 0.04rad")
-        named[joint] = value * _UNITS.get(unit, 0.0)
-        if abs(named[joint]) > 4.0 * math.pi:
-            raise ConfigError("--at", entry, "an angle within two turns")
-    if "others" in named:
-        rest = named.pop("others")
-        named = dict.fromkeys(JOINT_NAMES, rest) | named
-    return named
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -112,6 +112,8 @@ def in_simulation(
     starts = np.zeros(0, dtype=int)
     if motion.static:
         notes.append("static poses: there is no motion to predict")
+    elif not motion.present.all():
+        notes.append("the motion is predicted only where all joints' efforts are recorded")
     else:
         starts = _starts(motion, held_out)
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.identification.motion import completed, require_all
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning, LowPass, Recording, prepare
 
@@ -41,12 +42,15 @@ class Loaded:
     floor: Array
 
 
-def load(recordings: Sequence[Recording], model: TorqueModel) -> Loaded:
+def load(
+    recordings: Sequence[Recording], model: TorqueModel, still: Mapping[str, float] | None = None
+) -> Loaded:
     """Prepare recordings for diagnosis.
 
     Args:
         recordings: Trajectories, or static poses, not both; joint or actuator coordinates.
         model: The model on trial.
+        still: Where joints stood that the recordings do not hold: joint position, rad.
 
     Raises:
         RecordingError: Naming what is missing: effort, samples, motion.
@@ -60,15 +64,7 @@ def load(recordings: Sequence[Recording], model: TorqueModel) -> Loaded:
         )
     static = kinds.pop()
     for recording in recordings:
-        if recording.effort is None:
-            raise RecordingError(recording.source, "has no effort, which is to be explained")
-        missing = [joint for joint in JOINT_NAMES if joint not in recording.joints]
-        if missing:
-            # Every joint's position enters every torque of the model.
-            raise RecordingError(
-                recording.source,
-                f"has no {', '.join(missing)}: expected all of {', '.join(JOINT_NAMES)}",
-            )
+        require_all(recording, model.arm, still or {})
     if {recording.joints for recording in recordings} != {recordings[0].joints}:
         raise RecordingError(recordings[0].source, "the recordings hold different joints")
     pieces: list[Motion] = []
@@ -93,7 +89,11 @@ def load(recordings: Sequence[Recording], model: TorqueModel) -> Loaded:
         thin = 1 if rate is None else max(1, round(rate / RATE))
         for segment in prepared.segments:
             rows = segment.core
-            pieces.append(_piece(segment.recording, segment.acceleration, rows, thin, model, start))
+            pieces.append(
+                _piece(
+                    segment.recording, segment.acceleration, rows, thin, model, start, still or {}
+                )
+            )
         floors.append(_noise_density(recording, model.arm))
     motion = _join(pieces)
     if static and len(motion.q) < FEWEST:
@@ -119,6 +119,7 @@ def _piece(
     thin: int,
     model: TorqueModel,
     start: float,
+    still: Mapping[str, float],
 ) -> Motion:
     def full(values: Array | None, fill: float = 0.0) -> Array:
         result = np.full((len(recording), N_JOINTS), fill)
@@ -129,6 +130,12 @@ def _piece(
     columns = [JOINT_NAMES.index(joint) for joint in recording.joints]
     present = np.isin(np.arange(N_JOINTS), columns)
     q, qd, qdd = full(recording.position), full(recording.velocity), full(acceleration)
+    if not present.all():
+        there = np.array([still.get(joint, 0.0) for joint in JOINT_NAMES])
+        arm, which = model.arm, recording.coordinates
+        q = completed(q[:, columns], columns, there, arm, which)
+        there = np.zeros(N_JOINTS)
+        qd, qdd = (completed(one[:, columns], columns, there, arm, which) for one in (qd, qdd))
     effort = full(recording.effort)
     direction = None if recording.direction is None else full(recording.direction, 1.0)
     if recording.coordinates == "actuator":

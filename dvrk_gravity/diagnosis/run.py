@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,6 +64,7 @@ def diagnose(
     model: TorqueModel,
     progress: Callable[[str], None] | None = None,
     simulated: bool = False,
+    still: Mapping[str, float] | None = None,
 ) -> Diagnosis:
     """Tell what a model gets wrong about recordings, and prove it on data held out.
 
@@ -73,6 +74,7 @@ def diagnose(
         model: The model on trial.
         progress: Called with one line at every step.
         simulated: Also compare given and extended model in the simulator, which takes seconds.
+        still: Where joints stood that the recordings do not hold: joint position, rad.
 
     Returns:
         Findings, gains on held-out blocks, and the model extended by what it can carry.
@@ -84,7 +86,7 @@ def diagnose(
         recordings = [recordings]
     say = progress or _silent
     say("reading")
-    outcome = investigate(recordings, model, say)
+    outcome = investigate(recordings, model, say, still)
     say("measuring gains on held-out blocks")
     diagnosis = assemble(
         outcome.loaded, outcome.readings, outcome.contest, outcome.accepted, outcome.unknown,
@@ -99,10 +101,13 @@ def diagnose(
 
 
 def investigate(
-    recordings: Sequence[Recording], model: TorqueModel, say: Callable[[str], None]
+    recordings: Sequence[Recording],
+    model: TorqueModel,
+    say: Callable[[str], None],
+    still: Mapping[str, float] | None = None,
 ) -> Outcome:
     """Choose readings, effects and nameless structure; the arguments are :func:`diagnose`'s."""
-    loaded = load(recordings, model)
+    loaded = load(recordings, model, still)
     readings: list[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]] = []
     contest, pool = _prepare(loaded.motion, say)
     tried = try_readings(loaded.motion)

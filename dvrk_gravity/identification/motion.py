@@ -150,7 +150,7 @@ def require_all(
         hint = (
             ""
             if still is None
-            else f", or `identify --at {unknown[0]}=0deg,...` to say where those stood that were "
+            else f", or `--at {unknown[0]}=0deg,...` to say where those stood that were "
             "not recorded"
         )
         raise RecordingError(
@@ -226,9 +226,9 @@ def _motion(
     assert effort is not None
     if len(columns) < N_JOINTS:
         still = np.array([trajectory.still.get(joint, 0.0) for joint in arm.joint_names])
-        q = _completed(q, columns, still, arm, coordinates)
+        q = completed(q, columns, still, arm, coordinates)
         qd, qdd = (
-            _completed(one, columns, np.zeros(N_JOINTS), arm, coordinates) for one in (qd, qdd)
+            completed(one, columns, np.zeros(N_JOINTS), arm, coordinates) for one in (qd, qdd)
         )
         narrow, effort = effort, np.zeros(q.shape)
         effort[:, columns] = narrow
@@ -255,10 +255,18 @@ def motors_measured(
     return ~np.any((arm.actuator_to_joint != 0.0) & ~known[:, None], axis=0)
 
 
-def _completed(
+def completed(
     values: Array, columns: Sequence[int], still: Array, arm: Arm, coordinates: Coordinates
 ) -> Array:
-    """Return (N, 7) from (N, n) columns; the other *joints* are at (7,) ``still``."""
+    """Return (N, 7) from the (N, n) columns of some joints.
+
+    Args:
+        values: (N, n), in the coordinates.
+        columns: Indices of the joints.
+        still: (7,) where the other *joints* are.
+        arm: The arm.
+        coordinates: Of values and result.
+    """
     result = np.tile(still, (len(values), 1))
     result[:, columns] = values
     if coordinates == "actuator":
