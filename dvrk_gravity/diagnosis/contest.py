@@ -159,6 +159,7 @@ class Contest:
         square = (candidate.columns[self._rows] ** 2).sum(axis=2) * self.weight**2
         energy = np.bincount(self._block, square.sum(axis=1), minlength=self.bench.count)
         gain = (before.loss - after.loss)[energy > _ACTIVE * energy.max()]
+        gain = gain[gain != 0.0]  # blocks in which friction holds the joint decide nothing
         if len(gain) >= _FEWEST_BLOCKS and np.std(gain) > 0.0:
             spread = np.std(gain, ddof=1) / np.sqrt(len(gain))
             p_values.append(float(stats.t.sf(np.mean(gain) / spread, len(gain) - 1)))

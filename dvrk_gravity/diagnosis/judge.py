@@ -153,8 +153,9 @@ class Judge:
         ratios = 1.0 - np.sqrt(new[drawn].sum(axis=1) / np.maximum(old[drawn].sum(axis=1), 1e-300))
         low, high = np.percentile(ratios, [2.5, 97.5])
         gains = old - new
+        gains = gains[gains != 0.0]  # blocks in which nothing could be said decide nothing
         p_value = 1.0
-        if np.any(gains != 0.0):
+        if gains.size:
             p_value = float(stats.wilcoxon(gains, alternative="greater").pvalue)
         return Gain(float(relative), float(low), float(high), p_value)
 
