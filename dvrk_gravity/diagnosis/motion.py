@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,7 +18,7 @@ Array = NDArray[np.float64]
 _SIGN_SPEED = 0.03  # of a joint's RMS speed: below, the direction of motion is uncertain
 _SLOWEST = 0.005  # rad/s
 _SHIFT = 0.01  # rad
-_STANDING = 0.05  # s: slow for longer is standing still, not turning back
+_SMEARED = 0.025  # s, by which the filter of the kinematics, 20 Hz, is early or late
 _RANK = 3e-3  # pivots below this part of the first are not told apart by the motion
 _STILL = 0.06  # of a joint's RMS speed
 
@@ -112,16 +113,22 @@ class Motion:
 
     @cached_property
     def stuck(self) -> NDArray[np.bool_]:
-        """(N, 7) samples in which a joint that else moves stands still for a while."""
+        """(N, 7) samples in which a joint that else moves stands still, if only to turn back.
+
+        Where friction sticks, the effort goes from one level to the other while nothing moves,
+        and the filtered velocity begins before the joint does: that long is left out on either
+        side.
+        """
         result = np.zeros(self.q.shape, dtype=bool)
         if self.rate is None:
             return result
-        length = max(2, round(_STANDING * self.rate))
+        wide = np.ones(1 + 2 * math.ceil(_SMEARED * self.rate))
         for joint in np.flatnonzero(self.moves).tolist():
             slow = np.abs(self.qd[:, joint]) < max(_STILL * self.speed[joint], 2 * _SLOWEST)
-            edges = np.flatnonzero(np.diff(slow.astype(np.int8), prepend=0, append=0))
-            for start, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-                result[start:end, joint] = end - start >= length
+            turns = np.diff(np.sign(self.qd[:, joint]), prepend=0.0) != 0.0
+            for part in self.parts:
+                still = (slow | turns)[part].astype(float)
+                result[part, joint] = np.convolve(still, wide, mode="same") > 0.5
         return result
 
     def slowest(self, row: Array) -> float:
