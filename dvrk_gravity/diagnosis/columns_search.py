@@ -117,8 +117,15 @@ def contact(bench: Bench, residual: Array, allowed: NDArray[np.bool_]) -> Iterat
         return
     for joint in np.flatnonzero(motion.present).tolist():
         window = _window(bench.time[allowed], residual[allowed, joint])
-        if window is not None:
-            yield _push(joint, *window)
+        if window is None:
+            continue
+        begin, end = window
+        # What lasts as long as the choice may look is taken to last as long as the recording.
+        if end >= bench.time[allowed].max() - _BIN:
+            end = float(motion.time[-1]) + _BIN
+        if begin <= bench.time[allowed].min() + _BIN:
+            begin = float(motion.time[0])
+        yield _push(joint, begin, end)
 
 
 def _window(time: Array, residual: Array) -> tuple[float, float] | None:
