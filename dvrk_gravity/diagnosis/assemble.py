@@ -40,6 +40,7 @@ from dvrk_gravity.diagnosis.words import sentence_of
 
 Array = NDArray[np.float64]
 _ABOVE_FLOOR = 2.5  # times the noise: more than that cannot be noise, whatever it depends on
+_LASTING = 0.35  # part of an error that lasts as long as a motion does, and noise does not
 Readings = Sequence[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]]
 
 
@@ -79,10 +80,12 @@ def assemble(
     source = bench.floor_from(floor)
     told = {name for finding in findings if finding.effect == "unknown" for name in finding.joints}
     seen = contest.score(named).rms  # out of fold: a push's edge may hide in a held-out block
+    lasting = judge.lasting(last)
     shapeless = [
         joint
         for joint in range(N_JOINTS)
         if min(after[joint], seen[joint]) > _ABOVE_FLOOR * floor[joint]
+        and lasting[joint] > _LASTING
         and JOINT_NAMES[joint] not in told
     ]
     findings += [
