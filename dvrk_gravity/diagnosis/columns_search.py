@@ -21,7 +21,7 @@ _FREQUENCIES = 240
 _LEAST_CYCLES = 1.7  # in the joint's whole way: less is a cable's smooth torque
 _BIN = 0.25  # s
 _SHORTEST, _LONGEST = 0.75, 0.5  # s, and part of the recording
-_EDGES = (60.0, 75.0, 88.0)  # percentiles of the position
+_EDGES = (55.0, 62.0, 69.0, 76.0, 83.0, 90.0)  # percentiles of the position
 _CENTRES = 7
 
 
