@@ -21,7 +21,7 @@ _FREQUENCIES = 240
 _LEAST_CYCLES = 1.7  # in the joint's whole way: less is a cable's smooth torque
 _BIN = 0.25  # s
 _SHORTEST, _LONGEST = 0.75, 0.5  # s, and part of the recording
-_EDGES = (60.0, 75.0, 88.0)  # percentiles of the position
+_EDGES = (55.0, 62.0, 69.0, 76.0, 83.0, 90.0)  # percentiles of the position
 _CENTRES = 7
 
 
@@ -117,8 +117,15 @@ def contact(bench: Bench, residual: Array, allowed: NDArray[np.bool_]) -> Iterat
         return
     for joint in np.flatnonzero(motion.present).tolist():
         window = _window(bench.time[allowed], residual[allowed, joint])
-        if window is not None:
-            yield _push(joint, *window)
+        if window is None:
+            continue
+        begin, end = window
+        # What lasts as long as the choice may look is taken to last as long as the recording.
+        if end >= bench.time[allowed].max() - _BIN:
+            end = float(motion.time[-1]) + _BIN
+        if begin <= bench.time[allowed].min() + _BIN:
+            begin = float(motion.time[0])
+        yield _push(joint, begin, end)
 
 
 def _window(time: Array, residual: Array) -> tuple[float, float] | None:

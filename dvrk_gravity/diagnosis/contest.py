@@ -17,11 +17,16 @@ from dvrk_gravity.diagnosis.hypothesis import RANK, Hypothesis
 Array = NDArray[np.float64]
 
 _RIDGE = 1e-9
+_NOTHING = 1e-12  # squared, of a weighted column: its parameter would have to be a million
 _SAMPLES_PER_INDEPENDENT = 2.5
 _FEWEST_BLOCKS = 10
 _ACTIVE = 0.03  # of the most active block's energy
 _LEAST_USABLE = 0.05  # part of the samples that a joint must have to be judged at all
 _CONTAINED = 1e-3  # part of a torque that may lie outside another's columns
+EDGES = ("start", "end")  # settings that are times
+EDGE_STEP = 0.03  # s
+_REACH = 0.6  # s, of the search for an edge
+_PROFILE = 1.92  # log-likelihood: half the 95 % point of chi-squared
 
 
 class Contest:
@@ -159,6 +164,7 @@ class Contest:
         square = (candidate.columns[self._rows] ** 2).sum(axis=2) * self.weight**2
         energy = np.bincount(self._block, square.sum(axis=1), minlength=self.bench.count)
         gain = (before.loss - after.loss)[energy > _ACTIVE * energy.max()]
+        gain = gain[gain != 0.0]  # blocks in which friction holds the joint decide nothing
         if len(gain) >= _FEWEST_BLOCKS and np.std(gain) > 0.0:
             spread = np.std(gain, ddof=1) / np.sqrt(len(gain))
             p_values.append(float(stats.t.sf(np.mean(gain) / spread, len(gain) - 1)))
@@ -289,6 +295,11 @@ class Contest:
             candidate = self._build(hypothesis)
         for name in hypothesis.refine:
             centre = hypothesis.setting[name]
+            if name in EDGES:
+                middle = 0.5 * sum(self.plateau(candidate, others, name))
+                candidate = self.rebuilt(hypothesis, name, middle)
+                hypothesis = candidate.hypothesis
+                continue
             low, high = _range(name, centre, self.bench)
 
             def cost(value: float, hypothesis: Hypothesis = hypothesis, name: str = name) -> float:
@@ -305,6 +316,25 @@ class Contest:
                 candidate = self._build(hypothesis)
         return candidate
 
+    def plateau(
+        self, candidate: Candidate, others: Sequence[Candidate], name: str
+    ) -> tuple[float, float]:
+        """Return the times, s, between which an edge explains as well: its 95 % profile interval.
+
+        An edge within a block that is held out may be anywhere in it.
+        """
+        centre = candidate.hypothesis.setting[name]
+        grid = centre + np.arange(-_REACH, _REACH + 0.5 * EDGE_STEP, EDGE_STEP)
+        costs = np.array(
+            [self.misfit([*others, self.rebuilt(candidate.hypothesis, name, t)]) for t in grid]
+        )
+        best = int(np.argmin(costs))
+        # Only what hangs together with the best.
+        outside = np.flatnonzero(costs > costs[best] + _PROFILE)
+        low = int(outside[outside < best].max(initial=-1)) + 1
+        high = int(outside[outside > best].min(initial=len(grid))) - 1
+        return float(grid[low]), float(grid[high])
+
     def rebuilt(self, hypothesis: Hypothesis, name: str, value: float) -> Candidate:
         """Return a hypothesis with one setting changed."""
         return self._build(replace(hypothesis, setting={**hypothesis.setting, name: value}))
@@ -319,8 +349,6 @@ def _range(name: str, centre: float, bench: Bench) -> tuple[float, float]:
     if name == "cycles_per_revolution":
         way = float(np.max(motion.travel[1]))
         return centre - 0.5 / way, centre + 0.5 / way
-    if name in ("start", "end"):
-        return centre - 0.5, centre + 0.5
     if name == "position":
         return centre - 0.3, centre + 0.3
     if name == "limit":
@@ -332,7 +360,9 @@ def _solve(gram: Array, side: Array) -> Array:
     """Return the least-squares solution of normal equations, scaled, with a trace of ridge."""
     if not len(gram):
         return np.zeros((0, *side.shape[1:]))
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    # A column of nothing but round-off gets a parameter of zero.
+    size = np.diag(gram)
+    scale = np.where(size > _NOTHING, np.sqrt(np.maximum(size, _NOTHING)), np.inf)
     scaled = gram / np.outer(scale, scale)
     scaled[np.diag_indices_from(scaled)] += _RIDGE
     right = side / (scale if side.ndim == 1 else scale[:, None])

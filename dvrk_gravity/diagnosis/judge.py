@@ -17,6 +17,7 @@ from dvrk_gravity.diagnosis.hypothesis import OF_LINKS, Hypothesis, unit_of
 Array = NDArray[np.float64]
 
 _ALPHA = 0.05  # of one effect, chosen elsewhere, on held-out blocks
+_LEAST_REMOVED = 0.03  # of a joint's held-out error, below which nothing is worth a finding
 _ACTS = 0.03  # of the energy in the block where an effect acts most
 _NOTABLE = 0.5  # of what is removed at the joint that gains most
 _RESAMPLED = 1000
@@ -88,6 +89,20 @@ class Judge:
         count = np.maximum(self._usable.sum(axis=0), 1)
         return np.sqrt(np.where(self._usable, error**2, 0.0).sum(axis=0) / count)
 
+    def lasting(self, error: Array) -> Array:
+        """Return (7,) which part of the squared errors is that of their means over the blocks.
+
+        What a torque owes to the motion lasts as long as the motion does; noise, of whatever
+        colour above a hertz or two, comes and goes within a block.
+        """
+        count = np.zeros((self._block.max(initial=0) + 1, N_JOINTS))
+        total = np.zeros_like(count)
+        square = np.where(self._usable, error**2, 0.0)
+        np.add.at(count, self._block, self._usable)
+        np.add.at(total, self._block, np.where(self._usable, error, 0.0))
+        part = (total**2 / np.maximum(count, 1)).sum(axis=0)
+        return np.asarray(part / np.maximum(square.sum(axis=0), 1e-300))
+
     def main_joints(self, hypothesis: Hypothesis, before: Array, after: Array) -> list[int]:
         """Return the joints by which a hypothesis is judged, the one that gains most first."""
         old, new = self.rmse(before), self.rmse(after)
@@ -107,7 +122,7 @@ class Judge:
         """Return a chosen candidate's failure on the held-out blocks; ``None`` if it holds there.
 
         It fails if, of the blocks in which it acts, it helps neither most nor, beyond doubt, their
-        sum; where it acts in none it cannot.
+        sum, or removes next to nothing there; where it acts in none it cannot.
         """
         before = self.error([other for other in chosen if other is not one])
         after = self.error(chosen)
@@ -122,7 +137,7 @@ class Judge:
         if not energy.any():
             return None
         gain = self.gain(before, after, joints, np.flatnonzero(energy > _ACTS * energy.max()))
-        if gain.low > 0.0 or gain.p_value < _ALPHA:
+        if gain.relative > _LEAST_REMOVED and (gain.low > 0.0 or gain.p_value < _ALPHA):
             return None
         return Unconfirmed(one.hypothesis, JOINT_NAMES[joints[0]], gain)
 
@@ -157,8 +172,9 @@ class Judge:
         ratios = 1.0 - np.sqrt(new[drawn].sum(axis=1) / np.maximum(old[drawn].sum(axis=1), 1e-300))
         low, high = np.percentile(ratios, [2.5, 97.5])
         gains = old - new
+        gains = gains[gains != 0.0]  # blocks in which nothing could be said decide nothing
         p_value = 1.0
-        if np.any(gains != 0.0):
+        if gains.size:
             p_value = float(stats.wilcoxon(gains, alternative="greater").pvalue)
         return Gain(float(relative), float(low), float(high), p_value)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,9 +18,10 @@ Array = NDArray[np.float64]
 _SIGN_SPEED = 0.03  # of a joint's RMS speed: below, the direction of motion is uncertain
 _SLOWEST = 0.005  # rad/s
 _SHIFT = 0.01  # rad
-_STANDING = 0.05  # s: slow for longer is standing still, not turning back
+_SMEARED = 0.025  # s, by which the filter of the kinematics, 20 Hz, is early or late
 _RANK = 3e-3  # pivots below this part of the first are not told apart by the motion
 _STILL = 0.06  # of a joint's RMS speed
+_WHOLE = 0.9  # of a motor's torque, that a joint must feel to be held by it
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,16 +114,34 @@ class Motion:
 
     @cached_property
     def stuck(self) -> NDArray[np.bool_]:
-        """(N, 7) samples in which a joint that else moves stands still for a while."""
+        """(N, 7) samples in which a joint that else moves stands still, if only to turn back.
+
+        Where friction sticks, the effort goes from one level to the other while nothing moves,
+        and the filtered velocity begins before the joint does: that long is left out on either
+        side. The same holds of a motor that moves more than its own joint.
+        """
         result = np.zeros(self.q.shape, dtype=bool)
         if self.rate is None:
             return result
-        length = max(2, round(_STANDING * self.rate))
         for joint in np.flatnonzero(self.moves).tolist():
-            slow = np.abs(self.qd[:, joint]) < max(_STILL * self.speed[joint], 2 * _SLOWEST)
-            edges = np.flatnonzero(np.diff(slow.astype(np.int8), prepend=0, append=0))
-            for start, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-                result[start:end, joint] = end - start >= length
+            result[:, joint] = self._turning(np.eye(N_JOINTS)[joint])
+        if self.present.all():
+            to_motor = self.arm.joint_to_actuator
+            for row in to_motor[np.abs(to_motor).sum(axis=1) > 1.0]:
+                felt = (np.abs(row) > _WHOLE) & self.moves
+                result[:, felt] |= self._turning(row)[:, None]
+        return result
+
+    def _turning(self, row: Array) -> NDArray[np.bool_]:
+        """Return (N,) samples in which a row of the joints stands still or turns back."""
+        speed = self.qd @ row
+        typical = float(np.sqrt(np.mean(speed**2)))
+        still = np.abs(speed) < max(_STILL * typical, 2 * _SLOWEST)
+        still |= np.diff(np.sign(speed), prepend=0.0) != 0.0
+        wide = np.ones(1 + 2 * math.ceil(_SMEARED * (self.rate or 0.0)))
+        result = np.zeros(len(speed), dtype=bool)
+        for part in self.parts:
+            result[part] = np.convolve(still[part].astype(float), wide, mode="same") > 0.5
         return result
 
     def slowest(self, row: Array) -> float:

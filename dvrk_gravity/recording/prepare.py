@@ -11,6 +11,7 @@ from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.filters import ORDER, LowPass, derivative
 from dvrk_gravity.recording.grid import resample, split_at_gaps, stale
+from dvrk_gravity.recording.velocity import compare_velocity
 
 DEFAULT_CUTOFF = 5.65  # Hz; the published evaluations of these arms use it
 SHORTEST = 4  # edges of the filter that a part must be long to be kept
@@ -65,7 +66,8 @@ def prepare(
     split at gaps; every part is interpolated onto a uniform grid at the nominal rate (where it is
     not on one already); position, velocity and effort go through one zero-phase low-pass. The
     velocity of a joint whose column is missing or worse than the differentiated position is
-    replaced by that derivative. The acceleration is the derivative of the resulting velocity.
+    replaced by that derivative, and so is one that is late, as filtered ones are. The
+    acceleration is the derivative of the resulting velocity.
 
     Args:
         recording: What was recorded.
@@ -139,7 +141,9 @@ def derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> t
     if any(one.kind == "read_jitter" and one.numbers["corrected"] for one in warnings):
         return recording.joints
     worse = {warning.joint for warning in warnings if warning.kind == "velocity_mismatch"}
-    return tuple(joint for joint in recording.joints if joint in worse)
+    # A filter's delay is no fault of the recording, but would pass for one of the effort.
+    fits = zip(recording.joints, compare_velocity(recording), strict=True)
+    return tuple(joint for joint, fit in fits if joint in worse or (fit and fit.late))
 
 
 def _filtered(raw: Recording, low: LowPass, derived: tuple[str, ...]) -> Segment:

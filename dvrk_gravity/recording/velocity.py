@@ -13,6 +13,7 @@ from dvrk_gravity.recording.grid import quantum, resample, split_at_gaps, stale
 COMPARISON_CUTOFF = 10.0  # Hz, both signals; less for slow recordings
 SLOPE_TOLERANCE = 0.03
 RESIDUAL_TOLERANCE = 0.08
+LAG_TOLERANCE = 2e-3  # s
 NOISE_MARGIN = 3.0  # times the error that the derivative itself has from the encoder's steps
 SLOWEST = 1e-6  # rad/s; a joint that varies its velocity less does not move
 DEGREE = np.pi / 180.0
@@ -25,6 +26,7 @@ class VelocityFit:
     Attributes:
         slope: Column over derivative, least squares.
         lag: How late the column is, s.
+        lag_error: Standard deviation of that, s.
         correlation: Between the two.
         residual: RMS of what the slope leaves, over the RMS of the derivative.
         noise: RMS error that encoder steps give the derivative, over its RMS.
@@ -33,6 +35,7 @@ class VelocityFit:
 
     slope: float
     lag: float
+    lag_error: float
     correlation: float
     residual: float
     noise: float
@@ -46,6 +49,11 @@ class VelocityFit:
             SLOPE_TOLERANCE, uncertainty, NOISE_MARGIN * self.noise
         )
         return scaled or self.residual > max(RESIDUAL_TOLERANCE, NOISE_MARGIN * self.noise)
+
+    @property
+    def late(self) -> bool:
+        """Whether the column is beyond doubt not in step with the positions, however clean."""
+        return abs(self.lag) > LAG_TOLERANCE + 4.0 * self.lag_error
 
     @property
     def position_in_degrees(self) -> bool:
@@ -102,10 +110,13 @@ def compare_velocity(recording: Recording) -> tuple[VelocityFit | None, ...]:
             continue
         slope = float(x @ y / (x @ x))
         rest = y - slope * x
+        lag = float(-(rest @ a) / (slope * (a @ a))) if slope else 0.0
+        unexplained = np.sqrt(np.mean((rest + slope * lag * a) ** 2) / np.mean(a**2))
         fits.append(
             VelocityFit(
                 slope,
-                float(-(rest @ a) / (slope * (a @ a))) if slope else 0.0,
+                lag,
+                float(unexplained / (abs(slope) * np.sqrt(samples))) if slope else 0.0,
                 float(np.corrcoef(x, y)[0, 1]) if np.std(y) > 0.0 else 0.0,
                 float(np.sqrt(np.mean(rest**2) / np.mean(x**2))),
                 float(noise / spread),
