@@ -21,6 +21,7 @@ from dvrk_gravity.tree import TREE_LINKS, link_frames
 Array = NDArray[np.float64]
 Setting = Mapping[str, float]
 
+_SHAFT = 0.03  # N·m that link 1 may plausibly weigh on its joint in a base that is tilted
 _TILT = 1e-4  # rad, for a difference quotient
 # The joint whose link carries each entry of beta.
 BETA_JOINTS = (1, 1, 2, 2, 3, 4, 4, 4, 5, 5, 6, 6)
@@ -47,7 +48,8 @@ def body(motion: Motion) -> Iterator[Hypothesis]:
     if not motion.static:
         yield _all_inertia(motion)
     if any(isinstance(term, Gravity) for term in motion.model.terms):
-        yield _tilt()
+        yield _tilt(free_shaft=False)
+        yield _tilt(free_shaft=True)
 
 
 def link_columns(motion: Motion, joint: int, directions: Array) -> Array:
@@ -201,23 +203,41 @@ def _inertia(joint: int, form: str) -> Hypothesis:
     )  # fmt: skip
 
 
-def _tilt() -> Hypothesis:
+def _tilt(free_shaft: bool) -> Hypothesis:
+    """Return the hypothesis of a tilted base.
+
+    Args:
+        free_shaft: Also of a first link whose weight the model does not know, since a level base
+            never shows it: it turns about the vertical.
+    """
+
     def build(motion: Motion, setting: Setting) -> Array:
         # The slope half-way makes slope times angle right to second order.
         at = (0.5 * setting["roll"], 0.5 * setting["pitch"])
         here = _tilted_torque(motion, *at)
         roll = (_tilted_torque(motion, at[0] + _TILT, at[1]) - here) / _TILT
         pitch = (_tilted_torque(motion, at[0], at[1] + _TILT) - here) / _TILT
-        return np.stack([roll, pitch], axis=2)
+        columns = [roll, pitch]
+        if free_shaft:
+            shaft = np.zeros((2, *roll.shape))
+            shaft[:, :, 0] = shaft_torque(motion.true_q)
+            columns += [*shaft]
+        return np.stack(columns, axis=2)
 
     def describe(theta: Array, setting: Setting) -> dict[str, float]:
         del setting
         return {"roll": float(theta[0]), "pitch": float(theta[1])}
 
     return Hypothesis(
-        "base_tilt", (), "base", build, describe, {"roll": 0.0, "pitch": 0.0},
-        fixed_point=("roll", "pitch"),
+        "base_tilt", (), "base and weight of link1" if free_shaft else "base", build, describe,
+        {"roll": 0.0, "pitch": 0.0}, fixed_point=("roll", "pitch"),
+        plausible_size=(np.inf, np.inf, _SHAFT, _SHAFT) if free_shaft else (),
     )  # fmt: skip
+
+
+def shaft_torque(q: Array) -> Array:
+    """Return (2, N) torques of a weight on link 1 at (N, 7) positions, in a base that is tilted."""
+    return np.stack([np.cos(q[:, 0]), np.sin(q[:, 0])])
 
 
 def tilted(model: TorqueModel, roll: float, pitch: float) -> TorqueModel:

@@ -120,15 +120,15 @@ def _motion_leak(target: int, source: int) -> Hypothesis:
 
 def _late() -> Hypothesis:
     def build(motion: Motion, setting: Setting) -> Array:
-        # The measured torques themselves, shifted: they hold what the model lacks, too.
+        # Of the model's torques: the measured ones hold noise that the residual holds, too, and
+        # a shift of them would explain it.
         step = setting["delay"] if abs(setting["delay"]) > _SMALL else _DELAY
-        shifted = np.empty_like(motion.effort)
+        late = np.empty_like(motion.modelled)
         for part in motion.parts:
             time = motion.time[part]
             for joint in range(N_JOINTS):
-                effort = motion.effort[part, joint]
-                shifted[part, joint] = np.interp(time + step, time, effort)
-        return ((motion.effort - shifted) / step)[:, :, None]
+                late[part, joint] = np.interp(time - step, time, motion.modelled[part, joint])
+        return ((late - motion.modelled) / step)[:, :, None]
 
     return Hypothesis(
         "time_delay", (), "effort", build,

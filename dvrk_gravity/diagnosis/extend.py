@@ -18,10 +18,11 @@ from dvrk_gravity.diagnosis.columns_body import (
     inertia_directions,
     moment_directions,
     payload_directions,
+    shaft_torque,
 )
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.diagnosis.motion import Motion
-from dvrk_gravity.gravity import BETA_NAMES, LinkMass, beta_from_links
+from dvrk_gravity.gravity import BETA_NAMES, LinkMass, beta_from_links, regressor
 from dvrk_gravity.model import MODEL_PARAMETERS, TorqueModel
 from dvrk_gravity.terms import TERMS, Gravity, Payload
 from dvrk_gravity.terms.cogging import MOST_RIPPLES
@@ -243,7 +244,15 @@ def _tilt(motion: Motion, values: Values, hypothesis: Hypothesis, theta: Array) 
     if not isinstance(term, Gravity):
         return None
     vector = pin.rpy.rpyToMatrix(float(theta[0]), float(theta[1]), 0.0).T @ term.vector
-    return values | {"gravity_vector": tuple(vector.tolist())}
+    values = values | {"gravity_vector": tuple(vector.tolist())}
+    if len(theta) == 2:
+        return values
+    # What weighs on a shaft that leans, as the first moments of link 1.
+    q = np.zeros((4, N_JOINTS))
+    q[:, 0] = np.linspace(-1.0, 1.0, len(q))
+    per_moment = regressor(q, vector, len(BETA_NAMES))[:, 0, -2:]
+    moments = np.linalg.lstsq(per_moment, theta[2:] @ shaft_torque(q), rcond=None)[0]
+    return _add_beta(values, np.pad(moments, (len(BETA_NAMES) - len(moments), 0)))
 
 
 def _add_inertia(values: Values, link: str, change: Array) -> Values:
