@@ -346,7 +346,8 @@ def test_of_two_that_start_at_once_no_two_go_on(arm, start):
         lambda: "fault" in (arm.state[:5], arm.client.state("second")[:5]), "one that gives way"
     )
     arm.run(0.5)
-    assert len(senders(arm, time.monotonic() - 0.2)) == 1  # the one that started first
+    # The one that started first goes on; where each heard the other first, both give way.
+    assert len(senders(arm, time.monotonic() - 0.2)) <= 1
 
 
 def test_an_idle_client_is_no_rival_and_one_that_commands_is(arm, start):

@@ -379,7 +379,9 @@ def readiest(candidates: Sequence[tuple[float, Candidate]], tolerance: float) ->
     """
     best = max(likelihood for likelihood, _ in candidates)
     equal = [(value, one) for value, one in candidates if value >= best - tolerance]
-    return min(
-        equal,
-        key=lambda pair: (pair[1].size, RANK.get(pair[1].hypothesis.effect, 99), -pair[0]),
-    )[1]
+    return min(equal, key=lambda pair: (*readiness(pair[1]), -pair[0]))[1]
+
+
+def readiness(candidate: Candidate) -> tuple[int, int]:
+    """Return what orders causes that explain as well: the simplest and readiest come first."""
+    return candidate.size, RANK.get(candidate.hypothesis.effect, 99)

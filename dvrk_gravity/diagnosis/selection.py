@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis import columns_search
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
-from dvrk_gravity.diagnosis.contest import Contest, readiest
+from dvrk_gravity.diagnosis.contest import Contest, readiest, readiness
 from dvrk_gravity.diagnosis.hypothesis import plausible
 
 Array = NDArray[np.float64]
@@ -236,7 +236,7 @@ class Selection:
         return kept
 
     def settled(self, accepted: list[Candidate]) -> list[Candidate]:
-        """Give every place to the best for it, now that the others are known."""
+        """Give every place to the simplest of the best for it, now that the others are known."""
         for i in range(len(accepted)):
             if accepted[i] in self._always:
                 continue
@@ -253,7 +253,8 @@ class Selection:
             if others:
                 best = self._choose([mine, *others])
                 margin = max(_EQUAL_LEAST, _EQUAL * best.gain)
-                if best.gain > mine.gain + margin:
+                simpler = readiness(best.candidate) < readiness(mine.candidate)
+                if simpler or best.gain > mine.gain + margin:
                     self._report(
                         f"{best.candidate.hypothesis} instead of {mine.candidate.hypothesis}"
                     )
