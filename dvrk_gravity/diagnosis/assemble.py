@@ -156,7 +156,7 @@ def _finding(
     # What the others leave to it, in whatever order they were found.
     before = judge.error([other for k, other in enumerate(named) if k != i])
     after = judge.error(named)
-    joints = judge.main_joints(hypothesis, before, after)
+    joints = judge.main_joints(one.tried.candidate, before, after)
     gain = judge.gain(before, after, joints)
     rest_named = [other for k, other in enumerate(named) if k != i]
     alternatives = _alternatives(contest, rest_named, one)

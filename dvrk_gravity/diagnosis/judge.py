@@ -103,17 +103,15 @@ class Judge:
         part = (total**2 / np.maximum(count, 1)).sum(axis=0)
         return np.asarray(part / np.maximum(square.sum(axis=0), 1e-300))
 
-    def main_joints(self, hypothesis: Hypothesis, before: Array, after: Array) -> list[int]:
-        """Return the joints by which a hypothesis is judged, the one that gains most first."""
-        old, new = self.rmse(before), self.rmse(after)
-        joints = list(hypothesis.joints) or list(range(N_JOINTS))
-        if hypothesis.effect == "joint_coupling":
+    def main_joints(self, one: Candidate, before: Array, after: Array) -> list[int]:
+        """Return the joints by which a candidate is judged, the one that gains most first."""
+        removed = 1.0 - self.rmse(after) / np.maximum(self.rmse(before), 1e-12)
+        acts = np.flatnonzero(one.acts).tolist()
+        joints = [j for j in one.hypothesis.joints if j in acts] or acts
+        if one.hypothesis.effect == "joint_coupling":
             joints = joints[:1]
-        if hypothesis.effect in OF_LINKS:  # a link's mass is carried by the joints before it
-            joints = list(range(N_JOINTS))
-        removed = 1.0 - new / np.maximum(old, 1e-12)
-        if np.max(removed[joints]) <= 0.0:
-            joints = list(range(N_JOINTS)) if np.max(removed) > 0.0 else joints
+        elif one.hypothesis.effect in OF_LINKS or np.max(removed[joints]) <= 0.0:
+            joints = acts  # a link's mass is carried by the joints before it
         least = max(_NOTABLE * float(np.max(removed[joints])), 0.0)
         better = [j for j in joints if removed[j] > least] or joints
         return sorted(better, key=lambda j: -float(removed[j]))
@@ -126,7 +124,7 @@ class Judge:
         """
         before = self.error([other for other in chosen if other is not one])
         after = self.error(chosen)
-        joints = self.main_joints(one.hypothesis, before, after)
+        joints = self.main_joints(one, before, after)
         theta, _ = self._contest.fit(chosen)
         first = sum(
             other.size for other in chosen[: [other is one for other in chosen].index(True)]

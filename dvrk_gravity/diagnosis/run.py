@@ -32,6 +32,7 @@ _MOST_UNKNOWN = 3
 _MODEL_DOUBTFUL = 1.5  # times the noise, left by all that was found
 _MOVING = (columns_body.ALL_WEIGHTS, columns_body.ALL_INERTIA)
 _MOVING_GAIN = 20.0  # log-likelihood, all costs taken off
+_ATTEMPTS = 3  # at a choice that the held-out blocks confirm
 _AT_FLOOR = 1.05  # times the noise: nothing worth finding is left
 _MIMIC = 0.5  # share of a nameless function's gain below which a name does not fit
 
@@ -126,9 +127,7 @@ def investigate(
     floor = contest.bench.floor(loaded.floor, contest.left(chosen))
     if np.any(contest.score(chosen).rms > _MODEL_DOUBTFUL * floor):
         selection, chosen = _with_model_moving(contest, pool, selection, chosen, say)
-    say("comparing alternatives")
-    chosen = selection.confirmed(selection.fewer(selection.settled(chosen)))
-    chosen, unconfirmed = _held_out_confirms(contest, chosen)
+    chosen, unconfirmed = _confirmed(contest, selection, chosen, say)
     # Masses that only moved along are no cause: they come last.
     chosen.sort(key=lambda one: one.hypothesis.place in _MOVING)
     accepted = selection.explained(chosen)
@@ -165,16 +164,48 @@ def _with_model_moving(
     return moving, other
 
 
+def _confirmed(
+    contest: Contest,
+    selection: Selection,
+    chosen: list[Candidate],
+    say: Callable[[str], None],
+) -> tuple[list[Candidate], list[Unconfirmed]]:
+    """Return the effects that hold in the end, and those that the held-out blocks do not confirm.
+
+    In the place of one that fails the choice may find a simpler one.
+    """
+    unconfirmed: list[Unconfirmed] = []
+    for attempt in range(_ATTEMPTS):
+        say("comparing alternatives")
+        chosen = selection.confirmed(selection.fewer(selection.settled(chosen)))
+        chosen, failed = _held_out_confirms(contest, chosen)
+        unconfirmed += failed
+        if not failed or attempt == _ATTEMPTS - 1:
+            break
+        selection.exclude(one.hypothesis for one in failed)
+        chosen = selection.run(chosen)
+    return chosen, unconfirmed
+
+
 def _held_out_confirms(
     contest: Contest, chosen: Sequence[Candidate]
 ) -> tuple[list[Candidate], list[Unconfirmed]]:
     """Return the effects that blocks show which no choice had seen, and those that they do not."""
-    contest.weigh(contest.out_of_fold(chosen))
-    judge = Judge(contest)
-    failures = [judge.unconfirmed(chosen, one) for one in chosen]
-    failed = [one for one in failures if one and one.hypothesis.place not in _MOVING]
-    lost = {id(one.hypothesis) for one in failed}
-    return [one for one in chosen if id(one.hypothesis) not in lost], failed
+    kept, failed = list(chosen), []
+    while kept:
+        contest.weigh(contest.out_of_fold(kept))
+        judge = Judge(contest)
+        failures = [
+            (failure, one) for one in kept
+            if one.hypothesis.place not in _MOVING and (failure := judge.unconfirmed(kept, one))
+        ]  # fmt: skip
+        if not failures:
+            break
+        # The weakest first: of two that share one torque, either may hold without the other.
+        worst, which = min(failures, key=lambda pair: pair[0].gain.relative)
+        failed.append(worst)
+        kept = [one for one in kept if one is not which]
+    return kept, failed
 
 
 def hypotheses(motion: Motion) -> Iterable[Hypothesis]:

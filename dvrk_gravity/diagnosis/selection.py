@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.diagnosis import columns_search
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.contest import Contest, readiest, readiness
-from dvrk_gravity.diagnosis.hypothesis import plausible
+from dvrk_gravity.diagnosis.hypothesis import Hypothesis, plausible
 
 Array = NDArray[np.float64]
 Report = Callable[[str], None]
@@ -19,6 +19,7 @@ Report = Callable[[str], None]
 ALPHA = 0.01  # after correction for the number of hypotheses
 LEAST_GAIN = 0.06  # of a joint's error, that a finding must remove
 MOST_EFFECTS = 18
+_FEW = 4
 _SCREENED = 24
 _REFINED = 6
 _CLOSE = 0.15  # of the best gain: worth refining
@@ -97,12 +98,21 @@ class Selection:
         self._always = list(always)
         self.pool = list(pool)
         self.count = len(pool) + 40
+        self._excluded: set[tuple[object, ...]] = set()
         self._report = report
         self._bases = columns_search.ripple_bases(contest.bench)
 
-    def run(self) -> list[Candidate]:
-        """Select until nothing more passes."""
-        accepted = list(self._always)
+    def exclude(self, hypotheses: Iterable[Hypothesis]) -> None:
+        """Take hypotheses out of the choice from now on."""
+        self._excluded |= {one.key for one in hypotheses}
+
+    def run(self, start: Sequence[Candidate] | None = None) -> list[Candidate]:
+        """Select until nothing more passes.
+
+        Args:
+            start: What is accepted to begin with; by default what always moves along.
+        """
+        accepted = list(self._always if start is None else start)
         while len(accepted) < MOST_EFFECTS + len(self._always):
             best = self._step(accepted)
             if best is None:
@@ -136,7 +146,7 @@ class Selection:
         contest = self.contest
         if pool is None:
             pool = [*self.pool, *self._searched(accepted)]
-        known = {one.hypothesis.key for one in accepted}
+        known = {one.hypothesis.key for one in accepted} | self._excluded
         pool = [one for one in pool if one.hypothesis.key not in known]
         screened = contest.screen(accepted, pool, _SCREENED)
         tried = [self.attempt(accepted, one, before) for one in screened]
@@ -264,8 +274,11 @@ class Selection:
     def fewer(self, accepted: list[Candidate]) -> list[Candidate]:
         """Let one hypothesis take the places of two where it explains as well.
 
-        A cause that is named at the wrong joint needs a second one to make up for that.
+        A cause that is named at the wrong joint needs a second one to make up for that. Where many
+        causes act, few of them stand for one another, and looking for those takes too long.
         """
+        if len(accepted) - len(self._always) > _FEW:
+            return accepted
         for i in range(len(accepted)):
             if accepted[i] in self._always or len(accepted) - len(self._always) < 2:
                 continue
