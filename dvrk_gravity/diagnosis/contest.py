@@ -212,9 +212,14 @@ class Contest:
         """Return (T, 7) what a fit of candidates to the samples of choice leaves everywhere."""
         left = self.bench.residual.copy()
         if candidates:
-            theta, _ = self.fit(candidates)
+            theta = self.parameters(candidates)
             left -= np.concatenate([one.columns for one in candidates], axis=2) @ theta
         return left
+
+    def parameters(self, candidates: Sequence[Candidate]) -> Array:
+        """Return parameters (k,) on all the samples of choice."""
+        design = self._design(candidates)
+        return _solve(design.T @ design + self._ridge(candidates), design.T @ self._target)
 
     def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
@@ -249,7 +254,7 @@ class Contest:
 
         Both are taken beside the rest: what that reproduces anyway does not count.
         """
-        theta, _ = self.fit([*rest, mine])
+        theta = self.parameters([*rest, mine])
         return self.reproduced(mine, theta[-mine.size :], other, rest)[0]
 
     def reproduced(

@@ -76,7 +76,7 @@ class Judge:
         """Return (H, 7) errors of a fit to the samples of choice; NaN where nothing can be said."""
         residual = self._contest.bench.residual[self._held].copy()
         if candidates:
-            theta, _ = self._contest.fit(candidates)
+            theta = self._contest.parameters(candidates)
             residual -= self._predicted(candidates, theta)
         return np.where(self._usable, residual, np.nan)
 
@@ -125,7 +125,7 @@ class Judge:
         before = self.error([other for other in chosen if other is not one])
         after = self.error(chosen)
         joints = self.main_joints(one, before, after)
-        theta, _ = self._contest.fit(chosen)
+        theta = self._contest.parameters(chosen)
         first = sum(
             other.size for other in chosen[: [other is one for other in chosen].index(True)]
         )

@@ -176,7 +176,7 @@ class Selection:
         corrected = min(1.0, p_value * self.count * one.hypothesis.prior_count**0.5)
         removed = self._removed(before, after, one)
         gain = after.likelihood - before.likelihood
-        theta, _ = self.contest.fit([*accepted, one])
+        theta = self.contest.parameters([*accepted, one])
         can_be = plausible(one.hypothesis, theta[-one.size :])
         return Tried(one, after, gain, corrected, removed, can_be)
 
