@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.diagnosis.bench import BLOCK
 from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.contest import Contest
+from dvrk_gravity.diagnosis.contest import EDGES, Contest
 from dvrk_gravity.diagnosis.findings import Estimate, Gain
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis, unit_of
 
@@ -60,6 +61,7 @@ class Judge:
         self._contest = contest
         self._held = bench.held_out
         self._block = bench.block[self._held]
+        self._time = bench.time[self._held]
         self._usable = bench.usable[self._held]
 
     @property
@@ -136,6 +138,11 @@ class Judge:
         energy = np.bincount(self._block, power)
         if not energy.any():
             return None
+        settings = one.hypothesis.setting
+        for edge in (settings[name] for name in EDGES if name in settings):
+            # Of an edge within a held-out block the choice could not know where it is.
+            near = np.abs(self._time - edge) < BLOCK
+            before[near] = after[near] = 0.0
         gain = self.gain(before, after, joints, np.flatnonzero(energy > _ACTS * energy.max()))
         if gain.relative > _LEAST_REMOVED and (gain.low > 0.0 or gain.p_value < _ALPHA):
             return None
