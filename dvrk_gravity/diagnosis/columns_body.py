@@ -47,9 +47,9 @@ def body(motion: Motion) -> Iterator[Hypothesis]:
     yield _all_weights(motion.arm)
     if not motion.static:
         yield _all_inertia(motion)
-    if any(isinstance(term, Gravity) for term in motion.model.terms):
-        yield _tilt(free_shaft=False)
-        yield _tilt(free_shaft=True)
+    weight = motion.model.term(Gravity.NAME)
+    if isinstance(weight, Gravity):
+        yield _tilt(knows_shaft=len(weight.beta) == len(gravity.BETA_NAMES))
 
 
 def link_columns(motion: Motion, joint: int, directions: Array) -> Array:
@@ -203,12 +203,12 @@ def _inertia(joint: int, form: str) -> Hypothesis:
     )  # fmt: skip
 
 
-def _tilt(free_shaft: bool) -> Hypothesis:
+def _tilt(knows_shaft: bool) -> Hypothesis:
     """Return the hypothesis of a tilted base.
 
     Args:
-        free_shaft: Also of a first link whose weight the model does not know, since a level base
-            never shows it: it turns about the vertical.
+        knows_shaft: Whether the model knows what link 1 weighs, which a level base never shows: it
+            turns about the vertical. If not, that comes with the tilt.
     """
 
     def build(motion: Motion, setting: Setting) -> Array:
@@ -218,7 +218,7 @@ def _tilt(free_shaft: bool) -> Hypothesis:
         roll = (_tilted_torque(motion, at[0] + _TILT, at[1]) - here) / _TILT
         pitch = (_tilted_torque(motion, at[0], at[1] + _TILT) - here) / _TILT
         columns = [roll, pitch]
-        if free_shaft:
+        if not knows_shaft:
             shaft = np.zeros((2, *roll.shape))
             shaft[:, :, 0] = shaft_torque(motion.true_q)
             columns += [*shaft]
@@ -229,9 +229,9 @@ def _tilt(free_shaft: bool) -> Hypothesis:
         return {"roll": float(theta[0]), "pitch": float(theta[1])}
 
     return Hypothesis(
-        "base_tilt", (), "base and weight of link1" if free_shaft else "base", build, describe,
+        "base_tilt", (), "base", build, describe,
         {"roll": 0.0, "pitch": 0.0}, fixed_point=("roll", "pitch"),
-        plausible_size=(np.inf, np.inf, _SHAFT, _SHAFT) if free_shaft else (),
+        plausible_size=() if knows_shaft else (np.inf, np.inf, _SHAFT, _SHAFT),
     )  # fmt: skip
 
 

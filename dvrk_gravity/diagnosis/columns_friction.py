@@ -24,11 +24,16 @@ def places(motion: Motion) -> Iterator[tuple[int, str, Array]]:
     """Yield (index, ``joint`` or ``motor``, (7,) row joint velocities -> its velocity)."""
     to_motor = motion.arm.joint_to_actuator
     for joint in range(N_JOINTS):
-        if motion.moves[joint]:
+        if motion.moves[joint] or _both_ways(motion, joint):
             yield joint, "joint", np.eye(N_JOINTS)[joint]
     for motor in mixed_motors(motion.arm):
         if motion.moves[to_motor[motor] != 0.0].any() and motion.present.all():
             yield motor, "motor", to_motor[motor]
+
+
+def _both_ways(motion: Motion, joint: int) -> bool:
+    """Tell whether poses at which a joint is always the same were approached from both sides."""
+    return motion.direction is not None and bool(np.ptp(motion.direction[:, joint]) > 0.0)
 
 
 def mixed_motors(arm: Arm) -> list[int]:
@@ -48,8 +53,8 @@ def friction(motion: Motion) -> Iterator[Hypothesis]:
         if motion.static and motion.direction is None:
             return
         slow = motion.slowest(row)
-        yield _coulomb(joint, place, row, slow, one_level=True)
-        yield _coulomb(joint, place, row, slow, one_level=False)
+        for one_level in (True, False):
+            yield _coulomb(joint, place, row, None if motion.static else slow, one_level)
         if motion.static:
             continue
         yield _viscous(joint, place, row)
@@ -62,9 +67,13 @@ def friction(motion: Motion) -> Iterator[Hypothesis]:
             yield _presliding(joint, place, row, part * half, with_coulomb=True)
 
 
-def _coulomb(joint: int, place: str, row: Array, slow: float, one_level: bool) -> Hypothesis:
+def _coulomb(
+    joint: int, place: str, row: Array, slow: float | None, one_level: bool
+) -> Hypothesis:
+    """Return Coulomb friction that is whole from a speed on; of poses, whole (``slow`` is None)."""
+
     def build(motion: Motion, setting: Setting) -> Array:
-        sign = motion.sign(row, setting["transition"])
+        sign = motion.sign(row, setting.get("transition"))
         if one_level:
             return spread(row, sign)
         return spread(row, np.maximum(sign, 0.0), np.minimum(sign, 0.0))
@@ -74,8 +83,9 @@ def _coulomb(joint: int, place: str, row: Array, slow: float, one_level: bool) -
         return {"positive": float(theta[0]), "negative": float(theta[-1])}
 
     return Hypothesis(
-        "coulomb_friction", (joint,), place, build, describe, {"transition": slow},
-        ("transition",), variable="velocity",
+        "coulomb_friction", (joint,), place, build, describe,
+        {} if slow is None else {"transition": slow}, () if slow is None else ("transition",),
+        variable="velocity",
     )  # fmt: skip
 
 

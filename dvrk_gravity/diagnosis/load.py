@@ -172,22 +172,21 @@ def _join(pieces: Sequence[Motion]) -> Motion:
 
 def _noise_density(recording: Recording, arm: Arm) -> Array:
     """Return (7,) effort noise in N·m/sqrt(Hz) from what lies above the kinematic band."""
-    density = np.full(N_JOINTS, np.nan)
+    unknown = np.full(N_JOINTS, np.nan)
     rate = recording.rate
     if rate is None or recording.effort is None or rate < 4.0 * KINEMATIC_BAND:
-        return density
+        return unknown
     cutoff = min(1.5 * KINEMATIC_BAND, 0.3 * rate)
     low = LowPass(cutoff, rate)
     if len(recording) <= 4 * low.edge:
-        return density
-    high = recording.effort - low(recording.effort)
+        return unknown
+    effort = recording.effort[:, [recording.joints.index(joint) for joint in JOINT_NAMES]]
+    if recording.coordinates == "actuator":
+        # Of the joints' efforts themselves: the motors' noises need not be independent.
+        effort = arm.joint_effort(effort)
+    high = effort - low(effort)
     frequency = np.linspace(0.0, rate / 2.0, 2000)
     # Two runs of a second-order Butterworth: amplitude 1 / (1 + (f / fc)^4).
     left = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
     variance = np.mean(high[low.edge : -low.edge] ** 2, axis=0) / left
-    columns = [JOINT_NAMES.index(joint) for joint in recording.joints]
-    density[columns] = np.sqrt(variance / (rate / 2.0))
-    if recording.coordinates == "actuator":
-        known = np.nan_to_num(density)
-        density = np.sqrt((known**2) @ (arm.joint_to_actuator**2))
-    return density
+    return np.asarray(np.sqrt(variance / (rate / 2.0)))

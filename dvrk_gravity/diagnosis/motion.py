@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import LowPass
 from dvrk_gravity.terms import Gravity, State, rigid_body
 
 Array = NDArray[np.float64]
@@ -19,6 +20,7 @@ _SIGN_SPEED = 0.03  # of a joint's RMS speed: below, the direction of motion is 
 _SLOWEST = 0.005  # rad/s
 _SHIFT = 0.01  # rad
 _SMEARED = 0.025  # s, by which the filter of the kinematics, 20 Hz, is early or late
+_TURNING_BAND = 8.0  # Hz
 _RANK = 3e-3  # pivots below this part of the first are not told apart by the motion
 _STILL = 0.06  # of a joint's RMS speed
 _WHOLE = 0.9  # of a motor's torque, that a joint must feel to be held by it
@@ -134,14 +136,18 @@ class Motion:
 
     def _turning(self, row: Array) -> NDArray[np.bool_]:
         """Return (N,) samples in which a row of the joints stands still or turns back."""
+        assert self.rate is not None
+        # An encoder's steps are no turning back.
+        low = LowPass(min(_TURNING_BAND, self.rate / 6.0), self.rate)
         speed = self.qd @ row
-        typical = float(np.sqrt(np.mean(speed**2)))
-        still = np.abs(speed) < max(_STILL * typical, 2 * _SLOWEST)
-        still |= np.diff(np.sign(speed), prepend=0.0) != 0.0
-        wide = np.ones(1 + 2 * math.ceil(_SMEARED * (self.rate or 0.0)))
+        slow = max(_STILL * float(np.sqrt(np.mean(speed**2))), 2 * _SLOWEST)
+        wide = np.ones(1 + 2 * math.ceil(_SMEARED * self.rate))
         result = np.zeros(len(speed), dtype=bool)
         for part in self.parts:
-            result[part] = np.convolve(still[part].astype(float), wide, mode="same") > 0.5
+            smooth = low(speed[part]) if part.stop - part.start > low.edge else speed[part]
+            still = np.abs(smooth) < slow
+            still |= np.diff(np.sign(smooth), prepend=np.sign(smooth[0])) != 0.0
+            result[part] = np.convolve(still.astype(float), wide, mode="same") > 0.5
         return result
 
     def slowest(self, row: Array) -> float:
