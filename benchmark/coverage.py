@@ -26,9 +26,10 @@ from scipy.stats import binomtest
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.dynamic_fit import Problem, estimate, pose
+from dvrk_gravity.identification.dynamic_fit import estimate
 from dvrk_gravity.identification.identifiability import base_parameters
 from dvrk_gravity.identification.motion import read_motions
+from dvrk_gravity.identification.problem import Problem, pose
 from dvrk_gravity.identification.result import FittedParameter
 from dvrk_gravity.identification.selection import starts
 from dvrk_gravity.simulate.world import World

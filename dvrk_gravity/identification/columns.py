@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.identification.posture import OFFSETS, Posture
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.terms import (
     CoulombFriction,
@@ -31,6 +33,7 @@ DISPLACEMENTS = (0.01, 0.03, 0.1, 0.3)  # rad, of the elements of presliding
 TRANSITION = 0.003  # rad/s over which Coulomb friction changes its sign
 # What one effect may plausibly take of a motor's largest torque, as a standard deviation.
 PART = 0.2
+MISPLACED = 0.1  # rad, plausible size of a zero's or the base's error
 # Plausible size of each link, for the prior: mass kg, extent m.
 SIZES = {
     "link1": (1.0, 0.15),
@@ -51,9 +54,9 @@ class Column:
 
     Attributes:
         effect: The term's name.
-        place: ``joint`` or ``motor``; ``""`` for rigid-body combinations.
-        joint: Index of the joint or motor, -1 for rigid-body combinations.
-        index: Number within that: power of the position, element of presliding.
+        place: ``joint`` or ``motor``; ``""`` for rigid-body combinations and the base.
+        joint: Index of the joint or motor, -1 for rigid-body combinations and the base.
+        index: Number within that: power of the position, element of presliding, roll or pitch.
         scale: Prior standard deviation, in the unit of the column's coefficient.
         positive: Must not be negative.
     """
@@ -74,19 +77,29 @@ class Column:
         return f"{self.effect} {JOINT_NAMES[self.joint]}{place}"
 
 
+def _key(column: Column) -> tuple[str, str, int, int]:
+    return column.effect, column.place, column.joint, column.index
+
+
 class Columns:
     """All columns of one arm over one range of positions.
 
     Attributes:
         arm: The arm.
+        posture: Where its joints and base are.
+        mounted: The arm with its base as the posture has it.
         valid: Range of positions in the data.
         columns: What they are, in order.
     """
 
-    def __init__(self, arm: Arm, lower: Array, upper: Array) -> None:
-        """Lay the columns out for data between (7,) ``lower`` and ``upper`` positions."""
+    def __init__(
+        self, arm: Arm, lower: Array, upper: Array, posture: Posture | None = None
+    ) -> None:
+        """Lay the columns out for data between (7,) ``lower`` and ``upper`` measured positions."""
         self.arm = arm
-        self.valid = Range(lower, upper)
+        self.posture = Posture() if posture is None else posture
+        self.mounted = self.posture.mounted(arm)
+        self.valid = Range(lower - self.posture.offset, upper - self.posture.offset)
         limit = arm.actuator_effort_limit
         nothing = np.zeros(N_JOINTS)
         self._friction = CoulombFriction(
@@ -124,12 +137,15 @@ class Columns:
                     Column("presliding_hysteresis", place, j, element, PART * limit[j], True)
                     for j in range(N_JOINTS)
                 ]
+        if self.posture.links is not None:
+            columns += [Column("joint_offset", "joint", j, 0, MISPLACED) for j in OFFSETS]
+            columns += [Column("base_tilt", "", -1, axis, MISPLACED) for axis in range(2)]
         self.columns = tuple(columns)
 
     @cached_property
     def base(self) -> Array:
         """(90, b) from base combinations of unit prior size to the links' parameters."""
-        return base_directions(self.arm)
+        return base_directions(self.mounted)
 
     @cached_property
     def scale(self) -> Array:
@@ -149,6 +165,13 @@ class Columns:
             if all(getattr(column, key) == value for key, value in wanted.items())
         ]
 
+    def same(self, chosen: Sequence[int], others: Columns) -> list[int]:
+        """Return which of other columns are the chosen ones; of the rigid body it is all."""
+        rigid = {i for i, one in enumerate(others.columns) if one.effect == "link_inertia"}
+        keys = {_key(self.columns[i]) for i in chosen}
+        named = {i for i, one in enumerate(others.columns) if _key(one) in keys}
+        return sorted(rigid | named)
+
     def history(self, state: State, before: Array | None = None) -> Array:
         """Return (N, K, 2, 7) states of the presliding elements along a motion.
 
@@ -165,7 +188,8 @@ class Columns:
             state: (N, 7) arrays, part of a motion.
             history: (N, K, 2, 7), the same part of :meth:`history`.
         """
-        arm = self.arm
+        arm, measured = self.mounted, state
+        state = self.posture.true(measured)
         rigid = rigid_body.regressor(arm, state.q, state.qd, state.qdd, arm.gravity)
         parts = [rigid @ self.base, gravity.regressor(state.q, arm.gravity)[..., :SPRINGS]]
         for term in self._terms:
@@ -181,6 +205,8 @@ class Columns:
                     [part[..., :7] + part[..., 7:14], part[..., 14:21] + part[..., 21:]], axis=-1
                 )
             parts.append(part)
+        if self.posture.links is not None:
+            parts.append(self.posture.slopes(self.arm, measured))
         return np.matmul(arm.actuator_to_joint.T, np.concatenate(parts, axis=-1))
 
     @cached_property
@@ -200,6 +226,17 @@ class Columns:
         """Return (degree + 1, degree + 1): a joint's powers from its Legendre polynomials."""
         return self._legendre[joint::N_JOINTS, joint::N_JOINTS]
 
+    def corrected(self, theta: Array) -> Posture:
+        """Return the posture that (p,) coefficients ask for, with their links for its slopes."""
+        rigid = self.base.shape[1]
+        offset, tilt = self.posture.offset.copy(), self.posture.tilt.copy()
+        for column, value in zip(self.columns, theta.tolist(), strict=True):
+            if column.effect == "joint_offset":
+                offset[column.joint] += value
+            elif column.effect == "base_tilt":
+                tilt[column.index] += value
+        return Posture(offset, tilt, self.base @ theta[:rigid], theta[rigid : rigid + SPRINGS])
+
     def terms(self, theta: Array, links: Array | None = None) -> tuple[LinearTerm, ...]:
         """Return the model's terms for (p,) coefficients; those that are zero are left out.
 
@@ -215,9 +252,9 @@ class Columns:
         if links is None:
             links = self.base @ rigid
         if links.any() or springs.any():
-            beta = beta_map(self.arm) @ links
+            beta = beta_map(self.mounted) @ links
             beta[:SPRINGS] += springs
-            built.append(Gravity(self.arm, beta, self.arm.gravity))
+            built.append(Gravity(self.arm, beta, self.mounted.gravity))
             zero = LinkInertia(self.arm, np.zeros((len(TREE_LINKS), rigid_body.PER_LINK)))
             built.append(zero.with_theta(links))
         start = len(rigid) + SPRINGS

@@ -11,16 +11,15 @@ from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.covariance import uncertainty
 from dvrk_gravity.identification.errors import joint_errors
-from dvrk_gravity.identification.folds import Folds, make_folds
+from dvrk_gravity.identification.folds import Folds
 from dvrk_gravity.identification.identifiability import describe
-from dvrk_gravity.identification.moments import Design, Moments, build_design
-from dvrk_gravity.identification.motion import Motion, Source, read_motions
+from dvrk_gravity.identification.moments import Design
+from dvrk_gravity.identification.motion import Source, read_motions
 from dvrk_gravity.identification.physical import certificate, physical_links
+from dvrk_gravity.identification.posture_search import around_posture
+from dvrk_gravity.identification.problem import Problem, pose, solved
 from dvrk_gravity.identification.regression import (
-    ROUNDS,
     Solution,
-    correlation_time,
-    huber_weights,
     solve,
 )
 from dvrk_gravity.identification.result import (
@@ -30,7 +29,7 @@ from dvrk_gravity.identification.result import (
     JointError,
     Trace,
 )
-from dvrk_gravity.identification.selection import Selection, split_moments, starts
+from dvrk_gravity.identification.selection import Selection, starts
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
@@ -40,30 +39,6 @@ Report = Callable[[str, float], None]
 # and none where the sign of the velocity is noise.
 FRICTION_RATIO = 0.7
 DEAD_BAND = 0.05  # rad/s
-MEMORY = 2.0  # s, longest correlation of the residual that is looked at
-
-
-@dataclass(frozen=True, eq=False)
-class Weighting:
-    """What the residual of the richest model says about the noise.
-
-    Attributes:
-        motor: (7,) inverse variance of one sample, divided by how many samples count as one.
-        sample: (n, 7) robust weights.
-    """
-
-    motor: Array
-    sample: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """What is asked of the data, before any term is chosen."""
-
-    design: Design
-    folds: Folds
-    weighting: Weighting
-    selection: Selection
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +91,9 @@ def fit_dynamic(
     chosen = selection.search(
         starts(columns, effects), lambda share: report("choice of terms", share)
     )
+    problem, chosen = around_posture(problem, chosen, motions.parts, report)
+    selection = problem.selection
+    columns, design = problem.design.columns, problem.design
     found = estimate(problem, chosen, physical)
     return Fit(
         model=_model(columns, chosen, found.solution, found.links),
@@ -134,30 +112,6 @@ def fit_dynamic(
     )
 
 
-def pose(
-    motions: Sequence[Motion],
-    arm: Arm,
-    effects: Sequence[str] | None = None,
-    progress: Callable[[float], None] = lambda share: None,
-) -> Problem:
-    """Return the least-squares problem of some motions, before any term is chosen.
-
-    Args:
-        motions: At least one.
-        arm: The arm.
-        effects: Effects that may be used besides the rigid body; ``None``: all.
-        progress: Called with the share of the regressor that is done.
-    """
-    q = np.concatenate([motion.state.q for motion in motions])
-    columns = Columns(arm, q.min(axis=0), q.max(axis=0))
-    design = build_design(columns, motions, progress)
-    folds = make_folds(design)
-    weighting = weigh(design)
-    train, test = split_moments(design, folds, weighting.sample)
-    selection = Selection(columns, train, test, weighting.motor, effects=effects)
-    return Problem(design, folds, weighting, selection)
-
-
 def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) -> Estimate:
     """Fit the chosen columns and say how certain the result is.
 
@@ -168,8 +122,7 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) ->
     """
     design, weighting = problem.design, problem.weighting
     columns, index = design.columns, list(chosen)
-    whole = Moments.of(design.x, design.y, weighting.sample).select(index)
-    solution = solve(whole, weighting.motor, columns.scale[index], columns.positive[index])
+    solution = solved(problem, chosen)
     links = None
     if physical:
         theta, links = physical_links(columns, index, solution)
@@ -181,29 +134,6 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) ->
     weight = weighting.sample * weighting.motor
     parameters, identifiability = describe(columns, index, solution, spread, design, weight)
     return Estimate(solution, links, predicted, blind, parameters, identifiability)
-
-
-def weigh(design: Design) -> Weighting:
-    """Estimate each motor's noise, its correlation, and outliers, from the richest model.
-
-    With every column in, what remains is noise and not a missing term, so that no structure is
-    taken for outliers.
-    """
-    columns = design.columns
-    sample = np.ones_like(design.y)
-    seen = design.measured
-    motor = 1.0 / np.maximum(0.1 * design.y.std(axis=0, where=seen), 1e-6) ** 2
-    for _ in range(ROUNDS):
-        moments = Moments.of(design.x, design.y, sample)
-        theta = solve(moments, motor, columns.scale, columns.positive).theta
-        residual = design.y - design.x @ theta
-        for j, rows in enumerate(seen.T):
-            sample[rows, j] = huber_weights(residual[rows, j])
-        # An outlier must not tell how noisy its motor is.
-        residual = sample * residual
-        together = correlation_time(residual, design.part, int(MEMORY * design.rate))
-        motor = 1.0 / (np.maximum(residual.var(axis=0, where=seen), 1e-12) * together)
-    return Weighting(motor, sample)
 
 
 def _held_out(
@@ -231,7 +161,8 @@ def _model(
         "friction_compensation.ratio": (FRICTION_RATIO,) * N_JOINTS,
         "friction_compensation.dead_band": (DEAD_BAND,) * N_JOINTS,
     }
-    return TorqueModel(columns.arm, columns.terms(theta, links), node)
+    offset = columns.corrected(theta).offset
+    return TorqueModel(columns.arm, columns.terms(theta, links), node, joint_offset=offset)
 
 
 def _errors(design: Design, predicted: Array, coordinates: Coordinates) -> dict[str, JointError]:

@@ -33,13 +33,15 @@ class _Quantity:
         name: As in the model file.
         unit: SI unit.
         direction: (p,) weights of the chosen coefficients.
-        joint: Joint that it acts on, -1 for links.
+        joint: Joint that it acts on, -1 for links and base.
+        around: Value that the combination adds to.
     """
 
     name: str
     unit: str
     direction: Array
     joint: int
+    around: float = 0.0
 
 
 def describe(
@@ -63,7 +65,7 @@ def describe(
     quantities = list(_quantities(columns, chosen))
     parameters = []
     for quantity in quantities:
-        value = float(quantity.direction @ solution.theta)
+        value = quantity.around + float(quantity.direction @ solution.theta)
         interval = spread.interval(value, quantity.direction)
         known = spread.identifiable(quantity.direction)
         parameters.append(FittedParameter(quantity.name, value, quantity.unit, interval, known))
@@ -96,12 +98,12 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
 
     springs = {columns.columns[i].index: index[i] for i in columns.select(effect="gravity")}
     if rigid:
-        for k, line in enumerate(beta_map(columns.arm) @ columns.base):
+        for k, line in enumerate(beta_map(columns.mounted) @ columns.base):
             values = dict(zip(rigid, line, strict=True))
             if k in springs:
                 values[springs[k]] = 1.0
             found.append(_Quantity(f"beta[{k}] ({BETA_NAMES[k]})", "N·m", row(values), -1))
-        for name, unit, combination in base_parameters(columns.arm):
+        for name, unit, combination in base_parameters(columns.mounted):
             line = combination @ columns.base
             found.append(_Quantity(name, unit, row(dict(zip(rigid, line, strict=True))), -1))
     for j, joint in enumerate(JOINT_NAMES):
@@ -124,6 +126,13 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
             if column.effect == "presliding_hysteresis":
                 name += f" over {DISPLACEMENTS[column.index]:g} rad"
             found.append(_Quantity(name, units[column.effect], row({index[i]: 1.0}), column.joint))
+        elif column.effect == "joint_offset":
+            name, around = JOINT_NAMES[column.joint], columns.posture.offset[column.joint]
+            one = row({index[i]: 1.0})
+            found.append(_Quantity(f"joint_offset[{name}]", "rad", one, column.joint, around))
+        elif column.effect == "base_tilt":
+            name, around = ("roll", "pitch")[column.index], columns.posture.tilt[column.index]
+            found.append(_Quantity(f"base_tilt.{name}", "rad", row({index[i]: 1.0}), -1, around))
     return found
 
 

@@ -22,6 +22,8 @@ LEAST_GAIN = 0.004
 STANDARD_ERRORS = 1.0
 MOST_STEPS = 60
 RIGID = ("link_inertia", "gravity")
+POSTURE = ("base_tilt", "joint_offset")
+CLEAR = 1.5  # standard errors by which zeros and tilt must pay: they turn everything else
 
 
 @dataclass(frozen=True)
@@ -175,7 +177,36 @@ class Selection:
         ]
         return chosen
 
-    def _try(self, move: Move, chosen: list[int], current: Array) -> Trial:
+    def posture(self, chosen: list[int]) -> list[int]:
+        """Add tilt and zeros for as long as the best of them pays clearly."""
+        current = self.score(chosen)
+        while True:
+            trials = [
+                self._try(move, chosen, current, CLEAR) for move in self._posture_moves(chosen)
+            ]
+            best = max(trials, key=lambda trial: trial.worth, default=None)
+            kept = best is not None and best.worth > 0.0
+            self.choices += [
+                self._choice(trial.move, current, trial.errors, kept)
+                for trial in ([best] if kept and best else trials)
+            ]
+            if best is None or not kept:
+                return chosen
+            chosen, current = self._apply(chosen, best.move), best.errors
+
+    def _posture_moves(self, chosen: Sequence[int]) -> Iterator[Move]:
+        for effect in filter(self.allowed, POSTURE):
+            free = [i for i in self.columns.select(effect=effect) if i not in chosen]
+            if effect == "base_tilt" and free:
+                yield Move(tuple(free), (), effect)
+            elif effect == "joint_offset":
+                for i in free:
+                    name = JOINT_NAMES[self.columns.columns[i].joint]
+                    yield Move((i,), (), f"{effect} {name}")
+
+    def _try(
+        self, move: Move, chosen: list[int], current: Array, clear: float = STANDARD_ERRORS
+    ) -> Trial:
         errors = self.score(self._apply(chosen, move))
         gain, uncertainty = self.compare(current, errors)
         if not move.add:
@@ -183,7 +214,7 @@ class Selection:
             return Trial(move, errors, gain + 0.25 * LEAST_GAIN * len(move.remove))
         more = max(1, len(move.add) - len(move.remove))
         worth = gain - LEAST_GAIN * more
-        return Trial(move, errors, worth if worth > STANDARD_ERRORS * uncertainty else 0.0)
+        return Trial(move, errors, worth if worth > clear * uncertainty else 0.0)
 
     def _apply(self, chosen: list[int], move: Move) -> list[int]:
         return sorted((set(chosen) | set(move.add)) - set(move.remove))

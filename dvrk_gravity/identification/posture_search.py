@@ -1,0 +1,83 @@
+"""The search for zeros of joints and a tilt of the base that pay on held-out blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dvrk_gravity.identification.motion import Motion
+from dvrk_gravity.identification.problem import Problem, pose, solved
+from dvrk_gravity.identification.selection import POSTURE, starts
+
+STEPS = 6  # at most, of Gauss and Newton
+SETTLED = 1e-4  # rad
+
+
+def around_posture(
+    problem: Problem,
+    chosen: list[int],
+    motions: Sequence[Motion],
+    report: Callable[[str, float], None],
+) -> tuple[Problem, list[int]]:
+    """Return the problem around the best zeros and tilt, if any pays, and its columns.
+
+    Their own columns stay in the fit, so that all parameters' intervals know of them. What was
+    chosen around a wrong posture may have made up for it, so the other columns are chosen anew.
+
+    Args:
+        problem: Around the posture that is assumed.
+        chosen: Its columns.
+        motions: What it was posed of.
+        report: Called with the stage and the share of it that is done.
+    """
+    assumed = problem.selection
+    if not any(assumed.allowed(effect) for effect in POSTURE):
+        return problem, chosen
+    report("zeros and tilt", 0.0)
+    around, start = _moved(problem, chosen, motions)
+    selection = around.selection
+    selection.choices = []
+    found = selection.posture(start)
+    choices = selection.choices
+    if len(found) == len(start):
+        assumed.choices += choices
+        return problem, chosen
+    report("zeros and tilt", 0.3)
+    around, found = _settled(around, found, motions)
+    columns, selection = around.design.columns, around.selection
+    moved = [i for i in found if columns.columns[i].effect in POSTURE]
+    plain = [sorted({*one, *moved}) for one in starts(columns, selection.effects)]
+    found = selection.search(plain, lambda share: report("choice of terms", share))
+    choices += selection.choices
+    around, found = _settled(around, found, motions)
+    around.selection.choices = choices
+    return around, found
+
+
+def _moved(
+    problem: Problem, chosen: Sequence[int], motions: Sequence[Motion]
+) -> tuple[Problem, list[int]]:
+    """Return the problem around the posture that a fit asks for."""
+    columns, selection = problem.design.columns, problem.selection
+    theta = np.zeros(len(columns.columns))
+    theta[list(chosen)] = solved(problem, chosen).theta
+    around = pose(motions, columns.arm, selection.effects, posture=columns.corrected(theta))
+    return around, columns.same(chosen, around.design.columns)
+
+
+def _settled(
+    problem: Problem, chosen: list[int], motions: Sequence[Motion]
+) -> tuple[Problem, list[int]]:
+    """Return the problem around the posture at which a fit changes it no more."""
+    for _ in range(STEPS):
+        columns = problem.design.columns
+        change = [
+            abs(value)
+            for i, value in zip(chosen, solved(problem, chosen).theta.tolist(), strict=True)
+            if columns.columns[i].effect in POSTURE
+        ]
+        if max(change) < SETTLED:
+            break
+        problem, chosen = _moved(problem, chosen, motions)
+    return problem, chosen

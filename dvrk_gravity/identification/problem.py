@@ -1,0 +1,106 @@
+"""The least-squares problem that motions pose, before any term is chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.folds import Folds, make_folds
+from dvrk_gravity.identification.moments import Design, Moments, build_design
+from dvrk_gravity.identification.motion import Motion
+from dvrk_gravity.identification.posture import Posture
+from dvrk_gravity.identification.regression import (
+    ROUNDS,
+    Solution,
+    correlation_time,
+    huber_weights,
+    solve,
+)
+from dvrk_gravity.identification.selection import Selection, split_moments
+from dvrk_gravity.recording.data import Array
+
+MEMORY = 2.0  # s, longest correlation of the residual that is looked at
+
+
+@dataclass(frozen=True, eq=False)
+class Weighting:
+    """What the residual of the richest model says about the noise.
+
+    Attributes:
+        motor: (7,) inverse variance of one sample, divided by how many samples count as one.
+        sample: (n, 7) robust weights.
+    """
+
+    motor: Array
+    sample: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is asked of the data, before any term is chosen."""
+
+    design: Design
+    folds: Folds
+    weighting: Weighting
+    selection: Selection
+
+
+def pose(
+    motions: Sequence[Motion],
+    arm: Arm,
+    effects: Sequence[str] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+    posture: Posture | None = None,
+) -> Problem:
+    """Return the least-squares problem of some motions, before any term is chosen.
+
+    Args:
+        motions: At least one.
+        arm: The arm.
+        effects: Effects that may be used besides the rigid body; ``None``: all.
+        progress: Called with the share of the regressor that is done.
+        posture: Where joints and base are; with links, its slopes are columns too.
+    """
+    q = np.concatenate([motion.state.q for motion in motions])
+    columns = Columns(arm, q.min(axis=0), q.max(axis=0), posture)
+    design = build_design(columns, motions, progress)
+    folds = make_folds(design)
+    weighting = weigh(design)
+    train, test = split_moments(design, folds, weighting.sample)
+    selection = Selection(columns, train, test, weighting.motor, effects=effects)
+    return Problem(design, folds, weighting, selection)
+
+
+def solved(problem: Problem, chosen: Sequence[int]) -> Solution:
+    """Return the fit of the chosen columns to all samples."""
+    design, weighting, index = problem.design, problem.weighting, list(chosen)
+    whole = Moments.of(design.x, design.y, weighting.sample).select(index)
+    columns = design.columns
+    return solve(whole, weighting.motor, columns.scale[index], columns.positive[index])
+
+
+def weigh(design: Design) -> Weighting:
+    """Estimate each motor's noise, its correlation, and outliers, from the richest model.
+
+    With every column in, what remains is noise and not a missing term, so that no structure is
+    taken for outliers.
+    """
+    columns = design.columns
+    sample = np.ones_like(design.y)
+    seen = design.measured
+    motor = 1.0 / np.maximum(0.1 * design.y.std(axis=0, where=seen), 1e-6) ** 2
+    for _ in range(ROUNDS):
+        moments = Moments.of(design.x, design.y, sample)
+        theta = solve(moments, motor, columns.scale, columns.positive).theta
+        residual = design.y - design.x @ theta
+        for j, rows in enumerate(seen.T):
+            sample[rows, j] = huber_weights(residual[rows, j])
+        # An outlier must not tell how noisy its motor is.
+        residual = sample * residual
+        together = correlation_time(residual, design.part, int(MEMORY * design.rate))
+        motor = 1.0 / (np.maximum(residual.var(axis=0, where=seen), 1e-12) * together)
+    return Weighting(motor, sample)
