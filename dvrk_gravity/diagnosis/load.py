@@ -14,6 +14,7 @@ from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning, LowPass, Recording, prepare
+from dvrk_gravity.recording.grid import quantum
 
 Array = NDArray[np.float64]
 
@@ -91,9 +92,13 @@ def load(recordings: Sequence[Recording], model: TorqueModel) -> Loaded:
         warnings += [w for w in prepared.warnings if w not in warnings]
         handling += [h for h in prepared.handling if h not in handling]
         thin = 1 if rate is None else max(1, round(rate / RATE))
+        step = _step(recording, model.arm)
         for segment in prepared.segments:
-            rows = segment.core
-            pieces.append(_piece(segment.recording, segment.acceleration, rows, thin, model, start))
+            pieces.append(
+                _piece(
+                    segment.recording, segment.acceleration, segment.core, thin, model, start, step
+                )
+            )
         floors.append(_noise_density(recording, model.arm))
     motion = _join(pieces)
     if static and len(motion.q) < FEWEST:
@@ -119,6 +124,7 @@ def _piece(
     thin: int,
     model: TorqueModel,
     start: float,
+    step: Array,
 ) -> Motion:
     def full(values: Array | None, fill: float = 0.0) -> Array:
         result = np.full((len(recording), N_JOINTS), fill)
@@ -143,7 +149,17 @@ def _piece(
     else:
         time = recording.time[rows][::thin] + start
         rate = (recording.rate or 1.0) / thin
-    return Motion(model, q, qd, qdd, effort, direction, time, (slice(0, len(q)),), rate, present)
+    parts = (slice(0, len(q)),)
+    return Motion(model, q, qd, qdd, effort, direction, time, parts, rate, present, step)
+
+
+def _step(recording: Recording, arm: Arm) -> Array:
+    """Return (7,) steps in which the joints' positions are read, rad."""
+    order = [recording.joints.index(joint) for joint in JOINT_NAMES]
+    steps = np.array([quantum(recording.position[:, column]) for column in order])
+    if recording.coordinates == "actuator":
+        steps = np.abs(arm.actuator_to_joint) @ steps
+    return np.asarray(steps)
 
 
 def _join(pieces: Sequence[Motion]) -> Motion:
