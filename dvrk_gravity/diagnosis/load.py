@@ -15,6 +15,7 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.motion import completed, require_all
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning, LowPass, Recording, prepare
+from dvrk_gravity.recording.grid import quantum
 
 Array = NDArray[np.float64]
 
@@ -87,11 +88,18 @@ def load(
         warnings += [w for w in prepared.warnings if w not in warnings]
         handling += [h for h in prepared.handling if h not in handling]
         thin = 1 if rate is None else max(1, round(rate / RATE))
+        step = _step(recording, model.arm)
         for segment in prepared.segments:
-            rows = segment.core
             pieces.append(
                 _piece(
-                    segment.recording, segment.acceleration, rows, thin, model, start, still or {}
+                    segment.recording,
+                    segment.acceleration,
+                    segment.core,
+                    thin,
+                    model,
+                    start,
+                    still or {},
+                    step,
                 )
             )
         floors.append(_noise_density(recording, model.arm))
@@ -120,6 +128,7 @@ def _piece(
     model: TorqueModel,
     start: float,
     still: Mapping[str, float],
+    step: Array,
 ) -> Motion:
     def full(values: Array | None, fill: float = 0.0) -> Array:
         result = np.full((len(recording), N_JOINTS), fill)
@@ -150,7 +159,17 @@ def _piece(
     else:
         time = recording.time[rows][::thin] + start
         rate = (recording.rate or 1.0) / thin
-    return Motion(model, q, qd, qdd, effort, direction, time, (slice(0, len(q)),), rate, present)
+    parts = (slice(0, len(q)),)
+    return Motion(model, q, qd, qdd, effort, direction, time, parts, rate, present, step)
+
+
+def _step(recording: Recording, arm: Arm) -> Array:
+    """Return (7,) steps in which the joints' positions are read, rad."""
+    order = [recording.joints.index(joint) for joint in JOINT_NAMES]
+    steps = np.array([quantum(recording.position[:, column]) for column in order])
+    if recording.coordinates == "actuator":
+        steps = np.abs(arm.actuator_to_joint) @ steps
+    return np.asarray(steps)
 
 
 def _join(pieces: Sequence[Motion]) -> Motion:

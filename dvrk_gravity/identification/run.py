@@ -16,9 +16,24 @@ from dvrk_gravity.identification.motion import head, read, require_all, whole
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.recording import DataWarning, Recording, RecordingFile, Trajectory
 from dvrk_gravity.recording.data import Coordinates
-from dvrk_gravity.terms import TERMS
 
 Report = Callable[[str, float], None]
+
+
+IDENTIFIED = (
+    "base_tilt", "coulomb_friction", "elastic_cable", "gravity", "joint_offset", "link_inertia",
+    "presliding_hysteresis", "rotor_inertia", "viscous_friction",
+)  # fmt: skip
+"""Effects that trajectories are fitted with."""
+
+_BY_DIAGNOSIS = "`diagnose` finds it and extends the model"
+_ELSEWHERE = {
+    "payload": "what a link carries is in the parameters of links, which are fitted anyway",
+    "torque_offset": "a constant torque is the first coefficient of elastic_cable",
+    "stribeck_friction": _BY_DIAGNOSIS,
+    "cogging": _BY_DIAGNOSIS,
+    "contact": _BY_DIAGNOSIS,
+}
 
 
 def identify(
@@ -52,10 +67,10 @@ def identify(
     """
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
-    names = {term.NAME for term in TERMS}
     for effect in effects or ():
-        if effect not in names:
-            raise ConfigError("--terms", effect, f"some of {', '.join(sorted(names))}")
+        if effect not in IDENTIFIED:
+            why = f" ({_ELSEWHERE[effect]})" if effect in _ELSEWHERE else ""
+            raise ConfigError("--terms", effect, f"some of {', '.join(IDENTIFIED)}{why}")
     given = _each(coordinates, len(recordings))
     if all_static(recordings):
         fit = _static(recordings, arm, given, effects, physical, report)
