@@ -37,7 +37,9 @@ SIZES = {  # mass kg, centre m
 }
 
 
-def truth(seed: int, duration: float = 24.0, rate: float = 100.0) -> Recording:
+def truth(
+    seed: int, duration: float = 24.0, rate: float = 100.0, gravity: np.ndarray = ARM.gravity
+) -> Recording:
     """Return an exciting motion with torques from Pinocchio and friction written out here."""
     random = np.random.default_rng(seed)
     time = np.arange(int(duration * rate)) / rate
@@ -53,7 +55,7 @@ def truth(seed: int, duration: float = 24.0, rate: float = 100.0) -> Recording:
     bodies = {body: pin.Inertia.FromSphere(mass, 0.05) for body, (mass, _) in SIZES.items()}
     for body, (_, centre) in SIZES.items():
         bodies[body].lever = np.array(centre)
-    tree = build_tree(ARM, bodies, ARM.gravity)
+    tree = build_tree(ARM, bodies, gravity)
     effort = np.array([tree.inverse_dynamics(*one) for one in zip(q, qd, qdd, strict=True)])
     # The elbow's friction is its motor's, which turns with q2 + q3.
     at_joint = np.array([1, 1, 0, 1, 1, 1, 1])

@@ -1,0 +1,106 @@
+"""A zero that is off and a base that is tilted are found, and not where there are none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from test_identify import ARM, parameter, truth
+
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification.posture import OFFSETS, Posture
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.terms import State
+from dvrk_gravity.tree import TREE_LINKS, build_tree, link_frames
+
+TERMS = ("coulomb_friction", "viscous_friction", "elastic_cable", "base_tilt", "joint_offset")
+ZERO = 0.09  # rad, of wrist_platform
+ROLL, PITCH = 0.06, -0.05  # rad
+TILTED = pin.rpy.rpyToMatrix(ROLL, PITCH, 0.0).T @ ARM.gravity
+
+
+def off(recording):
+    """Return a recording whose fourth encoder reads too much."""
+    position = recording.position + ZERO * (np.arange(N_JOINTS) == 3)
+    return replace(recording, position=position)
+
+
+@pytest.fixture(scope="module")
+def displaced():
+    return identify([off(truth(1))], ARM, "joint", TERMS)
+
+
+@pytest.fixture(scope="module")
+def leaning():
+    return identify([truth(1, gravity=TILTED)], ARM, "joint", TERMS)
+
+
+def test_slopes_are_those_of_pinocchios_torques():
+    random = np.random.default_rng(0)
+    bodies = {name: pin.Inertia.Random() for name in TREE_LINKS}
+    frames = link_frames(ARM)
+    links = np.concatenate([frames[n].act(bodies[n]).toDynamicParameters() for n in TREE_LINKS])
+    q, qd, qdd = random.uniform(-1.0, 1.0, (3, 20, N_JOINTS))
+    posture = Posture(0.1 * random.normal(size=N_JOINTS), np.array([0.1, -0.2]), links)
+
+    def torque(offset, tilt):
+        tree = build_tree(ARM, bodies, pin.rpy.rpyToMatrix(*tilt, 0.0).T @ ARM.gravity)
+        states = zip(q - offset, qd, qdd, strict=True)
+        return np.array([tree.inverse_dynamics(*one) for one in states])
+
+    slopes = posture.slopes(ARM, State(q, qd, qdd))
+
+    for column, joint in enumerate(OFFSETS):
+        step = 1e-5 * np.eye(N_JOINTS)[joint]
+        up, down = (torque(posture.offset + s, posture.tilt) for s in (step, -step))
+        assert slopes[..., column] == pytest.approx((up - down) / 2e-5, rel=1e-4, abs=1e-4)
+    for axis in range(2):
+        step = 1e-5 * np.eye(2)[axis]
+        up, down = (torque(posture.offset, posture.tilt + s) for s in (step, -step))
+        assert slopes[..., 5 + axis] == pytest.approx((up - down) / 2e-5, rel=1e-4, abs=1e-4)
+
+
+def test_a_zero_that_is_off_is_found(displaced):
+    found = parameter(displaced, "joint_offset[wrist_platform]")
+    assert found.ci95[0] <= ZERO <= found.ci95[1] or abs(found.value - ZERO) < 0.1 * ZERO
+    assert displaced.model.joint_offset[3] == pytest.approx(found.value)
+    others = [p.name for p in displaced.parameters if p.name.startswith(("joint_off", "base_t"))]
+    assert others == ["joint_offset[wrist_platform]"]
+
+
+def test_a_tilted_base_is_found(leaning):
+    for name, value in (("base_tilt.roll", ROLL), ("base_tilt.pitch", PITCH)):
+        found = parameter(leaning, name)
+        assert found.ci95[0] <= value <= found.ci95[1] or abs(found.value - value) < abs(value) / 10
+    assert not any(p.name.startswith("joint_offset") for p in leaning.parameters)
+
+
+def test_what_was_found_goes_with_the_model_file_to_another_motion(displaced, leaning, tmp_path):
+    for fit, other in ((displaced, off(truth(2))), (leaning, truth(2, gravity=TILTED))):
+        fit.model.save(tmp_path / "model.yaml")
+        loaded = TorqueModel.load(tmp_path / "model.yaml")
+        result = evaluate(loaded, [other])
+        for name in JOINT_NAMES[:6]:
+            assert result.joints[name].r2 > 0.95, name
+        # The compensator's parameters are the file's.
+        q = other.position[0]
+        settings = Settings.from_parameters(loaded.parameters())
+        at_rest = settings.torque(q, np.zeros(N_JOINTS))
+        assert at_rest == pytest.approx(fit.model.torque(q), abs=1e-9)
+
+
+def test_an_arm_that_stands_right_acquires_neither():
+    found = identify([truth(1)], ARM, "joint", TERMS)
+    assert not any(p.name.startswith(("joint_off", "base_tilt")) for p in found.parameters)
+    tried = {choice.term for choice in found.choices if not choice.kept}
+    assert {"base_tilt", "joint_offset wrist_platform"} <= tried
+
+
+def test_terms_that_are_found_elsewhere_say_where():
+    with pytest.raises(ConfigError, match="parameters of links"):
+        identify([truth(1, 2.0)], ARM, "joint", ["payload"])
