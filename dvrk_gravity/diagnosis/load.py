@@ -15,6 +15,7 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.motion import completed, require_all
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning, LowPass, Recording, prepare
+from dvrk_gravity.recording.grid import quantum
 
 Array = NDArray[np.float64]
 
@@ -87,6 +88,7 @@ def load(
         warnings += [w for w in prepared.warnings if w not in warnings]
         handling += [h for h in prepared.handling if h not in handling]
         thin = 1 if rate is None else max(1, round(rate / RATE))
+        step = _step(recording, model.arm)
         for segment in prepared.segments:
             rows = segment.core
             pieces.append(
@@ -94,6 +96,7 @@ def load(
                     segment.recording, segment.acceleration, rows, thin, model, start, still or {}
                 )
             )
+            pieces[-1] = replace(pieces[-1], step=step)
         floors.append(_noise_density(recording, model.arm))
     motion = _join(pieces)
     if static and len(motion.q) < FEWEST:
@@ -153,6 +156,16 @@ def _piece(
     return Motion(model, q, qd, qdd, effort, direction, time, (slice(0, len(q)),), rate, present)
 
 
+def _step(recording: Recording, arm: Arm) -> Array:
+    """Return (7,) steps in which the joints' positions are read, rad; 0 of those that are not."""
+    steps = np.zeros(N_JOINTS)
+    for joint, column in zip(recording.joints, recording.position.T, strict=True):
+        steps[JOINT_NAMES.index(joint)] = quantum(column)
+    if recording.coordinates == "actuator":
+        steps = np.abs(arm.actuator_to_joint) @ steps
+    return steps
+
+
 def _join(pieces: Sequence[Motion]) -> Motion:
     edges = np.concatenate([[0], np.cumsum([len(piece.q) for piece in pieces])]).tolist()
     first = pieces[0]
@@ -180,7 +193,9 @@ def _noise_density(recording: Recording, arm: Arm) -> Array:
     low = LowPass(cutoff, rate)
     if len(recording) <= 4 * low.edge:
         return unknown
-    effort = recording.effort[:, [recording.joints.index(joint) for joint in JOINT_NAMES]]
+    columns = [JOINT_NAMES.index(joint) for joint in recording.joints]
+    effort = np.zeros((len(recording), N_JOINTS))
+    effort[:, columns] = recording.effort
     if recording.coordinates == "actuator":
         # Of the joints' efforts themselves: the motors' noises need not be independent.
         effort = arm.joint_effort(effort)
@@ -189,4 +204,5 @@ def _noise_density(recording: Recording, arm: Arm) -> Array:
     # Two runs of a second-order Butterworth: amplitude 1 / (1 + (f / fc)^4).
     left = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
     variance = np.mean(high[low.edge : -low.edge] ** 2, axis=0) / left
-    return np.asarray(np.sqrt(variance / (rate / 2.0)))
+    known = np.isin(np.arange(N_JOINTS), columns)
+    return np.where(known, np.sqrt(variance / (rate / 2.0)), np.nan)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass
-from dvrk_gravity.terms import Gravity, State, rigid_body
+from dvrk_gravity.terms import CoulombFriction, Gravity, State, rigid_body
 
 Array = NDArray[np.float64]
 
@@ -23,6 +23,8 @@ _SMEARED = 0.025  # s, by which the filter of the kinematics, 20 Hz, is early or
 _TURNING_BAND = 8.0  # Hz
 _RANK = 3e-3  # pivots below this part of the first are not told apart by the motion
 _STILL = 0.06  # of a joint's RMS speed
+_SLOW = 0.4  # likewise: faster, friction is taken at its word
+_STEP_RATE = 20.0  # encoder steps a second: fewer show in a velocity of that band as pulses
 _WHOLE = 0.9  # of a motor's torque, that a joint must feel to be held by it
 
 
@@ -41,6 +43,7 @@ class Motion:
         parts: Contiguous parts, uniformly sampled.
         rate: Hz; ``None`` for static poses.
         present: (7,) which joints were recorded.
+        step: (7,) steps of the positions, rad.
     """
 
     model: TorqueModel
@@ -53,6 +56,7 @@ class Motion:
     parts: tuple[slice, ...]
     rate: float | None
     present: NDArray[np.bool_] = field(default_factory=lambda: np.ones(N_JOINTS, dtype=bool))
+    step: Array = field(default_factory=lambda: np.zeros(N_JOINTS))
 
     @property
     def arm(self) -> Arm:
@@ -126,21 +130,34 @@ class Motion:
         if self.rate is None:
             return result
         for joint in np.flatnonzero(self.moves).tolist():
-            result[:, joint] = self._turning(np.eye(N_JOINTS)[joint])
+            result[:, joint] = self._turning(np.eye(N_JOINTS)[joint], joint)
         if self.present.all():
             to_motor = self.arm.joint_to_actuator
-            for row in to_motor[np.abs(to_motor).sum(axis=1) > 1.0]:
-                felt = (np.abs(row) > _WHOLE) & self.moves
-                result[:, felt] |= self._turning(row)[:, None]
+            for motor in np.flatnonzero(np.abs(to_motor).sum(axis=1) > 1.0).tolist():
+                felt = (np.abs(to_motor[motor]) > _WHOLE) & self.moves
+                result[:, felt] |= self._turning(to_motor[motor], motor)[:, None]
         return result
 
-    def _turning(self, row: Array) -> NDArray[np.bool_]:
-        """Return (N,) samples in which a row of the joints stands still or turns back."""
+    def _turning(self, row: Array, index: int) -> NDArray[np.bool_]:
+        """Return (N,) samples in which a joint or motor stands still or turns back.
+
+        Args:
+            row: (7,) joint velocities -> its velocity.
+            index: Its number.
+        """
         assert self.rate is not None
         # An encoder's steps are no turning back.
         low = LowPass(min(_TURNING_BAND, self.rate / 6.0), self.rate)
         speed = self.qd @ row
-        slow = max(_STILL * float(np.sqrt(np.mean(speed**2))), 2 * _SLOWEST)
+        typical = float(np.sqrt(np.mean(speed**2)))
+        slow = max(_STILL * typical, 2 * _SLOWEST)
+        friction = self.model.term(CoulombFriction.NAME)
+        # Where the encoder steps too rarely for its direction to be seen all the time, and where
+        # the model's friction is but on its way, for smoothness' sake, neither can say.
+        unseen = _STEP_RATE * float(self.step @ np.abs(row))
+        if isinstance(friction, CoulombFriction):
+            unseen = max(unseen, float(friction.transition_velocity[index]))
+        slow = max(slow, min(unseen, _SLOW * typical))
         wide = np.ones(1 + 2 * math.ceil(_SMEARED * self.rate))
         result = np.zeros(len(speed), dtype=bool)
         for part in self.parts:

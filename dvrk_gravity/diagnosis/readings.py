@@ -130,7 +130,13 @@ def try_readings(motion: Motion) -> list[ReadingScore]:
             continue
         better = np.bincount(block, (np.log(before + 0.1 * scale)
                                      - np.log(after + 0.1 * scale)).sum(axis=1))  # fmt: skip
-        p_value = float(stats.wilcoxon(better, alternative="greater").pvalue)
+        # Where a joint is held or bears nothing, a block says nothing of its sign: ranks may leave
+        # in doubt what the likelihood, were there but one sample a block, does not.
+        ratio = 0.5 * _BLOCKS * float(np.log(scale / mean).sum())
+        p_value = 2.0 * min(
+            float(stats.wilcoxon(better, alternative="greater").pvalue),
+            float(stats.chi2.sf(2.0 * ratio, 1)),
+        )
         removed = float(1.0 - np.sqrt(np.min(mean / scale)))
         scores.append(ReadingScore(reading, gain, min(1.0, p_value * len(alternatives)), removed))
     return sorted(scores, key=lambda score: -score.gain)

@@ -115,7 +115,8 @@ def _units(recording: Recording) -> list[DataWarning]:
         if values is None:
             continue
         for joint, peak in zip(recording.joints, np.max(np.abs(values), axis=0), strict=True):
-            if peak > margin * largest[joint]:
+            # Below what some joint reaches, two joints may be exchanged: no matter of units.
+            if peak > max(margin * largest[joint], *largest.values()):
                 findings.append(
                     DataWarning(
                         kind,
