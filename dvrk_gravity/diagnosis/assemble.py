@@ -41,7 +41,7 @@ from dvrk_gravity.diagnosis.words import sentence_of
 Array = NDArray[np.float64]
 _ABOVE_FLOOR = 2.5  # times the noise: more than that is structure, if it lasts
 _FAR_ABOVE_FLOOR = 5.0  # more than that cannot be noise, of whatever colour
-_LASTING = 0.5  # part of an error that lasts as long as a motion does, and noise does not
+_LASTING = 0.6  # part of an error that lasts as long as a motion does, and noise does not
 Readings = Sequence[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]]
 
 

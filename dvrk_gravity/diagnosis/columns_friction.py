@@ -67,9 +67,7 @@ def friction(motion: Motion) -> Iterator[Hypothesis]:
             yield _presliding(joint, place, row, part * half, with_coulomb=True)
 
 
-def _coulomb(
-    joint: int, place: str, row: Array, slow: float | None, one_level: bool
-) -> Hypothesis:
+def _coulomb(joint: int, place: str, row: Array, slow: float | None, one_level: bool) -> Hypothesis:
     """Return Coulomb friction that is whole from a speed on; of poses, whole (``slow`` is None)."""
 
     def build(motion: Motion, setting: Setting) -> Array:

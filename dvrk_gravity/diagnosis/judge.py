@@ -137,15 +137,16 @@ class Judge:
         )
         torque = one.columns[self._held] @ theta[first : first + one.size]
         power = (np.where(self._usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
-        energy = np.bincount(self._block, power)
-        if not energy.any():
-            return None
+        least = _ACTS * np.bincount(self._block, power).max(initial=0.0)
         settings = one.hypothesis.setting
         for edge in (settings[name] for name in EDGES if name in settings):
             # Of an edge within a held-out block the choice could not know where it is.
             near = np.abs(self._time - edge) < BLOCK
-            before[near] = after[near] = 0.0
-        gain = self.gain(before, after, joints, np.flatnonzero(energy > _ACTS * energy.max()))
+            before[near] = after[near] = power[near] = 0.0
+        blocks = np.flatnonzero(np.bincount(self._block, power) > least)
+        if not len(blocks):
+            return None
+        gain = self.gain(before, after, joints, blocks)
         if gain.relative > _LEAST_REMOVED and (gain.low > 0.0 or gain.p_value < _ALPHA):
             return None
         return Unconfirmed(one.hypothesis, JOINT_NAMES[joints[0]], gain)

@@ -111,7 +111,8 @@ def load(
                 recordings[0].source,
                 f"holds {total:.3g} s of usable motion, a diagnosis needs at least {SHORTEST:g} s",
             )
-    floor = np.sqrt(np.nanmean(np.square(floors), axis=0)) if not static else np.full(7, np.nan)
+    known = np.ma.masked_invalid(np.square(floors))  # of static poses none is
+    floor = np.sqrt(known.mean(axis=0).filled(np.nan))
     return Loaded(motion, tuple(warnings), tuple(handling), floor)
 
 

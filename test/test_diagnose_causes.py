@@ -1,0 +1,246 @@
+"""What is no effect must not pass for one: filters, noise, encoders, turning back, weights unseen.
+
+The motions are given, and the efforts are the model's own torques: nothing is simulated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy import signal
+
+from dvrk_gravity import TorqueModel, diagnose, gravity
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.readings import try_readings
+from dvrk_gravity.recording import Recording, check, prepare
+from dvrk_gravity.simulate.world import World
+from dvrk_gravity.terms import Gravity
+
+MODEL = World.draw(5).model()
+ARM = MODEL.arm
+RATE = 200.0  # Hz
+NOISE = np.array([0.02, 0.02, 0.02, 0.006, 0.003, 0.003, 0.001])  # N·m
+HALF = np.array([0.4, 0.3, 0.3, 1.0, 0.8, 0.4, 1.0])  # rad, of the motions
+
+
+def sines(duration: float, seed: int = 0, fastest: float = 0.6) -> tuple[np.ndarray, ...]:
+    """Return (N,) times and (N, 7) positions, velocities and accelerations."""
+    random = np.random.default_rng(seed)
+    time = np.arange(int(duration * RATE)) / RATE
+    middle = np.clip(0.5 * (ARM.lower + ARM.upper), -1.0, 1.0)
+    q, qd, qdd = np.tile(middle, (len(time), 1)), *np.zeros((2, len(time), N_JOINTS))
+    for frequencies in random.uniform(0.1, fastest, (2, N_JOINTS)):
+        rate, phase = 2.0 * np.pi * frequencies, random.uniform(0.0, 6.0, N_JOINTS)
+        angle = time[:, None] * rate + phase
+        q += 0.5 * HALF * np.sin(angle)
+        qd += 0.5 * HALF * rate * np.cos(angle)
+        qdd -= 0.5 * HALF * rate**2 * np.sin(angle)
+    return time, q, qd, qdd
+
+
+def recording(time, q, effort, velocity=None, joints=JOINT_NAMES, **more) -> Recording:
+    return Recording(joints=joints, time=time, position=q, velocity=velocity, effort=effort, **more)
+
+
+def noise(count: int, seed: int = 1) -> np.ndarray:
+    return NOISE * np.random.default_rng(seed).normal(size=(count, N_JOINTS))
+
+
+def test_a_velocity_that_a_filter_made_late_is_not_used():
+    time, q, qd, qdd = sines(20.0)
+    late = signal.sosfilt(signal.butter(1, 25.0, fs=RATE, output="sos"), qd - qd[0], axis=0) + qd[0]
+    effort = MODEL.torque(q, qd, qdd)
+
+    used = prepare(recording(time, q, effort, velocity=qd), 20.0)
+    not_used = prepare(recording(time, q, effort, velocity=late), 20.0)
+
+    assert not any("differentiated" in line for line in used.handling)
+    assert any(f"position: {', '.join(JOINT_NAMES)}" in line for line in not_used.handling)
+
+
+def test_noise_that_is_not_white_is_nothing_to_explain():
+    time, q, qd, qdd = sines(20.0)
+    pole = np.exp(-2.0 * np.pi * 4.0 / RATE)
+    coloured = signal.lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], noise(len(q)), axis=0)
+    coloured = 0.75 * coloured + 0.65 * noise(len(q), 2)
+
+    result = diagnose(recording(time, q, MODEL.torque(q, qd, qdd) + coloured), MODEL)
+
+    assert max(result.after[joint] / result.floor[joint] for joint in JOINT_NAMES) > 2.5
+    assert result.verdict == "nothing_to_explain"
+
+
+def test_a_slow_torque_without_a_cause_is_unknown():
+    time, q, qd, qdd = sines(20.0)
+    slow = noise(len(q))
+    slow[:, 1] += 0.1 * np.sin(2.0 * np.pi * 0.9 * time + 3.0 * np.sin(0.7 * time))
+
+    result = diagnose(recording(time, q, MODEL.torque(q, qd, qdd) + slow), MODEL)
+
+    assert {(one.effect, one.joints) for one in result.findings} == {
+        ("unknown", ("shoulder_pitch",))
+    }
+
+
+def test_noise_makes_no_delay_smaller():
+    time, q, qd, qdd = sines(20.0, fastest=0.3)
+    delay = 0.05
+    torque = MODEL.torque(q, qd, qdd)
+    late = np.stack([np.interp(time - delay, time, one) for one in torque.T], axis=1)
+
+    result = diagnose(recording(time, q, late + 2.0 * noise(len(q))), MODEL)
+
+    (finding,) = result.findings
+    assert finding.effect == "time_delay"
+    assert finding.parameters["delay"].value == pytest.approx(delay, rel=0.1)
+
+
+def test_a_tilted_base_shows_what_its_first_link_weighs():
+    weight = MODEL.term(Gravity.NAME)
+    assert isinstance(weight, Gravity)
+    roll, pitch = 0.04, -0.03
+    down = pin.rpy.rpyToMatrix(roll, pitch, 0.0).T @ weight.vector
+    beta = np.pad(weight.beta, (0, 14 - len(weight.beta)))
+    beta[12:] = (0.5, 0.4)  # N·m, of link 1, which no model of a level base can know
+    random = np.random.default_rng(2)
+    q = 0.5 * (ARM.lower + ARM.upper) + HALF * random.uniform(-1.0, 1.0, (120, N_JOINTS))
+    still = replace(MODEL, terms=(weight,))
+    effort = gravity.torque(q, beta, down) + 0.2 * noise(len(q))
+
+    result = diagnose(recording(None, q, effort), still)
+
+    (finding,) = result.findings
+    assert finding.effect == "base_tilt"
+    for name, true in (("roll", roll), ("pitch", pitch)):
+        assert finding.parameters[name].low <= true <= finding.parameters[name].high
+    assert np.abs(result.model.torque(q) - effort).max() < 0.05
+
+
+def test_poses_of_one_angle_show_friction_if_approached_from_both_sides():
+    random = np.random.default_rng(3)
+    q = 0.5 * (ARM.lower + ARM.upper) + HALF * random.uniform(-1.0, 1.0, (90, N_JOINTS))
+    q[:, 0] = 0.1
+    side = np.where(random.random(q.shape) < 0.5, -1.0, 1.0)
+    rubs = np.zeros(N_JOINTS)
+    rubs[0] = 0.05
+    effort = MODEL.torque(q, direction=side) + rubs * side + 0.5 * noise(len(q))
+
+    result = diagnose(recording(None, q, effort, direction=side), MODEL)
+
+    assert "coulomb_friction" in {
+        claim.effect for one in result.findings for claim in (one, *one.alternatives)
+    }
+    assert all(one.joints == ("outer_yaw",) for one in result.findings)
+
+
+def test_where_a_motor_turns_back_the_joints_that_it_moves_say_nothing():
+    time = np.arange(2000) / RATE
+    q = np.zeros((len(time), N_JOINTS))
+    q[:, 1], q[:, 2] = 0.5 * time, -0.2 * np.sin(time) - 0.5 * time + 0.1 * time
+    qd = np.gradient(q, 1.0 / RATE, axis=0)
+    motor = qd[:, 1] + qd[:, 2]
+    nothing = np.zeros_like(q)
+
+    motion = Motion(MODEL, q, qd, nothing, nothing, None, time, (slice(0, len(q)),), RATE)
+
+    turning = np.flatnonzero(np.diff(np.sign(motor)))
+    assert len(turning) > 1
+    assert motion.stuck[turning][:, [1, 2]].all()
+    assert not motion.stuck[turning - 200, 1].any()
+    assert not motion.stuck[:, 3].any()
+
+
+def test_a_coarse_encoder_does_not_show_the_direction_of_slow_motion():
+    time, q, qd, qdd = sines(20.0)
+
+    effort = MODEL.torque(q, qd, qdd)
+
+    def motion(step: float) -> Motion:
+        return load([recording(time, np.round(q / step) * step, effort)], MODEL).motion
+
+    coarse, fine = motion(0.004), motion(0.0001)
+
+    np.testing.assert_allclose(coarse.step, 0.004, rtol=1e-6)
+    assert coarse.stuck[:, 5].mean() > fine.stuck[:, 5].mean() + 0.05
+    # Of motion that is fast beside its steps it shows it as well.
+    assert coarse.stuck[:, 3].mean() < fine.stuck[:, 3].mean() + 0.05
+
+
+@pytest.mark.parametrize("start", np.arange(6.0, 7.5, 0.5).tolist())
+def test_a_push_is_found_wherever_its_edges_lie_among_the_blocks(start):
+    time, q, qd, qdd = sines(16.0)
+    pushed = MODEL.torque(q, qd, qdd) + 0.5 * noise(len(q))
+    inside = (time > start) & (time < start + 2.2)
+    pushed[inside, 1] += 0.1
+
+    result = diagnose(recording(time, q, pushed), MODEL)
+
+    (finding,) = result.findings
+    assert (finding.effect, finding.joints) == ("contact", ("shoulder_pitch",))
+    for name, true in (("start", start), ("end", start + 2.2)):
+        found = finding.parameters[name]
+        assert found.low <= true <= found.high or found.value == pytest.approx(true, abs=0.1)
+
+
+def test_a_wrong_sign_is_seen_although_the_joint_is_held_half_the_time():
+    time, q, qd, qdd = sines(30.0)
+    held = (time // 4.0) % 2 == 0.0
+    # What the joint bears, and bears the other way round half the time, where friction holds it.
+    effort = MODEL.torque(q, qd, qdd) + 0.5 * noise(len(q))
+    effort[~held, 1] *= -1.0
+    motion = load([recording(time, q, effort)], MODEL).motion
+    plain = replace(motion, qd=np.where(held[: len(motion.q), None], 0.0, motion.qd))
+
+    best = try_readings(plain)[0]
+
+    assert best.reading.words == "the effort of shoulder_pitch has the wrong sign"
+    assert best.passes
+
+
+def test_exchanged_joints_are_not_taken_for_wrong_units():
+    time, q, qd, qdd = sines(12.0)
+    effort = MODEL.torque(q, qd, qdd)
+    effort[:, 1] *= 1.2 / np.abs(effort[:, 1]).max()
+    order = [0, 5, 2, 3, 4, 1, 6]
+
+    exchanged = check(recording(time, q[:, order], effort[:, order]))
+    milli = check(recording(time, q, 1e3 * effort))
+
+    assert np.abs(effort[:, 1]).max() > 10.0 * 0.097
+    assert not [one for one in exchanged if one.kind == "effort_unit"]
+    assert [one for one in milli if one.kind == "effort_unit"]
+
+
+def test_the_noise_of_the_joints_is_the_same_however_it_was_recorded():
+    time, q, qd, qdd = sines(12.0)
+    effort = MODEL.torque(q, qd, qdd) + noise(len(q))
+    there = recording(
+        time, q @ ARM.joint_to_actuator.T, effort @ ARM.actuator_to_joint, coordinates="actuator"
+    )
+
+    here = load([recording(time, q, effort)], MODEL)
+
+    np.testing.assert_allclose(load([there], MODEL).floor, here.floor, rtol=1e-6)
+    np.testing.assert_allclose(here.floor, NOISE / np.sqrt(RATE / 2.0), rtol=0.15)
+
+
+def test_the_model_of_these_tests_has_all_that_they_need():
+    assert isinstance(MODEL, TorqueModel)
+    assert {"gravity", "coulomb_friction"} <= {term.NAME for term in MODEL.terms}
+
+
+def test_the_noise_of_joints_that_were_not_recorded_is_not_known():
+    time, q, qd, qdd = sines(12.0)
+    some = list(JOINT_NAMES[1:5])
+    effort = MODEL.torque(q, qd, qdd) + noise(len(q))
+    part = recording(time, q[:, 1:5], effort[:, 1:5], joints=tuple(some))
+    still = {joint: 0.0 for joint in JOINT_NAMES if joint not in some}
+
+    floor = load([part], MODEL, still).floor
+
+    assert np.isfinite(floor).tolist() == [joint in some for joint in JOINT_NAMES]
