@@ -43,9 +43,8 @@ def sines(duration: float, seed: int = 0, fastest: float = 0.6) -> tuple[np.ndar
     return time, q, qd, qdd
 
 
-def recording(time, q, effort, **changes) -> Recording:
-    whole = Recording(joints=JOINT_NAMES, time=time, position=q, velocity=None, effort=effort)
-    return replace(whole, **changes)
+def recording(time, q, effort, velocity=None, joints=JOINT_NAMES, **more) -> Recording:
+    return Recording(joints=joints, time=time, position=q, velocity=velocity, effort=effort, **more)
 
 
 def noise(count: int, seed: int = 1) -> np.ndarray:
@@ -68,6 +67,7 @@ def test_noise_that_is_not_white_is_nothing_to_explain():
     time, q, qd, qdd = sines(20.0)
     pole = np.exp(-2.0 * np.pi * 4.0 / RATE)
     coloured = signal.lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], noise(len(q)), axis=0)
+    coloured = 0.75 * coloured + 0.65 * noise(len(q), 2)
 
     result = diagnose(recording(time, q, MODEL.torque(q, qd, qdd) + coloured), MODEL)
 
@@ -232,3 +232,15 @@ def test_the_noise_of_the_joints_is_the_same_however_it_was_recorded():
 def test_the_model_of_these_tests_has_all_that_they_need():
     assert isinstance(MODEL, TorqueModel)
     assert {"gravity", "coulomb_friction"} <= {term.NAME for term in MODEL.terms}
+
+
+def test_the_noise_of_joints_that_were_not_recorded_is_not_known():
+    time, q, qd, qdd = sines(12.0)
+    some = list(JOINT_NAMES[1:5])
+    effort = MODEL.torque(q, qd, qdd) + noise(len(q))
+    part = recording(time, q[:, 1:5], effort[:, 1:5], joints=tuple(some))
+    still = {joint: 0.0 for joint in JOINT_NAMES if joint not in some}
+
+    floor = load([part], MODEL, still).floor
+
+    assert np.isfinite(floor).tolist() == [joint in some for joint in JOINT_NAMES]

@@ -39,8 +39,8 @@ from dvrk_gravity.diagnosis.separate import separation
 from dvrk_gravity.diagnosis.words import sentence_of
 
 Array = NDArray[np.float64]
-_ABOVE_FLOOR = 2.5  # times the noise: more than that cannot be noise, whatever it depends on
-_FAR_ABOVE = 10.0  # likewise, of whatever colour the noise may be
+_ABOVE_FLOOR = 2.5  # times the noise: more than that is structure, if it lasts
+_FAR_ABOVE_FLOOR = 5.0  # more than that cannot be noise, of whatever colour
 _LASTING = 0.6  # part of an error that lasts as long as a motion does, and noise does not
 Readings = Sequence[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]]
 
@@ -85,8 +85,8 @@ def assemble(
     shapeless = [
         joint
         for joint in range(N_JOINTS)
-        if min(after[joint], seen[joint]) > _ABOVE_FLOOR * floor[joint]
-        and (lasting[joint] > _LASTING or after[joint] > _FAR_ABOVE * floor[joint])
+        if min(after[joint], seen[joint])
+        > (_ABOVE_FLOOR if lasting[joint] > _LASTING else _FAR_ABOVE_FLOOR) * floor[joint]
         and JOINT_NAMES[joint] not in told
     ]
     findings += [

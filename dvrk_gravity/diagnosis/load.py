@@ -102,6 +102,7 @@ def load(
                     step,
                 )
             )
+            pieces[-1] = replace(pieces[-1], step=step)
         floors.append(_noise_density(recording, model.arm))
     motion = _join(pieces)
     if static and len(motion.q) < FEWEST:
@@ -116,7 +117,8 @@ def load(
                 recordings[0].source,
                 f"holds {total:.3g} s of usable motion, a diagnosis needs at least {SHORTEST:g} s",
             )
-    floor = np.sqrt(np.nanmean(np.square(floors), axis=0)) if not static else np.full(7, np.nan)
+    known = np.ma.masked_invalid(np.square(floors))  # of static poses none is
+    floor = np.sqrt(known.mean(axis=0).filled(np.nan))
     return Loaded(motion, tuple(warnings), tuple(handling), floor)
 
 
@@ -172,6 +174,16 @@ def _step(recording: Recording, arm: Arm) -> Array:
     return np.asarray(steps)
 
 
+def _step(recording: Recording, arm: Arm) -> Array:
+    """Return (7,) steps in which the joints' positions are read, rad; 0 of those that are not."""
+    steps = np.zeros(N_JOINTS)
+    for joint, column in zip(recording.joints, recording.position.T, strict=True):
+        steps[JOINT_NAMES.index(joint)] = quantum(column)
+    if recording.coordinates == "actuator":
+        steps = np.abs(arm.actuator_to_joint) @ steps
+    return steps
+
+
 def _join(pieces: Sequence[Motion]) -> Motion:
     edges = np.concatenate([[0], np.cumsum([len(piece.q) for piece in pieces])]).tolist()
     first = pieces[0]
@@ -199,7 +211,9 @@ def _noise_density(recording: Recording, arm: Arm) -> Array:
     low = LowPass(cutoff, rate)
     if len(recording) <= 4 * low.edge:
         return unknown
-    effort = recording.effort[:, [recording.joints.index(joint) for joint in JOINT_NAMES]]
+    columns = [JOINT_NAMES.index(joint) for joint in recording.joints]
+    effort = np.zeros((len(recording), N_JOINTS))
+    effort[:, columns] = recording.effort
     if recording.coordinates == "actuator":
         # Of the joints' efforts themselves: the motors' noises need not be independent.
         effort = arm.joint_effort(effort)
@@ -208,4 +222,5 @@ def _noise_density(recording: Recording, arm: Arm) -> Array:
     # Two runs of a second-order Butterworth: amplitude 1 / (1 + (f / fc)^4).
     left = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
     variance = np.mean(high[low.edge : -low.edge] ** 2, axis=0) / left
-    return np.asarray(np.sqrt(variance / (rate / 2.0)))
+    known = np.isin(np.arange(N_JOINTS), columns)
+    return np.where(known, np.sqrt(variance / (rate / 2.0)), np.nan)
