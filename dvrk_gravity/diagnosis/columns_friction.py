@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.terms import CoulombFriction
 
 Array = NDArray[np.float64]
 Setting = Mapping[str, float]
 
+RESOLVED = 3.0  # encoder steps that a length of presliding must have to be seen
+_REPLACED = 1.5  # times the model's Coulomb friction: more than that, it cannot take away
 LENGTHS = (0.02, 0.06, 0.15, 0.35)  # of half the way of the joint
 SPEEDS = (0.12, 0.3, 0.7)  # of the RMS speed
 DRIFT_TIMES = (4.0, 10.0, 25.0, 60.0)  # s
@@ -62,9 +65,12 @@ def friction(motion: Motion) -> Iterator[Hypothesis]:
         for part in SPEEDS:
             yield _stribeck(joint, place, row, {"velocity": part * speed})
         half = float(np.ptp(np.percentile(motion.q @ row, [1, 99]))) / 2
-        for part in LENGTHS:
-            yield _presliding(joint, place, row, part * half, with_coulomb=False)
-            yield _presliding(joint, place, row, part * half, with_coulomb=True)
+        # What happens within few steps of an encoder looks like what happens at low speed.
+        known = _known_coulomb(motion, joint, place)
+        shortest = RESOLVED * float(motion.step @ np.abs(row))
+        for length in sorted({max(part * half, shortest) for part in LENGTHS}):
+            yield _presliding(joint, place, row, length, shortest)
+            yield _presliding(joint, place, row, length, shortest, known)
 
 
 def _coulomb(joint: int, place: str, row: Array, slow: float | None, one_level: bool) -> Hypothesis:
@@ -111,20 +117,34 @@ def _stribeck(joint: int, place: str, row: Array, setting: Setting) -> Hypothesi
 
 
 def _presliding(
-    joint: int, place: str, row: Array, length: float, with_coulomb: bool
+    joint: int, place: str, row: Array, length: float, shortest: float, known: float | None = None
 ) -> Hypothesis:
+    """Return presliding; with the model's Coulomb friction, part of it may stand in its place."""
+
     def build(motion: Motion, setting: Setting) -> Array:
-        bent = dahl(motion, row, setting["length"])
-        return spread(row, bent, motion.sign(row)) if with_coulomb else spread(row, bent)
+        bent = dahl(motion, row, max(setting["length"], shortest))
+        return spread(row, bent, motion.sign(row)) if known is not None else spread(row, bent)
 
     def describe(theta: Array, setting: Setting) -> dict[str, float]:
-        values = {"level": float(theta[0]), "length": setting["length"]}
-        return values | ({"coulomb": float(theta[1])} if with_coulomb else {})
+        values = {"level": float(theta[0]), "length": max(setting["length"], shortest)}
+        return values | ({"coulomb": float(theta[1])} if known is not None else {})
 
     return Hypothesis(
         "presliding_hysteresis", (joint,), place, build, describe, {"length": length}, ("length",),
         variable="position", prior_count=4,
+        least={} if known is None else {"coulomb": -_REPLACED * known},
     )  # fmt: skip
+
+
+def _known_coulomb(motion: Motion, joint: int, place: str) -> float:
+    """Return the model's Coulomb friction at a place, N·m."""
+    term = motion.model.term(CoulombFriction.NAME)
+    if not isinstance(term, CoulombFriction):
+        return 0.0
+    if place == "motor":
+        return float(max(term.motor_positive[joint], term.motor_negative[joint]))
+    at_motor = max(term.motor_positive[joint], term.motor_negative[joint])
+    return float(max(term.joint_positive[joint], term.joint_negative[joint]) + at_motor)
 
 
 def dahl(motion: Motion, row: Array, length: float) -> Array:

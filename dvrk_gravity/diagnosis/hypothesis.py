@@ -63,6 +63,7 @@ class Hypothesis:
             ``acceleration`` or ``time``.
         plausible_size: (k,) standard deviations that parameters of the model itself may have, which
             move along beside others; empty for claims, which no prior holds back.
+        least: Smallest values that parameters of this one can have, by name.
         prior_count: How many more hypotheses it stands for (the grid of a search), at least 1.
     """
 
@@ -76,6 +77,7 @@ class Hypothesis:
     fixed_point: tuple[str, ...] = ()
     variable: str = "position"
     prior_count: int = 1
+    least: Mapping[str, float] = field(default_factory=dict)
     plausible_size: tuple[float, ...] = ()
 
     @property
@@ -137,6 +139,6 @@ def plausible(hypothesis: Hypothesis, theta: Array) -> bool:
             return False
     for name, value in values.items():
         low, high = _PLAUSIBLE.get((hypothesis.effect, name), (-np.inf, np.inf))
-        if not low <= value <= high:
+        if not max(low, hypothesis.least.get(name, -np.inf)) <= value <= high:
             return False
     return True
