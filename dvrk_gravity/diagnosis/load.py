@@ -166,15 +166,6 @@ def _piece(
 
 
 def _step(recording: Recording, arm: Arm) -> Array:
-    """Return (7,) steps in which the joints' positions are read, rad."""
-    order = [recording.joints.index(joint) for joint in JOINT_NAMES]
-    steps = np.array([quantum(recording.position[:, column]) for column in order])
-    if recording.coordinates == "actuator":
-        steps = np.abs(arm.actuator_to_joint) @ steps
-    return np.asarray(steps)
-
-
-def _step(recording: Recording, arm: Arm) -> Array:
     """Return (7,) steps in which the joints' positions are read, rad; 0 of those that are not."""
     steps = np.zeros(N_JOINTS)
     for joint, column in zip(recording.joints, recording.position.T, strict=True):
