@@ -109,7 +109,7 @@ def test_a_tilted_base_shows_what_its_first_link_weighs():
     beta[12:] = (0.5, 0.4)  # N·m, of link 1, which no model of a level base can know
     random = np.random.default_rng(2)
     q = 0.5 * (ARM.lower + ARM.upper) + HALF * random.uniform(-1.0, 1.0, (120, N_JOINTS))
-    still = replace(MODEL, terms=(weight,))
+    still = replace(MODEL, terms=(replace(weight, beta=weight.beta[:12]),))
     effort = gravity.torque(q, beta, down) + 0.2 * noise(len(q))
 
     result = diagnose(recording(None, q, effort), still)

@@ -49,7 +49,7 @@ def body(motion: Motion) -> Iterator[Hypothesis]:
         yield _all_inertia(motion)
     weight = motion.model.term(Gravity.NAME)
     if isinstance(weight, Gravity):
-        yield _tilt(knows_shaft=bool(weight.beta[len(BETA_JOINTS) :].any()))
+        yield _tilt(knows_shaft=len(weight.beta) > len(BETA_JOINTS))
 
 
 def link_columns(motion: Motion, joint: int, directions: Array) -> Array:
