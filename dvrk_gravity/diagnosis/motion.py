@@ -24,6 +24,7 @@ _TURNING_BAND = 8.0  # Hz
 _RANK = 3e-3  # pivots below this part of the first are not told apart by the motion
 _STILL = 0.06  # of a joint's RMS speed
 _SLOW = 0.4  # likewise: faster, friction is taken at its word
+_FINE = 0.3  # of the typical speed: steps that are slower than that show where a joint stops
 _STEP_RATE = 20.0  # encoder steps a second: fewer show in a velocity of that band as pulses
 _WHOLE = 0.9  # of a motor's torque, that a joint must feel to be held by it
 
@@ -158,12 +159,16 @@ class Motion:
         if isinstance(friction, CoulombFriction):
             unseen = max(unseen, float(friction.transition_velocity[index]))
         slow = max(slow, min(unseen, _SLOW * typical))
+        # Stick and slip: on the way it stops, and rings beyond; noise of steps would look alike.
+        stops_seen = _STEP_RATE * float(self.step @ np.abs(row)) < _FINE * typical
         wide = np.ones(1 + 2 * math.ceil(_SMEARED * self.rate))
         result = np.zeros(len(speed), dtype=bool)
         for part in self.parts:
             smooth = low(speed[part]) if part.stop - part.start > low.edge else speed[part]
             still = np.abs(smooth) < slow
             still |= np.diff(np.sign(smooth), prepend=np.sign(smooth[0])) != 0.0
+            if stops_seen:
+                still |= np.sign(speed[part]) != np.sign(smooth)
             result[part] = np.convolve(still.astype(float), wide, mode="same") > 0.5
         return result
 
