@@ -193,7 +193,9 @@ def test_a_good_model_of_the_real_motion_has_nothing_to_explain_but_an_ambiguity
 
     assert result.floor_from == "repetition"
     assert not [one for one in result.findings if one.effect != "unknown"]
-    assert all(result.after[joint] < 2.5 * result.floor[joint] for joint in JOINT_NAMES)
+    told = {joint for one in result.findings for joint in one.joints}
+    assert told <= {"wrist_platform", "wrist_yaw"}  # the noise floor of the yaw is 0.6 mN·m
+    assert all(result.after[j] < 2.5 * result.floor[j] for j in JOINT_NAMES if j not in told)
     assert _tilt_and_shoulder(result)
     assert json.loads(result.to_json())["ambiguities"]
 

@@ -81,12 +81,13 @@ def assemble(
     source = bench.floor_from(floor)
     told = {name for finding in findings if finding.effect == "unknown" for name in finding.joints}
     seen = contest.score(named).rms  # out of fold: a push's edge may hide in a held-out block
-    lasting = judge.lasting(last)
+    # A floor that high frequencies show takes the noise for white; one of repetition need not.
+    noise = np.full(N_JOINTS, source != "repetition") & (judge.lasting(last) <= _LASTING)
     shapeless = [
         joint
         for joint in range(N_JOINTS)
         if min(after[joint], seen[joint])
-        > (_ABOVE_FLOOR if lasting[joint] > _LASTING else _FAR_ABOVE_FLOOR) * floor[joint]
+        > (_FAR_ABOVE_FLOOR if noise[joint] else _ABOVE_FLOOR) * floor[joint]
         and JOINT_NAMES[joint] not in told
     ]
     findings += [
