@@ -72,7 +72,12 @@ def _steps() -> Iterator[str]:
         "2. Rigid body alone",
         "The same model and recording, read rightly. Nobody says what is missing. Its masses, "
         "fitted without friction and springs, have made up for them; they move along.",
-        climbed, "rigid", pictures=("wrist_pitch", "elbow_pitch", "wrist_platform"),
+        climbed, "rigid",
+        pictures=(
+            ("elastic_cable", "wrist_pitch"),
+            ("coulomb_friction", "elbow_pitch"),
+            ("elastic_cable", "wrist_platform"),
+        ),
     )  # fmt: skip
     yield from _step(
         "3. What that diagnosis wrote, once more",
@@ -85,7 +90,8 @@ def _steps() -> Iterator[str]:
         "4. One joint swept slowly",
         f"`{SWEEP}`: wrist_platform from end to end and back, nothing else moves; the rigid model "
         "again. Here the cable and the hysteresis of that joint lie open.",
-        diagnose(sweep, rigid, still=SWEPT_AT), "sweep", pictures=("wrist_platform",),
+        diagnose(sweep, rigid, still=SWEPT_AT), "sweep",
+        pictures=(("coulomb_friction", "wrist_platform"), ("elastic_cable", "wrist_platform")),
     )  # fmt: skip
     yield from _step(
         "5. A good model",
@@ -98,7 +104,7 @@ def _steps() -> Iterator[str]:
         f"`{POSES[0]}` and `{POSES[1]}`; the model is a least-squares fit of the ten entries of "
         "beta to them, and nothing else.",
         diagnose(poses, _gravity_alone(arm, poses)), "static",
-        pictures=("wrist_platform", "wrist_pitch"),
+        pictures=(("elastic_cable", "wrist_platform"), ("elastic_cable", "wrist_pitch")),
     )  # fmt: skip
 
 
@@ -114,7 +120,7 @@ def _step(
     start: str,
     diagnosis: Diagnosis,
     name: str,
-    pictures: Sequence[str] = (),
+    pictures: Sequence[tuple[str, str]] = (),
     shown: int | None = None,
 ) -> Iterator[str]:
     """Yield the lines of one step, and save its pictures."""
@@ -133,8 +139,8 @@ def _step(
         for other in one.alternatives:
             where = ", ".join(other.joints) or "the arm"
             yield f"- `{one.effect}` could as well be `{other.effect}` at {where}: {other.why}"
-    for number, joint in enumerate(pictures):
-        found = next((f for f in findings if f.picture and f.picture.joint == joint), None)
+    for number, (effect, joint) in enumerate(pictures):
+        found = next((f for f in findings if f.effect == effect and f.joints == (joint,)), None)
         if found is not None and found.picture is not None:
             path = FOLDER / f"{name}_{number}.png"
             path.write_bytes(png(found.picture))
