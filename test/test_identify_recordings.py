@@ -248,7 +248,7 @@ def test_bad_files_give_one_clear_line(kind, says, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ([], "some.csv: has no wrist_roll: expected all joints, or `identify --at wrist_roll=0deg"),
+        ([], "some.csv: has no wrist_roll: expected all joints, or `--at wrist_roll=0deg"),
         (["--at", "elbow_pitch=0"], "has no wrist_roll"),
         (["--at", "elbow=0"], "'elbow=0', expected JOINT=ANGLE"),
         (["--at", "wrist_roll=2"], "expected an angle with its unit"),

@@ -157,6 +157,13 @@ FAULTS = [
         replace(CLEAN, effort=3 * CLEAN.effort),
     ),
     (
+        "exchanged_joints",
+        "wrist_roll",
+        replace(CLEAN, effort=30 * CLEAN.effort),
+        {"largest": 0.43, "plausible": 0.023},
+        replace(CLEAN, effort=3 * CLEAN.effort),
+    ),
+    (
         "time_unit",
         None,
         replace(CLEAN, time=1000 * CLEAN.time, velocity=None),

@@ -120,6 +120,9 @@ def read_motions(
     for source, trajectory in enumerate(trajectories):
         require_all(trajectory, arm, trajectory.still)
         warnings += trajectory.warnings
+        for warning in trajectory.warnings:
+            if warning.kind == "exchanged_joints":  # a diagnosis can tell which, a fit cannot
+                raise RecordingError(trajectory.source, str(warning))
         handling += [line for line in trajectory.handling if line not in handling]
         for stretch in trajectory.stretches:
             if stretch.filter.rate > (1.0 + SAME_RATE) * min(rates):

@@ -67,14 +67,14 @@ def identify(
     """
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
-    for effect in effects or ():
-        if effect not in IDENTIFIED:
-            why = f" ({_ELSEWHERE[effect]})" if effect in _ELSEWHERE else ""
-            raise ConfigError("--terms", effect, f"some of {', '.join(IDENTIFIED)}{why}")
     given = _each(coordinates, len(recordings))
     if all_static(recordings):
         fit = _static(recordings, arm, given, effects, physical, report)
     else:
+        for effect in effects or ():
+            if effect not in IDENTIFIED:
+                why = f" ({_ELSEWHERE[effect]})" if effect in _ELSEWHERE else ""
+                raise ConfigError("--terms", effect, f"some of {', '.join(IDENTIFIED)}{why}")
         fit = _dynamic(recordings, arm, given, effects, physical, report, still or {})
     return _validated(fit, validate) if validate else fit
 

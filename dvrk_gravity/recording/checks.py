@@ -115,18 +115,16 @@ def _units(recording: Recording) -> list[DataWarning]:
         if values is None:
             continue
         for joint, peak in zip(recording.joints, np.max(np.abs(values), axis=0), strict=True):
-            # Below what some joint reaches, two joints may be exchanged: no matter of units.
-            if peak > max(margin * largest[joint], *largest.values()):
-                findings.append(
-                    DataWarning(
-                        kind,
-                        joint,
-                        {"largest": float(peak), "plausible": largest[joint]},
-                        f"{kind.split('_')[0]} up to {peak:.4g}, an arm reaches "
-                        f"{largest[joint]:g}: expected {unit}",
-                        unusable=True,
-                    )
-                )
+            if peak <= margin * largest[joint]:
+                continue
+            numbers = {"largest": float(peak), "plausible": largest[joint]}
+            what = kind.split("_")[0]
+            text = f"{what} up to {peak:.4g}, an arm reaches {largest[joint]:g}: expected"
+            if kind == "effort_unit" and peak <= max(largest.values()):
+                text += " N·m, and the columns of the right joints"
+                findings.append(DataWarning("exchanged_joints", joint, numbers, text))
+            else:
+                findings.append(DataWarning(kind, joint, numbers, f"{text} {unit}", unusable=True))
     return findings
 
 

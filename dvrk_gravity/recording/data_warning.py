@@ -23,6 +23,7 @@ Kind = Literal[
     "nothing_moves",
     "position_unit",
     "effort_unit",
+    "exchanged_joints",
     "time_unit",
     "coordinates",
     "arm_limits",
