@@ -215,6 +215,7 @@ def report(outcomes: Sequence[Outcome]) -> str:
     pairs = [o for o in good if len(o.effects) > 1]
     static = [o for o in good if o.static]
     failed = [o for o in outcomes if o.failure]
+    seconds = [o.seconds for o in good] or [0.0]
 
     def part(count: int, total: int) -> str:
         return f"{count}/{total}" + (f" ({100 * count / total:.1f} %)" if total else "")
@@ -241,8 +242,8 @@ def report(outcomes: Sequence[Outcome]) -> str:
         f"{part(sum(o.listed for o in pairs), len(pairs))}",
         f"static poses, named or rightly silent: {part(sum(map(_right, static)), len(static))}, or "
         f"listed {part(sum(o.listed for o in static), len(static))}",
-        f"failed: {len(failed)}; seconds a diagnosis: median "
-        f"{np.median([o.seconds for o in good]):.1f}, longest {max(o.seconds for o in good):.1f}",
+        f"failed: {len(failed)}; seconds a diagnosis: median {np.median(seconds):.1f}, "
+        f"longest {np.max(seconds):.1f}",
         "",
         "median relative error of parameters:",
         *(f"  {name:<40} {np.median(e):.4f}  ({len(e)})" for name, e in sorted(errors.items())),
@@ -257,11 +258,14 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 10), metavar=("FIRST", "END"))
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--effects", nargs="*", help="only these")
+    parser.add_argument("--static", action="store_true", help="only static poses")
     parser.add_argument("--json", help="write every trial here")
     args = parser.parse_args()
     todo = jobs(range(*args.seeds))
     if args.effects:
         todo = [job for job in todo if set(job[1]) & set(args.effects)]
+    if args.static:
+        todo = [job for job in todo if job[2]]
     outcomes = []
     with ProcessPoolExecutor(args.jobs) as pool:
         running = [pool.submit(trial, *job) for job in todo]

@@ -15,6 +15,7 @@ from dvrk_gravity.simulate.simulated_arm import Measurement, SimulatedArm
 Array = NDArray[np.float64]
 
 # The part of a joint's range that a motion uses: joint 7 turns far more than it need.
+_CREEP = 0.1  # of the speed of approach
 _USED_RANGE = np.array([0.7, 0.8, 0.7, 0.7, 0.6, 0.7, 0.25])
 _RAMP = 1.0  # s, from rest into the motion
 
@@ -115,11 +116,12 @@ def record_poses(
     geometry = arm.plant.model.arm
     used = 0.5 * (geometry.upper - geometry.lower) * _USED_RANGE - 2.0 * approach
     middle = 0.5 * (geometry.lower + geometry.upper)
-    time = round(0.3 / arm.dt)
+    time, settled = round(0.3 / arm.dt), round(0.15 / arm.dt)
     position = np.empty((count, N_JOINTS))
     effort, direction = np.empty_like(position), np.empty_like(position)
     for pose in range(count):
-        sign = np.where(random.random(N_JOINTS) < 0.5, -1.0, 1.0)
+        # All joints one way: then the motors that move several joints go that way too.
+        sign = np.full(N_JOINTS, -1.0 if random.random() < 0.5 else 1.0)
         goal = middle + used * random.uniform(-1.0, 1.0, N_JOINTS)
         speed = approach * sign / 0.3
         arm.plant.reset(goal - approach * sign)
@@ -127,12 +129,15 @@ def record_poses(
             arm.servo_jp(goal - approach * sign + speed * step * arm.dt, speed)
             arm.step()
         readings = []
-        for _ in range(samples):
-            # Still creeping: friction is whole, as where a position loop has just arrived.
-            arm.servo_jp(arm.target + speed * arm.dt if arm.target is not None else goal, speed)
+        # Still creeping: dry friction is whole, as where a position loop has just arrived, and
+        # viscous friction is all but gone.
+        creep = speed * _CREEP
+        for step in range(settled + samples):
+            arm.servo_jp(arm.target + creep * arm.dt if arm.target is not None else goal, creep)
             arm.step()
-            measured = arm.measure()
-            readings.append((measured.position, measured.effort))
+            if step >= settled:
+                measured = arm.measure()
+                readings.append((measured.position, measured.effort))
         position[pose], effort[pose] = np.mean(readings, axis=0)
         direction[pose] = sign
     return Recording(
