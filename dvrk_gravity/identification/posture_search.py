@@ -9,6 +9,7 @@ import numpy as np
 from dvrk_gravity.identification.motion import Motion
 from dvrk_gravity.identification.problem import Problem, pose, solved
 from dvrk_gravity.identification.selection import POSTURE, starts
+from dvrk_gravity.recording.data import Array
 
 STEPS = 6  # at most, of Gauss and Newton
 SETTLED = 1e-4  # rad
@@ -35,7 +36,7 @@ def around_posture(
     if not any(assumed.allowed(effect) for effect in POSTURE):
         return problem, chosen
     report("zeros and tilt", 0.0)
-    around, start = _moved(problem, chosen, motions)
+    around, start = _moved(problem, chosen, solved(problem, chosen).theta, motions)
     selection = around.selection
     selection.choices = []
     found = selection.posture(start)
@@ -56,12 +57,12 @@ def around_posture(
 
 
 def _moved(
-    problem: Problem, chosen: Sequence[int], motions: Sequence[Motion]
+    problem: Problem, chosen: Sequence[int], fitted: Array, motions: Sequence[Motion]
 ) -> tuple[Problem, list[int]]:
-    """Return the problem around the posture that a fit asks for."""
+    """Return the problem around the posture that (k,) coefficients of a fit ask for."""
     columns, selection = problem.design.columns, problem.selection
     theta = np.zeros(len(columns.columns))
-    theta[list(chosen)] = solved(problem, chosen).theta
+    theta[list(chosen)] = fitted
     around = pose(motions, columns.arm, selection.effects, posture=columns.corrected(theta))
     return around, columns.same(chosen, around.design.columns)
 
@@ -72,12 +73,13 @@ def _settled(
     """Return the problem around the posture at which a fit changes it no more."""
     for _ in range(STEPS):
         columns = problem.design.columns
+        fitted = solved(problem, chosen).theta
         change = [
             abs(value)
-            for i, value in zip(chosen, solved(problem, chosen).theta.tolist(), strict=True)
+            for i, value in zip(chosen, fitted.tolist(), strict=True)
             if columns.columns[i].effect in POSTURE
         ]
         if max(change) < SETTLED:
             break
-        problem, chosen = _moved(problem, chosen, motions)
+        problem, chosen = _moved(problem, chosen, fitted, motions)
     return problem, chosen

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.findings import FLOORS, Ambiguity, Diagnosis, Finding, Picture
 from dvrk_gravity.diagnosis.words import shown
+from dvrk_gravity.report import html
 from dvrk_gravity.report.in_simulation import section
 
 Array = NDArray[np.float64]
@@ -84,7 +83,7 @@ def _overview(findings: Sequence[Finding]) -> str:
                 removed if gain.relative else "",
             )
         )
-    return _table(("", "what", "where", "form", "held-out error removed"), rows)
+    return html.table(("", "what", "where", "form", "held-out error removed"), rows)
 
 
 def _finding(number: int, finding: Finding) -> str:
@@ -107,13 +106,14 @@ def _finding(number: int, finding: Finding) -> str:
     )
     rows.append(("form", finding.place))
     rows.append(("in the extended model", "yes" if finding.in_model else "no"))
-    parts.append(_table((), rows))
+    parts.append(html.table((), rows))
     if finding.picture is not None:
-        parts.append(f'<img alt="error before and after" src="{_data_url(finding.picture)}">')
+        picture = html.data_url(png(finding.picture))
+        parts.append(f'<img alt="error before and after" src="{picture}">')
     if finding.alternatives:
         parts.append("<p>This data cannot tell it from:</p>")
         parts.append(
-            _table(
+            html.table(
                 ("effect", "joint", "numbers"),
                 [(a.effect, ", ".join(a.joints) or "the arm", a.why) for a in finding.alternatives],
             )
@@ -121,7 +121,7 @@ def _finding(number: int, finding: Finding) -> str:
     if finding.rejected:
         parts.append("<p>Tried in its place, and worse on unseen blocks:</p>")
         parts.append(
-            _table(
+            html.table(
                 ("effect", "joint", "form", "log-likelihood gain", "behind"),
                 [
                     (r.effect, ", ".join(r.joints) or "the arm", r.place,
@@ -148,7 +148,7 @@ def _errors(diagnosis: Diagnosis) -> str:
         )
     head = ("joint", "before", "after", "noise floor", "after / floor")
     told = f"<p class=small>The noise floor is {FLOORS[diagnosis.floor_from]}.</p>"
-    return "<h2>Held-out error, mN·m RMS</h2>" + _table(head, rows) + told
+    return "<h2>Held-out error, mN·m RMS</h2>" + html.table(head, rows) + told
 
 
 def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
@@ -173,26 +173,13 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
     sign = "" if any(one.suspected for one in ambiguities) else "<p>There is no sign of any.</p>"
     return (
         "<h2>What this recording cannot tell apart, were it there</h2>"
-        f"{sign}<ul>{sentences}</ul>" + _table(head, rows)
+        f"{sign}<ul>{sentences}</ul>" + html.table(head, rows)
     )
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = ["<table>"]
-    if head:
-        lines.append("<tr>" + "".join(f"<th>{escape(cell)}</th>" for cell in head) + "</tr>")
-    for row in rows:
-        lines.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>")
-    return "\n".join([*lines, "</table>"])
 
 
 def _list(title: str, items: Sequence[str], nothing: str) -> str:
     inside = "".join(f"<li>{escape(item)}</li>" for item in items) or f"<li>{escape(nothing)}</li>"
     return f"<h2>{escape(title)}</h2><ul>{inside}</ul>"
-
-
-def _data_url(picture: Picture) -> str:
-    return "data:image/png;base64," + base64.b64encode(png(picture)).decode("ascii")
 
 
 def png(picture: Picture) -> bytes:
@@ -223,9 +210,7 @@ def png(picture: Picture) -> bytes:
         one.set_xlabel(picture.variable)
     axes[1].legend(frameon=False, fontsize="small")
     axes[0].set_ylabel(f"error at {picture.joint} [mN·m]")
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
-    return stream.getvalue()
+    return html.png(figure)
 
 
 def _means(x: Array, y: Array) -> tuple[Array, Array]:

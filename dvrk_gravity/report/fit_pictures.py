@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity.identification.result import Trace
 from dvrk_gravity.recording.data import Array
+from dvrk_gravity.report.html import data_url, png
 
 SHOWN = 15.0  # s of a trajectory
 DOTS = 4000
@@ -79,6 +78,4 @@ def _scatter(axes: Any, x: Array, y: Array) -> None:
 def _data_url(figure: Any) -> str:
     # A constrained layout would take most of the time that a picture takes.
     figure.subplots_adjust(left=0.08, right=0.99, bottom=0.19, top=0.97, wspace=0.05)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=100)
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    return data_url(png(figure, dpi=100))

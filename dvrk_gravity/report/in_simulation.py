@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Sequence
 from html import escape
 
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis.in_simulation import DURATION, WINDOW, Drift, InSimulation
+from dvrk_gravity.report.html import data_url, png, table
 
 Array = NDArray[np.float64]
 
@@ -29,7 +28,7 @@ def section(result: InSimulation) -> str:
             f"({result.windows} pieces of held-out motion). RMS error of the position at the end, "
             "mrad:</p>"
         )
-        parts.append(_table(("", *JOINT_NAMES), _rows(1e3 * result.before, 1e3 * result.after)))
+        parts.append(table(("", *JOINT_NAMES), _rows(1e3 * result.before, 1e3 * result.after)))
     if result.drifts:
         first = result.drifts[0]
         parts.append(
@@ -42,7 +41,7 @@ def section(result: InSimulation) -> str:
             for one in result.drifts
             for name, *figures in _rows(_largest(one.before), _largest(one.after))
         ]
-        parts.append(_table(("", *JOINT_NAMES), rows))
+        parts.append(table(("", *JOINT_NAMES), rows))
         parts.append(f'<img alt="drift over time" src="{_picture(result.drifts)}">')
     parts += [f"<p>{escape(note)}.</p>" for note in result.notes]
     return "\n".join(parts)
@@ -85,14 +84,6 @@ def _rows(before: Array, after: Array) -> list[tuple[str, ...]]:
     ]
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = ["<table>", "<tr>" + "".join(f"<th>{escape(cell)}</th>" for cell in head) + "</tr>"]
-    lines += [
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    ]
-    return "\n".join([*lines, "</table>"])
-
-
 def _picture(drifts: Sequence[Drift]) -> str:
     """Return the joints that drift most over time as a data URL: a row for each friction."""
     from matplotlib.figure import Figure
@@ -116,6 +107,4 @@ def _picture(drifts: Sequence[Drift]) -> str:
     for cell in axes[-1]:
         cell.set_xlabel("time [s]")
     axes[0][0].legend(fontsize=8)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    return data_url(png(figure))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -123,6 +123,37 @@ class LinearTerm(Term):
     @abstractmethod
     def regressor(self, state: State) -> Array:
         """Return (N, 7, k) for (N, 7) states: joint torques of each coefficient at one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Friction(LinearTerm):
+    """Friction with a coefficient at each joint and one at each motor.
+
+    Attributes:
+        arm: The arm, for its transmission.
+        joint: (7,) coefficients at the joints.
+        motor: (7,) coefficients at the motors.
+    """
+
+    FRICTION = True
+
+    arm: Arm
+    joint: Array
+    motor: Array
+
+    def scaled(self, part: Array) -> Self:
+        """See :meth:`Term.scaled`."""
+        return replace(self, joint=part * self.joint, motor=part * self.motor)
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`: at the joints, then at the motors."""
+        return np.concatenate([self.joint, self.motor])
+
+    def with_theta(self, theta: Array) -> Self:
+        """See :meth:`LinearTerm.with_theta`."""
+        joint, motor = np.reshape(theta, (2, N_JOINTS))
+        return replace(self, joint=joint, motor=motor)
 
 
 def diagonal_columns(values: Array) -> Array:

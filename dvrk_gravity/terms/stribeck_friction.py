@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Value
 from dvrk_gravity.terms.base import (
     Array,
-    LinearTerm,
+    Friction,
     State,
     as_array,
     as_value,
@@ -27,7 +27,7 @@ _SLOWEST = 1e-4  # rad/s, of a velocity that a level can have
 
 
 @dataclass(frozen=True, eq=False)
-class StribeckFriction(LinearTerm):
+class StribeckFriction(Friction):
     """tau = level exp(-(v / velocity)^2) sign(v), beside Coulomb friction.
 
     The Gaussian form of the Stribeck effect (Armstrong-Hélouvry, Dupont and Canudas de Wit 1994,
@@ -57,11 +57,6 @@ class StribeckFriction(LinearTerm):
             "stribeck_friction.transition_velocity", "rad/s", "sign complete from there", 0.0
         ),
     )
-    FRICTION = True
-
-    arm: Arm
-    joint: Array
-    motor: Array
     joint_velocity: Array
     motor_velocity: Array
     transition_velocity: Array
@@ -99,20 +94,6 @@ class StribeckFriction(LinearTerm):
             return np.zeros(state.q.shape)
         joint, motor = parts
         return self.joint * joint + self.arm.joint_effort(self.motor * motor)
-
-    def scaled(self, part: Array) -> StribeckFriction:
-        """See :meth:`Term.scaled`."""
-        return replace(self, joint=part * self.joint, motor=part * self.motor)
-
-    @property
-    def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`: levels at the joints, then at the motors."""
-        return np.concatenate([self.joint, self.motor])
-
-    def with_theta(self, theta: Array) -> StribeckFriction:
-        """See :meth:`LinearTerm.with_theta`."""
-        joint, motor = np.reshape(theta, (2, N_JOINTS))
-        return replace(self, joint=joint, motor=motor)
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.parameter import Value
 from dvrk_gravity.terms.base import (
     Array,
-    LinearTerm,
+    Friction,
     State,
     as_array,
     as_value,
@@ -23,7 +23,7 @@ from dvrk_gravity.terms.base import (
 
 
 @dataclass(frozen=True, eq=False)
-class ViscousFriction(LinearTerm):
+class ViscousFriction(Friction):
     """Torque proportional to the velocity of a joint or of a motor.
 
     Attributes:
@@ -37,11 +37,6 @@ class ViscousFriction(LinearTerm):
         joint_array("viscous_friction.joint", "N·m·s/rad", "viscous friction at the joint", 0.0),
         joint_array("viscous_friction.motor", "N·m·s/rad", "viscous friction at the motor", 0.0),
     )
-    FRICTION = True
-
-    arm: Arm
-    joint: Array
-    motor: Array
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ViscousFriction | None:
@@ -60,20 +55,6 @@ class ViscousFriction(LinearTerm):
         if state.qd is None:
             return np.zeros(state.q.shape)
         return state.qd @ self._damping
-
-    def scaled(self, part: Array) -> ViscousFriction:
-        """See :meth:`Term.scaled`."""
-        return replace(self, joint=part * self.joint, motor=part * self.motor)
-
-    @property
-    def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`: at the joints, then at the motors."""
-        return np.concatenate([self.joint, self.motor])
-
-    def with_theta(self, theta: Array) -> ViscousFriction:
-        """See :meth:`LinearTerm.with_theta`."""
-        joint, motor = np.reshape(theta, (2, N_JOINTS))
-        return replace(self, joint=joint, motor=motor)
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
