@@ -181,12 +181,14 @@ class Columns:
         """
         return self._presliding.elements(state, before)
 
-    def regressor(self, state: State, history: Array) -> Array:
+    def regressor(self, state: State, history: Array, stride: int = 1) -> Array:
         """Return (N, 7, p) torques *at the motors* of all columns.
 
         Args:
             state: (N, 7) arrays, part of a motion.
             history: (N, K, 2, 7), the same part of :meth:`history`.
+            stride: Samples over which the motion is smooth: the posture's slopes, dear and as
+                smooth as it is, are evaluated so far apart, with cubic splines between.
         """
         arm, measured = self.mounted, state
         state = self.posture.true(measured)
@@ -206,8 +208,18 @@ class Columns:
                 )
             parts.append(part)
         if self.posture.links is not None:
-            parts.append(self.posture.slopes(self.arm, measured))
+            parts.append(self._slopes(measured, stride))
         return np.matmul(arm.actuator_to_joint.T, np.concatenate(parts, axis=-1))
+
+    def _slopes(self, measured: State, stride: int) -> Array:
+        from scipy.interpolate import CubicSpline
+
+        last = len(measured.q) - 1
+        if stride == 1 or last < stride:
+            return self.posture.slopes(self.arm, measured)
+        knots = np.unique(np.append(np.arange(0, last, stride), last))
+        at_knots = self.posture.slopes(self.arm, measured.rows(knots))
+        return np.asarray(CubicSpline(knots, at_knots)(np.arange(last + 1)))
 
     @cached_property
     def _legendre(self) -> Array:

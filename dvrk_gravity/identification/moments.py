@@ -22,6 +22,7 @@ from dvrk_gravity.terms import State
 CHUNK = 2000  # samples whose regressor is held at a time
 ROWS = 12_000  # samples that are kept after the filter, at most
 SAMPLING = 8.0  # samples kept for each period of the filter's cut-off, at most
+SMOOTH = 32.0  # samples for each such period between which a motion is a cubic
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +70,17 @@ def build_design(
         low = motion.filter
         stride = max(1, int(low.rate / (SAMPLING * low.cutoff)), -(-total // ROWS))
         rate = low.rate / stride
+        smooth = max(1, int(low.rate / (SMOOTH * low.cutoff)))
         before = None
         for start in range(low.edge, len(motion) - low.edge, CHUNK):
             stop = min(start + CHUNK, len(motion) - low.edge)
             # The filter's transients at the ends of a chunk fall into its margins.
             first, last = start - low.edge, min(stop + low.edge, len(motion))
             block = slice(first, last)
-            state = _rows(motion.state, block)
+            state = motion.state.rows(block)
             history = columns.history(state, before)
             before = history[stop - low.edge - first].copy()
-            raw = columns.regressor(state, history)
+            raw = columns.regressor(state, history, smooth)
             # One grid over all chunks.
             offset = (-(start - low.edge)) % stride
             kept = slice(start - first + offset, stop - first, stride)
@@ -107,12 +109,6 @@ def build_design(
         rate,
         np.concatenate(measured),
     )
-
-
-def _rows(state: State, rows: slice) -> State:
-    assert state.qd is not None
-    assert state.qdd is not None
-    return State(state.q[rows], state.qd[rows], state.qdd[rows])
 
 
 @dataclass(frozen=True, eq=False)

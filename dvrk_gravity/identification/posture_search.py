@@ -13,6 +13,7 @@ from dvrk_gravity.recording.data import Array
 
 STEPS = 6  # at most, of Gauss and Newton
 SETTLED = 1e-4  # rad
+ROUGHLY = 1e-2  # rad, of which the slopes make as good as nothing wrong
 
 
 def around_posture(
@@ -45,13 +46,13 @@ def around_posture(
         assumed.choices += choices
         return problem, chosen
     report("zeros and tilt", 0.3)
-    around, found = _settled(around, found, motions)
+    around, found = _settled(around, found, motions, ROUGHLY)
     columns, selection = around.design.columns, around.selection
     moved = [i for i in found if columns.columns[i].effect in POSTURE]
     plain = [sorted({*one, *moved}) for one in starts(columns, selection.effects)]
     found = selection.search(plain, lambda share: report("choice of terms", share))
     choices += selection.choices
-    around, found = _settled(around, found, motions)
+    around, found = _settled(around, found, motions, SETTLED)
     around.selection.choices = choices
     return around, found
 
@@ -68,9 +69,9 @@ def _moved(
 
 
 def _settled(
-    problem: Problem, chosen: list[int], motions: Sequence[Motion]
+    problem: Problem, chosen: list[int], motions: Sequence[Motion], within: float
 ) -> tuple[Problem, list[int]]:
-    """Return the problem around the posture at which a fit changes it no more."""
+    """Return the problem around the posture that a fit changes by no more than some rad."""
     for _ in range(STEPS):
         columns = problem.design.columns
         fitted = solved(problem, chosen).theta
@@ -79,7 +80,7 @@ def _settled(
             for i, value in zip(chosen, fitted.tolist(), strict=True)
             if columns.columns[i].effect in POSTURE
         ]
-        if max(change) < SETTLED:
+        if max(change) < within:
             break
         problem, chosen = _moved(problem, chosen, fitted, motions)
     return problem, chosen

@@ -61,6 +61,11 @@ class State:
             rest[name] = array
         return cls(position, **rest)
 
+    def rows(self, which: slice | NDArray[np.int64]) -> State:
+        """Return some of the samples of an (N, 7) state."""
+        rest = (self.qd, self.qdd, self.direction)
+        return State(self.q[which], *(None if one is None else one[which] for one in rest))
+
 
 class Term(ABC):
     """One named physical cause of torque.
