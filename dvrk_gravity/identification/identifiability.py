@@ -35,6 +35,7 @@ class _Quantity:
         direction: (p,) weights of the chosen coefficients.
         joint: Joint that it acts on, -1 for links and base.
         around: Value that the combination adds to.
+        shared: Determined in a sum only, whatever its interval says.
     """
 
     name: str
@@ -42,6 +43,7 @@ class _Quantity:
     direction: Array
     joint: int
     around: float = 0.0
+    shared: bool = False
 
 
 def describe(
@@ -67,7 +69,7 @@ def describe(
     for quantity in quantities:
         value = quantity.around + float(quantity.direction @ solution.theta)
         interval = spread.interval(value, quantity.direction)
-        known = spread.identifiable(quantity.direction)
+        known = spread.identifiable(quantity.direction) and not quantity.shared
         parameters.append(FittedParameter(quantity.name, value, quantity.unit, interval, known))
     scaled = columns.scale[list(chosen)]
     # Of what the data say, in units of what was plausible before: one means "as much as that".
@@ -78,7 +80,8 @@ def describe(
         *_motion_statements(design),
         *_pair_statements(quantities, spread, design),
         *_absent_statements(quantities, columns, chosen, solution, design, weight),
-        *_open_statements(parameters),
+        *_dry_friction_statements(columns, chosen),
+        *_open_statements(quantities, spread),
     ]
     return tuple(parameters), Identifiability(
         len(told), len(information), condition, tuple(statements)
@@ -119,13 +122,22 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
         "rotor_inertia": "kg·m^2",
         "presliding_hysteresis": "N·m",
     }
+    dry = _dry_friction(columns, chosen)
+    for (place, j), parts in dry.items():
+        name = f"dry_friction.{place}[{JOINT_NAMES[j]}] (Coulomb and presliding)"
+        found.append(_Quantity(name, "N·m", row({index[i]: 1.0 for i in parts}), j))
     for i in chosen:
         column = columns.columns[i]
         if column.effect in units:
             name = f"{column.effect}.{column.place}[{JOINT_NAMES[column.joint]}]"
             if column.effect == "presliding_hysteresis":
                 name += f" over {DISPLACEMENTS[column.index]:g} rad"
-            found.append(_Quantity(name, units[column.effect], row({index[i]: 1.0}), column.joint))
+            found.append(
+                _Quantity(
+                    name, units[column.effect], row({index[i]: 1.0}), column.joint,
+                    shared=i in dry.get((column.place, column.joint), ()),
+                )
+            )  # fmt: skip
         elif column.effect == "joint_offset":
             name, around = JOINT_NAMES[column.joint], columns.posture.offset[column.joint]
             one = row({index[i]: 1.0})
@@ -133,6 +145,23 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
         elif column.effect == "base_tilt":
             name, around = ("roll", "pitch")[column.index], columns.posture.tilt[column.index]
             found.append(_Quantity(f"base_tilt.{name}", "rad", row({index[i]: 1.0}), -1, around))
+    return found
+
+
+def _dry_friction(columns: Columns, chosen: Sequence[int]) -> dict[tuple[str, int], list[int]]:
+    """Return Coulomb friction and presliding by place and joint, where there is presliding.
+
+    The elements of presliding are a basis: which of them a search takes, and how friction is
+    divided among them and Coulomb friction, is no property of the arm. What they add up to is.
+    """
+    found: dict[tuple[str, int], list[int]] = {}
+    for i in chosen:
+        column = columns.columns[i]
+        if column.effect == "presliding_hysteresis":
+            found.setdefault((column.place, column.joint), []).append(i)
+    for (place, joint), parts in found.items():
+        coulomb = columns.select(effect="coulomb_friction", place=place, joint=joint)
+        parts += [i for i in coulomb if i in chosen]
     return found
 
 
@@ -193,6 +222,7 @@ def _pair_statements(
     """Name pairs of gravity, elastic and friction parameters that data cannot tell apart."""
     low, high = np.degrees(design.state.q.min(axis=0)), np.degrees(design.state.q.max(axis=0))
     named = [q for q in quantities if q.joint >= 0 or q.name.startswith("beta")]
+    named = [q for q in named if not q.shared]
     statements = []
     for a, first in enumerate(named):
         for second in named[a + 1 :]:
@@ -254,11 +284,27 @@ def _absent_statements(
     return statements
 
 
-def _open_statements(parameters: Sequence[FittedParameter]) -> list[str]:
-    left = [parameter.name for parameter in parameters if not parameter.identifiable]
+def _dry_friction_statements(columns: Columns, chosen: Sequence[int]) -> list[str]:
+    """Say where only the sum of Coulomb friction and presliding is known."""
+    where = [
+        f"{JOINT_NAMES[joint]} ({place})"
+        for (place, joint), parts in _dry_friction(columns, chosen).items()
+        if len(parts) > 1
+    ]
+    if not where:
+        return []
+    return [
+        f"dry friction of {', '.join(where)}: its sum is determined; how it divides into Coulomb "
+        "friction and presliding elements depends on the displacements that are tried; more and "
+        "slower reversals would show"
+    ]
+
+
+def _open_statements(quantities: Sequence[_Quantity], spread: Uncertainty) -> list[str]:
+    left = [one.name for one in quantities if not spread.identifiable(one.direction)]
     if not left:
         return []
     return [
-        f"{len(left)} of {len(parameters)} parameters are not determined by these data and stay "
+        f"{len(left)} of {len(quantities)} parameters are not determined by these data and stay "
         f"near their prior: {'; '.join(left)}"
     ]

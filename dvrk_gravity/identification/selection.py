@@ -23,6 +23,7 @@ STANDARD_ERRORS = 1.0
 MOST_STEPS = 60
 RIGID = ("link_inertia", "gravity")
 POSTURE = ("base_tilt", "joint_offset")
+WRIST = (3, 4, 5, 6)  # joints whose rotors are no part of a link, as far as torque can tell
 CLEAR = 1.5  # standard errors by which zeros and tilt must pay: they turn everything else
 
 
@@ -248,10 +249,13 @@ class Selection:
                 where = f"{name} ({place})" if len(places) == 2 else name
                 for effect in ("coulomb_friction", "viscous_friction"):
                     here = columns.select(effect=effect, place=place, joint=j)
-                    if here[0] in inside:
-                        yield Move((), tuple(here), f"without {effect} {where}")
-                    else:
+                    both = inside & set(columns.select(effect=effect, joint=j))
+                    if here[0] not in inside:
                         yield Move(tuple(here), (), f"{effect} {where}")
+                    elif effect != "viscous_friction" or len(both) > 1:
+                        # Every joint has viscous friction; what is too little to pay would
+                        # still be in the other parameters, beyond their intervals.
+                        yield Move((), tuple(here), f"without {effect} {where}")
                 elements = columns.select(effect="presliding_hysteresis", place=place, joint=j)
                 for element, size in zip(elements, DISPLACEMENTS, strict=True):
                     text = f"presliding_hysteresis {where}, {size:g} rad"
@@ -323,13 +327,19 @@ def starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[
 
 
 def start_columns(columns: Columns) -> list[int]:
-    """Return the columns of the plainest model that can hold: rigid body, friction, a constant."""
+    """Return the columns of the plainest model that can hold.
+
+    It is the rigid body, friction, a constant torque, and the rotors of the wrist, whose inertia
+    is none of a link's.
+    """
     chosen = columns.select(effect="link_inertia") + columns.select(effect="gravity")
     chosen += columns.select(effect="elastic_cable", index=0)
     for effect in ("coulomb_friction", "viscous_friction"):
         for j in range(N_JOINTS):
             place = "motor" if j == 2 else "joint"
             chosen += columns.select(effect=effect, place=place, joint=j)
+    for j in WRIST:
+        chosen += columns.select(effect="rotor_inertia", joint=j)
     return sorted(chosen)
 
 
