@@ -43,7 +43,6 @@ FAMILIES = {
     "viscous_friction": "viscous friction",
     "rotor_inertia": "rotor inertia",
     "presliding_hysteresis": "presliding",
-    "dry_friction": "dry friction",
 }
 RIGID = "rigid-body combinations"
 
@@ -174,8 +173,6 @@ def true_values(world: World, columns: Columns, chosen: Sequence[int]) -> dict[s
         truth[f"coulomb_friction.joint[{joint}]"] = float(world.coulomb[0, j])
         truth[f"coulomb_friction.motor[{joint}]"] = float(world.coulomb[2, j])
         truth[f"viscous_friction.joint[{joint}]"] = float(world.viscous[j])
-        for place, level in (("joint", world.coulomb[0, j]), ("motor", world.coulomb[2, j])):
-            truth[f"dry_friction.{place}[{joint}] (Coulomb and presliding)"] = float(level)
         truth[f"rotor_inertia.motor[{joint}]"] = float(world.rotors[j])
     return truth
 

@@ -184,6 +184,23 @@ def test_a_spring_left_out_that_gravity_could_replace_is_named():
     assert "elastic torque outer_yaw" not in text  # its axis is upright: no weight to confuse
 
 
+def test_friction_that_presliding_shares_is_not_called_identifiable():
+    motions = read_motions([truth(1)], ARM, "joint")
+    problem = pose(motions.parts, ARM)
+    element = problem.design.columns.select(
+        effect="presliding_hysteresis", place="joint", joint=4, index=0
+    )
+    found = estimate(problem, sorted({*start_columns(problem.design.columns), *element}))
+    names = ("coulomb_friction", "presliding_hysteresis")
+    friction = [p for p in found.parameters if p.name.startswith(names)]
+    shared = [p for p in friction if "wrist_pitch" in p.name]
+    assert len(shared) == 2
+    assert [p for p in friction if not p.identifiable] == shared
+    assert sum(p.value for p in shared) == pytest.approx(COULOMB[4], rel=0.15)
+    said = next(s for s in found.identifiability.statements if s.startswith("dry friction of"))
+    assert f"{sum(p.value for p in shared):.3g} N·m together" in said
+
+
 def test_validation_recordings_judge_the_model():
     recordings = [truth(5, 16.0), truth(6, 16.0)]
     found = identify(recordings[:1], ARM, "joint", effects=["coulomb_friction"],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,8 @@ from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.motion import read_motions
 from dvrk_gravity.identification.posture import OFFSETS, Posture
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.terms import State
@@ -24,9 +27,9 @@ ROLL, PITCH = 0.06, -0.05  # rad
 TILTED = pin.rpy.rpyToMatrix(ROLL, PITCH, 0.0).T @ ARM.gravity
 
 
-def off(recording):
-    """Return a recording whose fourth encoder reads too much."""
-    position = recording.position + ZERO * (np.arange(N_JOINTS) == 3)
+def off(recording, joint=3, zero=ZERO):
+    """Return a recording one of whose encoders, the fourth, reads too much."""
+    position = recording.position + zero * (np.arange(N_JOINTS) == joint)
     return replace(recording, position=position)
 
 
@@ -69,8 +72,7 @@ def test_a_zero_that_is_off_is_found(displaced):
     found = parameter(displaced, "joint_offset[wrist_platform]")
     assert found.ci95[0] <= ZERO <= found.ci95[1] or abs(found.value - ZERO) < 0.1 * ZERO
     assert displaced.model.joint_offset[3] == pytest.approx(found.value)
-    others = [p.name for p in displaced.parameters if p.name.startswith(("joint_off", "base_t"))]
-    assert others == ["joint_offset[wrist_platform]"]
+    assert zeros(displaced) == ["joint_offset[wrist_platform]"]
 
 
 def test_a_tilted_base_is_found(leaning):
@@ -94,11 +96,50 @@ def test_what_was_found_goes_with_the_model_file_to_another_motion(displaced, le
         assert at_rest == pytest.approx(fit.model.torque(q), abs=1e-9)
 
 
-def test_an_arm_that_stands_right_acquires_neither():
-    found = identify([truth(1)], ARM, "joint", TERMS)
-    assert not any(p.name.startswith(("joint_off", "base_tilt")) for p in found.parameters)
-    tried = {choice.term for choice in found.choices if not choice.kept}
+@pytest.fixture(scope="module")
+def upright():
+    return identify([truth(1)], ARM, "joint", TERMS)
+
+
+def zeros(fit):
+    return [p.name for p in fit.parameters if p.name.startswith(("joint_offset", "base_tilt"))]
+
+
+def test_an_arm_that_stands_right_acquires_neither(upright):
+    assert not zeros(upright)
+    tried = {choice.term for choice in upright.choices if not choice.kept}
     assert {"base_tilt", "joint_offset wrist_platform"} <= tried
+
+
+def test_zeros_that_look_alike_are_named(upright):
+    said = " ".join(upright.identifiability.statements)
+    assert re.search(r"joint_offset\[shoulder_pitch\] is known to .* most like joint_offset", said)
+
+
+def test_a_zero_that_is_said_not_to_show_does_not_show(upright):
+    said = " ".join(upright.identifiability.statements)
+    half = re.search(r"joint_offset\[wrist_yaw\] \(±([0-9.]+) deg\)", said)
+    assert half is not None
+    zero = 0.5 * np.radians(float(half[1]))
+    assert zero > np.radians(0.5)
+    hidden = identify([off(truth(1), 5, zero)], ARM, "joint", TERMS)
+    assert not zeros(hidden)
+    error = hidden.held_out["wrist_yaw"].rmse
+    assert error == pytest.approx(upright.held_out["wrist_yaw"].rmse, rel=0.05)
+
+
+def test_slopes_between_knots_are_those_at_every_sample():
+    """At 1 kHz every fifth sample is enough, whatever the motion is low-passed at."""
+    motion = read_motions([truth(3, 2.0, 1000.0)], ARM, "joint").parts[0]
+    links = Columns(ARM, ARM.lower, ARM.upper).base.sum(axis=1)
+    columns = Columns(ARM, ARM.lower, ARM.upper, Posture(links=links))
+    history = columns.history(motion.state)
+    exact, between = (columns.regressor(motion.state, history, s) for s in (1, 5))
+    posture = columns.select(effect="joint_offset") + columns.select(effect="base_tilt")
+    assert len(posture) == 7
+    rough = np.abs(between - exact).max(axis=(0, 1))
+    assert 0.0 < rough.max() < 1e-4 * np.abs(exact[:, :, posture]).max()
+    assert not np.delete(rough, posture).any()
 
 
 def test_terms_that_are_found_elsewhere_say_where():

@@ -33,6 +33,7 @@ DISPLACEMENTS = (0.01, 0.03, 0.1, 0.3)  # rad, of the elements of presliding
 TRANSITION = 0.003  # rad/s over which Coulomb friction changes its sign
 # What one effect may plausibly take of a motor's largest torque, as a standard deviation.
 PART = 0.2
+POSTURE = ("base_tilt", "joint_offset")  # effects that torque is not linear in
 MISPLACED = 0.1  # rad, plausible size of a zero's or the base's error
 # Plausible size of each link, for the prior: mass kg, extent m.
 SIZES = {

@@ -91,16 +91,17 @@ def fit_dynamic(
     chosen = selection.search(
         starts(columns, effects), lambda share: report("choice of terms", share)
     )
-    problem, chosen = around_posture(problem, chosen, motions.parts, report)
+    problem, chosen, said = around_posture(problem, chosen, motions.parts, report)
     selection = problem.selection
     columns, design = problem.design.columns, problem.design
     found = estimate(problem, chosen, physical)
+    statements = (*found.identifiability.statements, *said)
     return Fit(
         model=_model(columns, chosen, found.solution, found.links),
         held_out=_errors(design, found.blind, coordinates),
         training=_errors(design, found.predicted, coordinates),
         parameters=found.parameters,
-        identifiability=found.identifiability,
+        identifiability=replace(found.identifiability, statements=statements),
         choices=tuple(selection.choices),
         warnings=motions.warnings,
         handling=motions.handling,

@@ -10,7 +10,7 @@ import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.gravity import BETA_NAMES
-from dvrk_gravity.identification.columns import DISPLACEMENTS, Columns, beta_map
+from dvrk_gravity.identification.columns import DISPLACEMENTS, POSTURE, Column, Columns, beta_map
 from dvrk_gravity.identification.covariance import Uncertainty
 from dvrk_gravity.identification.moments import Design
 from dvrk_gravity.identification.regression import Solution
@@ -35,7 +35,7 @@ class _Quantity:
         direction: (p,) weights of the chosen coefficients.
         joint: Joint that it acts on, -1 for links and base.
         around: Value that the combination adds to.
-        shared: Determined in a sum only, whatever its interval says.
+        shared: Divided from another by a choice, so that its interval promises too much.
     """
 
     name: str
@@ -80,7 +80,7 @@ def describe(
         *_motion_statements(design),
         *_pair_statements(quantities, spread, design),
         *_absent_statements(quantities, columns, chosen, solution, design, weight),
-        *_dry_friction_statements(columns, chosen),
+        *_dry_friction_statements(columns, chosen, solution),
         *_open_statements(quantities, spread),
     ]
     return tuple(parameters), Identifiability(
@@ -123,9 +123,6 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
         "presliding_hysteresis": "N·m",
     }
     dry = _dry_friction(columns, chosen)
-    for (place, j), parts in dry.items():
-        name = f"dry_friction.{place}[{JOINT_NAMES[j]}] (Coulomb and presliding)"
-        found.append(_Quantity(name, "N·m", row({index[i]: 1.0 for i in parts}), j))
     for i in chosen:
         column = columns.columns[i]
         if column.effect in units:
@@ -138,21 +135,26 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
                     shared=i in dry.get((column.place, column.joint), ()),
                 )
             )  # fmt: skip
-        elif column.effect == "joint_offset":
-            name, around = JOINT_NAMES[column.joint], columns.posture.offset[column.joint]
-            one = row({index[i]: 1.0})
-            found.append(_Quantity(f"joint_offset[{name}]", "rad", one, column.joint, around))
-        elif column.effect == "base_tilt":
-            name, around = ("roll", "pitch")[column.index], columns.posture.tilt[column.index]
-            found.append(_Quantity(f"base_tilt.{name}", "rad", row({index[i]: 1.0}), -1, around))
+        elif column.effect in POSTURE:
+            posture, one = columns.posture, row({index[i]: 1.0})
+            tilt = column.effect == "base_tilt"
+            around = posture.tilt[column.index] if tilt else posture.offset[column.joint]
+            found.append(_Quantity(posture_name(column), "rad", one, column.joint, around))
     return found
+
+
+def posture_name(column: Column) -> str:
+    """Return the name of a zero or of an angle of the base."""
+    if column.effect == "base_tilt":
+        return f"base_tilt.{('roll', 'pitch')[column.index]}"
+    return f"joint_offset[{JOINT_NAMES[column.joint]}]"
 
 
 def _dry_friction(columns: Columns, chosen: Sequence[int]) -> dict[tuple[str, int], list[int]]:
     """Return Coulomb friction and presliding by place and joint, where there is presliding.
 
     The elements of presliding are a basis: which of them a search takes, and how friction is
-    divided among them and Coulomb friction, is no property of the arm. What they add up to is.
+    divided among them and Coulomb friction, is no property of the arm.
     """
     found: dict[tuple[str, int], list[int]] = {}
     for i in chosen:
@@ -284,19 +286,21 @@ def _absent_statements(
     return statements
 
 
-def _dry_friction_statements(columns: Columns, chosen: Sequence[int]) -> list[str]:
-    """Say where only the sum of Coulomb friction and presliding is known."""
+def _dry_friction_statements(
+    columns: Columns, chosen: Sequence[int], solution: Solution
+) -> list[str]:
+    """Say where Coulomb friction and presliding are known together only."""
+    value = dict(zip(chosen, solution.theta.tolist(), strict=True))
     where = [
-        f"{JOINT_NAMES[joint]} ({place})"
+        f"{JOINT_NAMES[joint]} ({place}, {sum(value[i] for i in parts):.3g} N·m together)"
         for (place, joint), parts in _dry_friction(columns, chosen).items()
-        if len(parts) > 1
     ]
     if not where:
         return []
     return [
-        f"dry friction of {', '.join(where)}: its sum is determined; how it divides into Coulomb "
-        "friction and presliding elements depends on the displacements that are tried; more and "
-        "slower reversals would show"
+        f"dry friction of {', '.join(where)}: how it divides into Coulomb friction and presliding "
+        "depends on the displacements that are tried, so that neither counts as determined; more "
+        "and slower reversals would tell them apart"
     ]
 
 

@@ -6,9 +6,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from dvrk_gravity.identification.columns import POSTURE
 from dvrk_gravity.identification.motion import Motion
+from dvrk_gravity.identification.posture_statements import posture_statements
 from dvrk_gravity.identification.problem import Problem, pose, solved
-from dvrk_gravity.identification.selection import POSTURE, starts
+from dvrk_gravity.identification.selection import starts
 from dvrk_gravity.recording.data import Array
 
 STEPS = 6  # at most, of Gauss and Newton
@@ -21,8 +23,10 @@ def around_posture(
     chosen: list[int],
     motions: Sequence[Motion],
     report: Callable[[str, float], None],
-) -> tuple[Problem, list[int]]:
+) -> tuple[Problem, list[int], tuple[str, ...]]:
     """Return the problem around the best zeros and tilt, if any pays, and its columns.
+
+    The third is what can be said of zeros and tilt in these data, whether any pays or not.
 
     Their own columns stay in the fit, so that all parameters' intervals know of them. What was
     chosen around a wrong posture may have made up for it, so the other columns are chosen anew.
@@ -35,7 +39,7 @@ def around_posture(
     """
     assumed = problem.selection
     if not any(assumed.allowed(effect) for effect in POSTURE):
-        return problem, chosen
+        return problem, chosen, ()
     report("zeros and tilt", 0.0)
     around, start = _moved(problem, chosen, solved(problem, chosen).theta, motions)
     selection = around.selection
@@ -44,7 +48,7 @@ def around_posture(
     choices = selection.choices
     if len(found) == len(start):
         assumed.choices += choices
-        return problem, chosen
+        return problem, chosen, posture_statements(around, start)
     report("zeros and tilt", 0.3)
     around, found = _settled(around, found, motions, ROUGHLY)
     columns, selection = around.design.columns, around.selection
@@ -54,7 +58,7 @@ def around_posture(
     choices += selection.choices
     around, found = _settled(around, found, motions, SETTLED)
     around.selection.choices = choices
-    return around, found
+    return around, found, posture_statements(around, found)
 
 
 def _moved(

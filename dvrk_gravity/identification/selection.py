@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.identification.columns import DEGREE, DISPLACEMENTS, Columns
+from dvrk_gravity.identification.columns import DEGREE, DISPLACEMENTS, POSTURE, Columns
 from dvrk_gravity.identification.folds import Folds
 from dvrk_gravity.identification.moments import Design, Moments
 from dvrk_gravity.identification.regression import solve_signed
@@ -22,7 +22,6 @@ LEAST_GAIN = 0.004
 STANDARD_ERRORS = 1.0
 MOST_STEPS = 60
 RIGID = ("link_inertia", "gravity")
-POSTURE = ("base_tilt", "joint_offset")
 WRIST = (3, 4, 5, 6)  # joints whose rotors are no part of a link, as far as torque can tell
 CLEAR = 1.5  # standard errors by which zeros and tilt must pay: they turn everything else
 

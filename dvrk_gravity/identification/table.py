@@ -28,8 +28,11 @@ def fit_text(fit: Fit) -> Iterator[str]:
     yield ""
     kept = [choice for choice in fit.choices if choice.kept]
     left = [choice for choice in fit.choices if not choice.kept]
-    for choice in kept:
+    added = [choice for choice in kept if not choice.term.startswith("without ")]
+    for choice in added:
         yield f"  {choice.term}: {choice.reason}"
+    if len(kept) > len(added):
+        yield f"  {len(kept) - len(added)} terms that the search started with were taken out again"
     if left:
         yield f"  {len(left)} further changes were tried and do not pay (all in the report)"
     found = fit.identifiability

@@ -1,0 +1,70 @@
+"""How well zeros of joints and tilt of the base would show in some data, in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dvrk_gravity.identification.columns import POSTURE
+from dvrk_gravity.identification.covariance import NORMAL_95
+from dvrk_gravity.identification.identifiability import posture_name
+from dvrk_gravity.identification.moments import Moments
+from dvrk_gravity.identification.problem import Problem
+from dvrk_gravity.recording.data import Array
+
+WELL = np.radians(1.0)  # half of a 95 % interval up to which a zero counts as well known
+ENTANGLED = 2.0  # times by which the others' being unknown widens an interval that is worth a word
+ALWAYS = (
+    "no torque tells the zero of outer_yaw (it turns with the room), that of wrist_roll from where "
+    "the mass of its link is, a payload from parameters of the links that carry it, or a constant "
+    "torque offset from elastic_cable's first coefficients: the fit holds them there",
+)
+
+
+def posture_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, ...]:
+    """Say of zeros and tilt what would not show, and what cannot be told from each other.
+
+    Args:
+        problem: With slopes.
+        chosen: Columns of the fit; its zeros and tilt, if any, are judged like all others.
+    """
+    columns = problem.design.columns
+    posture = [i for i, one in enumerate(columns.columns) if one.effect in POSTURE]
+    information = _information(problem, [i for i in chosen if i not in posture], posture)
+    first = NORMAL_95 / np.sqrt(np.diag(information))
+    covariance = np.linalg.inv(information)
+    second = NORMAL_95 * np.sqrt(np.diag(covariance))
+    correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    names = [posture_name(columns.columns[i]) for i in posture]
+    hidden, entangled = [], []
+    for k, name in enumerate(names):
+        if first[k] > WELL:
+            hidden.append(f"{name} (±{np.degrees(first[k]):.1f} deg)")
+        elif second[k] > ENTANGLED * first[k]:
+            other = int(np.argmax(np.abs(correlation[k]) - np.eye(len(names))[k]))
+            entangled.append(
+                f"{name} is known to ±{np.degrees(first[k]):.1f} deg where the other zeros and the "
+                f"tilt are right, and to ±{np.degrees(second[k]):.1f} deg where none of them is "
+                f"known: it looks most like {names[other]} (correlation "
+                f"{correlation[k, other]:+.2f})"
+            )
+    if hidden:
+        entangled.append(
+            f"{', '.join(hidden)}: what is less than that does not show in these data; parameters "
+            "of links, springs and elastic torque take it up; more speed, or a wider range of the "
+            "joint, would show it"
+        )
+    return (*entangled, *ALWAYS)
+
+
+def _information(problem: Problem, others: Sequence[int], posture: Sequence[int]) -> Array:
+    """Return (k, k) information on zeros and tilt, the other columns of a fit unknown."""
+    design, weighting = problem.design, problem.weighting
+    both = [*others, *posture]
+    whole = Moments.of(design.x[:, :, both], design.y, weighting.sample)
+    scale = design.columns.scale[both]
+    total = np.tensordot(weighting.motor, whole.gram, 1) + np.diag(1.0 / scale**2)
+    known, rest = slice(0, len(others)), slice(len(others), None)
+    through = np.linalg.solve(total[known, known], total[known, rest])
+    return np.asarray(total[rest, rest] - total[rest, known] @ through)
