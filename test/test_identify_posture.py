@@ -137,7 +137,8 @@ def test_slopes_between_knots_are_those_at_every_sample():
     exact, between = (columns.regressor(motion.state, history, s) for s in (1, 5))
     posture = columns.select(effect="joint_offset") + columns.select(effect="base_tilt")
     assert len(posture) == 7
-    rough = np.abs(between - exact).max(axis=(0, 1))
+    inside = slice(motion.filter.edge, -motion.filter.edge)  # what a fit uses
+    rough = np.abs(between - exact)[inside].max(axis=(0, 1))
     assert 0.0 < rough.max() < 1e-4 * np.abs(exact[:, :, posture]).max()
     assert not np.delete(rough, posture).any()
 
