@@ -129,17 +129,18 @@ def test_a_zero_that_is_said_not_to_show_does_not_show(upright):
 
 
 def test_slopes_between_knots_are_those_at_every_sample():
-    """At 1 kHz every fifth sample is enough, whatever the motion is low-passed at."""
-    motion = read_motions([truth(3, 2.0, 1000.0)], ARM, "joint").parts[0]
+    """Of 200 Hz every third sample is enough for a motion that went through the low-pass."""
+    motion = read_motions([truth(3, 4.0, 1000.0)], ARM, "joint").parts[0]
+    assert motion.filter.rate == pytest.approx(200.0)
     links = Columns(ARM, ARM.lower, ARM.upper).base.sum(axis=1)
     columns = Columns(ARM, ARM.lower, ARM.upper, Posture(links=links))
     history = columns.history(motion.state)
-    exact, between = (columns.regressor(motion.state, history, s) for s in (1, 5))
+    exact, between = (columns.regressor(motion.state, history, s) for s in (1, 3))
     posture = columns.select(effect="joint_offset") + columns.select(effect="base_tilt")
     assert len(posture) == 7
     inside = slice(motion.filter.edge, -motion.filter.edge)  # what a fit uses
     rough = np.abs(between - exact)[inside].max(axis=(0, 1))
-    assert 0.0 < rough.max() < 1e-4 * np.abs(exact[:, :, posture]).max()
+    assert 0.0 < rough.max() < 1e-3 * np.abs(exact[:, :, posture]).max()
     assert not np.delete(rough, posture).any()
 
 

@@ -22,7 +22,7 @@ from dvrk_gravity.terms import State
 CHUNK = 2000  # samples whose regressor is held at a time
 ROWS = 12_000  # samples that are kept after the filter, at most
 SAMPLING = 8.0  # samples kept for each period of the filter's cut-off, at most
-SMOOTH = 32.0  # samples for each such period between which a motion is a cubic
+SMOOTH = 10.0  # samples for each such period between which slopes are cubics
 
 
 @dataclass(frozen=True, eq=False)
