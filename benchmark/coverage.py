@@ -247,11 +247,11 @@ def main() -> int:
             for title, count in counts.items()
         }
         arguments.json.write_text(json.dumps(content, indent=1))
-    pooled = counts["true terms"].table()["all"]["coverage"]
-    if LOW <= pooled <= HIGH:
-        return 0
-    print(f"pooled coverage {100 * pooled:.1f} %, expected {100 * LOW:.0f} to {100 * HIGH:.0f} %")
-    return 1
+    pooled = {title: count.table()["all"]["coverage"] for title, count in counts.items()}
+    off = {title: share for title, share in pooled.items() if not LOW <= share <= HIGH}
+    for title, share in off.items():
+        print(f"{title}: {100 * share:.1f} %, expected {100 * LOW:.0f} to {100 * HIGH:.0f} %")
+    return int(bool(off))
 
 
 if __name__ == "__main__":
