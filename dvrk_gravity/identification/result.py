@@ -65,6 +65,11 @@ class Choice:
     after: float
     reason: str
 
+    @property
+    def added(self) -> bool:
+        """Whether it brought something into the model; else it took something out, or failed."""
+        return self.kept and not self.term.startswith("without ")
+
 
 @dataclass(frozen=True)
 class Identifiability:

@@ -28,7 +28,7 @@ def fit_text(fit: Fit) -> Iterator[str]:
     yield ""
     kept = [choice for choice in fit.choices if choice.kept]
     left = [choice for choice in fit.choices if not choice.kept]
-    added = [choice for choice in kept if not choice.term.startswith("without ")]
+    added = [choice for choice in kept if choice.added]
     for choice in added:
         yield f"  {choice.term}: {choice.reason}"
     if len(kept) > len(added):

@@ -77,5 +77,5 @@ def _scatter(axes: Any, x: Array, y: Array) -> None:
 
 def _data_url(figure: Any) -> str:
     # A constrained layout would take most of the time that a picture takes.
-    figure.subplots_adjust(left=0.08, right=0.99, bottom=0.19, top=0.97, wspace=0.05)
+    figure.subplots_adjust(left=0.1, right=0.99, bottom=0.19, top=0.97, wspace=0.05)
     return data_url(png(figure, dpi=100))

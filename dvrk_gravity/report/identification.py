@@ -30,6 +30,19 @@ tr.open td{color:#999}.small{color:#666;font-size:.9rem}img{max-width:100%;displ
 <td class="n">{% if name in fit.training %}{{ "%.3f"|format(fit.training[name].nrmse) }}{% endif %}
 </td></tr>{% endfor %}</table>
 
+<h2>Joint by joint</h2>
+{% for name, torque, residual in pictures %}<h3>{{ name }}</h3>
+<img alt="measured and predicted torque of {{ name }}" src="{{ torque }}">
+<img alt="difference by position and velocity of {{ name }}" src="{{ residual }}">{% endfor %}
+
+<h2>Terms</h2>
+{% macro changes(rows) %}<table><tr><th>change</th><th>why</th></tr>
+{% for choice in rows %}<tr><td>{{ choice.term }}</td><td>{{ choice.reason }}</td></tr>{% endfor %}
+</table>{% endmacro %}
+{{ changes(fit.choices | selectattr("added")) }}
+{% for title, rows in others if rows %}<details><summary>{{ title }} ({{ rows|length }})</summary>
+{{ changes(rows) }}</details>{% endfor %}
+
 <h2>What these data cannot tell</h2>
 <p>{{ fit.identifiability.rank }} of {{ fit.identifiability.columns }} parameter combinations are
 determined; condition number {{ "%.3g"|format(fit.identifiability.condition) }}.</p>
@@ -40,21 +53,6 @@ pseudo-inertia over the greatest,
 {% for link, value in fit.physical.items() %}{{ link }} {{ "%.2g"|format(value) }}{{
 ", " if not loop.last }}{% endfor %}.</p>{% endif %}
 
-<h2>Data</h2>
-<ul>{% for line in fit.warnings %}<li>{{ line }}</li>{% else %}<li>no warnings</li>{% endfor %}</ul>
-<ul>{% for line in fit.handling %}<li>{{ line }}</li>{% endfor %}</ul>
-
-<h2>Terms</h2>
-<table><tr><th>change</th><th>kept</th><th>why</th></tr>
-{% for choice in fit.choices %}<tr{% if not choice.kept %} class="open"{% endif %}>
-<td>{{ choice.term }}</td><td>{{ "yes" if choice.kept else "no" }}</td>
-<td>{{ choice.reason }}</td></tr>{% endfor %}</table>
-
-<h2>Joint by joint</h2>
-{% for name, torque, residual in pictures %}<h3>{{ name }}</h3>
-<img alt="measured and predicted torque of {{ name }}" src="{{ torque }}">
-<img alt="difference by position and velocity of {{ name }}" src="{{ residual }}">{% endfor %}
-
 <h2>Parameters</h2>
 <p class="small">With 95 % intervals that respect the residual's autocorrelation. Grey: not
 determined by these data.</p>
@@ -64,6 +62,10 @@ determined by these data.</p>
 <td>{{ p.name }}</td><td class="n">{{ "%.4g"|format(p.value) }}</td>
 <td class="n">{{ "%.4g"|format(p.ci95[0]) }} … {{ "%.4g"|format(p.ci95[1]) }}</td>
 <td>{{ p.unit }}</td></tr>{% endfor %}</table>
+
+<h2>Data</h2>
+<ul>{% for line in fit.warnings %}<li>{{ line }}</li>{% else %}<li>no warnings</li>{% endfor %}</ul>
+<ul>{% for line in fit.handling %}<li>{{ line }}</li>{% endfor %}</ul>
 </body></html>
 """
 
@@ -89,6 +91,11 @@ def render(fit: Fit, sources: str) -> str:
         f"the model explains {100 * float(np.min(explained)):.0f} to "
         f"{100 * float(np.max(explained)):.0f} % of each joint's torque that it had not seen"
     )
+    others = [
+        ("Taken out again", [one for one in fit.choices if one.kept and not one.added]),
+        ("Tried, and does not pay", [one for one in fit.choices if not one.kept]),
+    ]
     return template.render(
-        arm=fit.model.arm.name, fit=fit, headline=headline, sources=sources, pictures=pictures
-    )
+        arm=fit.model.arm.name, fit=fit, headline=headline, sources=sources, pictures=pictures,
+        others=others,
+    )  # fmt: skip
