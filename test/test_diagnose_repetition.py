@@ -196,7 +196,9 @@ def test_a_good_model_of_the_real_motion_has_nothing_to_explain_but_an_ambiguity
     told = {joint for one in result.findings for joint in one.joints}
     assert told <= {"wrist_platform", "wrist_yaw"}  # the noise floor of the yaw is 0.6 mN·m
     assert all(result.after[j] < 2.5 * result.floor[j] for j in JOINT_NAMES if j not in told)
-    assert _tilt_and_shoulder(result)
+    # The model's base is tilted, so that outer_yaw's zero turns what gravity does, as a tilt would.
+    alike = [{one.first.effect, one.second.effect} for one in result.ambiguities]
+    assert {"joint_offset", "base_tilt"} in alike
     assert json.loads(result.to_json())["ambiguities"]
 
 
@@ -225,7 +227,8 @@ def test_from_the_rigid_body_alone_the_real_arms_friction_and_spring_are_named()
         }
 
     motion = named(diagnose(recording, rigid))
-    alone = named(diagnose(Recording.load(sweep, coordinates="actuator"), rigid))
+    still = dict.fromkeys(JOINT_NAMES, 0.0) | {"shoulder_pitch": 0.044, "elbow_pitch": 0.044}
+    alone = named(diagnose(Recording.load(sweep, coordinates="actuator"), rigid, still=still))
 
     assert ("elastic_cable", "wrist_pitch", False) in motion
     assert motion & {
@@ -233,6 +236,6 @@ def test_from_the_rigid_body_alone_the_real_arms_friction_and_spring_are_named()
         ("presliding_hysteresis", "elbow_pitch", True),
     }
     assert {one for one in motion if one[:2] == ("coulomb_friction", "wrist_platform")}
-    assert ("presliding_hysteresis", "wrist_platform", False) in motion
+    assert ("presliding_hysteresis", "wrist_platform", False) in alone
     assert ("elastic_cable", "wrist_platform", False) in alone
     assert not [one for one in (*motion, *alone) if one[0] in ("contact", "joint_coupling")]

@@ -91,7 +91,7 @@ def _steps() -> Iterator[str]:
         f"`{SWEEP}`: wrist_platform from end to end and back, nothing else moves; the rigid model "
         "again. Here the cable and the hysteresis of that joint lie open.",
         diagnose(sweep, rigid, still=SWEPT_AT), "sweep",
-        pictures=(("coulomb_friction", "wrist_platform"), ("elastic_cable", "wrist_platform")),
+        pictures=(("presliding_hysteresis", "wrist_platform"), ("elastic_cable", "wrist_platform")),
     )  # fmt: skip
     yield from _step(
         "5. A good model",

@@ -17,7 +17,7 @@ from dvrk_gravity.identification.moments import Design
 from dvrk_gravity.identification.motion import Source, read_motions
 from dvrk_gravity.identification.physical import certificate, physical_links
 from dvrk_gravity.identification.posture_search import around_posture
-from dvrk_gravity.identification.problem import Problem, pose, solved
+from dvrk_gravity.identification.problem import Problem, choose, pose, solved
 from dvrk_gravity.identification.regression import (
     Solution,
     solve,
@@ -87,10 +87,10 @@ def fit_dynamic(
     """
     motions = read_motions(recordings, arm, coordinates, cutoff)
     problem = pose(motions.parts, arm, effects, lambda share: report("regressor", share))
-    columns, design, selection = problem.design.columns, problem.design, problem.selection
-    chosen = selection.search(
-        starts(columns, effects), lambda share: report("choice of terms", share)
-    )
+    problem, chosen = choose(
+        problem, starts(problem.design.columns, effects),
+        lambda share: report("choice of terms", share),
+    )  # fmt: skip
     problem, chosen, said = around_posture(problem, chosen, motions.parts, report)
     selection = problem.selection
     columns, design = problem.design.columns, problem.design

@@ -9,7 +9,7 @@ import numpy as np
 from dvrk_gravity.identification.columns import POSTURE
 from dvrk_gravity.identification.motion import Motion
 from dvrk_gravity.identification.posture_statements import posture_statements
-from dvrk_gravity.identification.problem import Problem, pose, solved
+from dvrk_gravity.identification.problem import Problem, choose, pose, reweighed, solved
 from dvrk_gravity.identification.selection import starts
 from dvrk_gravity.recording.data import Array
 
@@ -51,11 +51,11 @@ def around_posture(
         return problem, chosen, posture_statements(around, start)
     report("zeros and tilt", 0.3)
     around, found = _settled(around, found, motions, ROUGHLY)
-    columns, selection = around.design.columns, around.selection
+    columns = around.design.columns
     moved = [i for i in found if columns.columns[i].effect in POSTURE]
-    plain = [sorted({*one, *moved}) for one in starts(columns, selection.effects)]
-    found = selection.search(plain, lambda share: report("choice of terms", share))
-    choices += selection.choices
+    plain = [sorted({*one, *moved}) for one in starts(columns, around.selection.effects)]
+    around, found = choose(around, [found, *plain], lambda share: report("choice of terms", share))
+    choices += around.selection.choices
     around, found = _settled(around, found, motions, SETTLED)
     around.selection.choices = choices
     return around, found, posture_statements(around, found)
@@ -69,7 +69,8 @@ def _moved(
     theta = np.zeros(len(columns.columns))
     theta[list(chosen)] = fitted
     around = pose(motions, columns.arm, selection.effects, posture=columns.corrected(theta))
-    return around, columns.same(chosen, around.design.columns)
+    same = columns.same(chosen, around.design.columns)
+    return reweighed(around, same), same
 
 
 def _settled(

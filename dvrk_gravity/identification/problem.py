@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -83,6 +83,40 @@ def solved(problem: Problem, chosen: Sequence[int]) -> Solution:
     return solve(whole, weighting.motor, columns.scale[index], columns.positive[index])
 
 
+def choose(
+    problem: Problem, begin: Sequence[list[int]], progress: Callable[[float], None]
+) -> tuple[Problem, list[int]]:
+    """Return the columns that pay, and the problem weighed by what they leave.
+
+    The richest model, whose residual weighs motors at first, bends itself to the noise of some
+    more than to that of others. So the choice goes on with the weights that its own residual
+    gives (feasible generalised least squares).
+
+    Args:
+        problem: The problem, weighed by its richest model.
+        begin: Columns to start with; at least one.
+        progress: Called with the share that is done, a guess.
+    """
+    chosen = problem.selection.search(begin, progress)
+    kept = [choice for choice in problem.selection.choices if choice.kept]
+    problem = reweighed(problem, chosen)
+    problem.selection.choices = kept
+    chosen = problem.selection.run(chosen, lambda share: None)
+    return reweighed(problem, chosen), chosen
+
+
+def reweighed(problem: Problem, chosen: Sequence[int]) -> Problem:
+    """Return the problem with motors weighed by what a fit of the chosen columns leaves."""
+    design, weighting, selection = problem.design, problem.weighting, problem.selection
+    predicted = design.x[:, :, list(chosen)] @ solved(problem, chosen).theta
+    motor = _motor_weight(design, weighting.sample * (design.y - predicted))
+    return replace(
+        problem,
+        weighting=replace(weighting, motor=motor),
+        selection=selection.weighed(motor),
+    )
+
+
 def weigh(design: Design) -> Weighting:
     """Estimate each motor's noise, its correlation, and outliers, from the richest model.
 
@@ -100,7 +134,21 @@ def weigh(design: Design) -> Weighting:
         for j, rows in enumerate(seen.T):
             sample[rows, j] = huber_weights(residual[rows, j])
         # An outlier must not tell how noisy its motor is.
-        residual = sample * residual
-        together = correlation_time(residual, design.part, int(MEMORY * design.rate))
-        motor = 1.0 / (np.maximum(residual.var(axis=0, where=seen), 1e-12) * together)
+        motor = _motor_weight(design, sample * residual)
     return Weighting(motor, sample)
+
+
+def _motor_weight(design: Design, residual: Array) -> Array:
+    """Return (7,) weights of motors from (n, 7) residuals.
+
+    Halfway (geometric mean) between a motor's own inverse variance, divided by how many samples
+    count as one, and weights by which every motor's error relative to its torque counts alike: a
+    correlated residual, of a model that bends to it, tells a variance only roughly.
+    """
+    seen = design.measured
+    together = correlation_time(residual, design.part, int(MEMORY * design.rate))
+    variance = np.maximum(residual.var(axis=0, where=seen), 1e-12)
+    power = np.maximum(np.mean(design.y**2, axis=0, where=seen), 1e-12)
+    relative = power / (variance * together)
+    alike = np.exp(np.mean(np.log(relative)))
+    return np.asarray(np.sqrt(relative * alike) / power)

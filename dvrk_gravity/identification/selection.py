@@ -23,7 +23,6 @@ STANDARD_ERRORS = 1.0
 MOST_STEPS = 60
 RIGID = ("link_inertia", "gravity")
 WRIST = (3, 4, 5, 6)  # joints whose rotors are no part of a link, as far as torque can tell
-CLEAR = 1.5  # standard errors by which zeros and tilt must pay: they turn everything else
 
 
 @dataclass(frozen=True)
@@ -75,6 +74,12 @@ class Selection:
     weight: Array
     effects: Sequence[str] | None = None
     choices: list[Choice] = field(default_factory=list)
+
+    def weighed(self, weight: Array) -> Selection:
+        """Return the search with other (7,) weights of motors, and what was tried so far."""
+        return Selection(
+            self.columns, self.train, self.test, weight, self.effects, list(self.choices)
+        )
 
     def allowed(self, effect: str) -> bool:
         """Tell whether an effect may be used."""
@@ -178,12 +183,10 @@ class Selection:
         return chosen
 
     def posture(self, chosen: list[int]) -> list[int]:
-        """Add tilt and zeros for as long as the best of them pays clearly."""
+        """Add tilt and zeros for as long as the best of them pays."""
         current = self.score(chosen)
         while True:
-            trials = [
-                self._try(move, chosen, current, CLEAR) for move in self._posture_moves(chosen)
-            ]
+            trials = [self._try(move, chosen, current) for move in self._posture_moves(chosen)]
             best = max(trials, key=lambda trial: trial.worth, default=None)
             kept = best is not None and best.worth > 0.0
             self.choices += [
@@ -204,9 +207,7 @@ class Selection:
                     name = JOINT_NAMES[self.columns.columns[i].joint]
                     yield Move((i,), (), f"{effect} {name}")
 
-    def _try(
-        self, move: Move, chosen: list[int], current: Array, clear: float = STANDARD_ERRORS
-    ) -> Trial:
+    def _try(self, move: Move, chosen: list[int], current: Array) -> Trial:
         errors = self.score(self._apply(chosen, move))
         gain, uncertainty = self.compare(current, errors)
         if not move.add:
@@ -214,7 +215,7 @@ class Selection:
             return Trial(move, errors, gain + 0.25 * LEAST_GAIN * len(move.remove))
         more = max(1, len(move.add) - len(move.remove))
         worth = gain - LEAST_GAIN * more
-        return Trial(move, errors, worth if worth > clear * uncertainty else 0.0)
+        return Trial(move, errors, worth if worth > STANDARD_ERRORS * uncertainty else 0.0)
 
     def _apply(self, chosen: list[int], move: Move) -> list[int]:
         return sorted((set(chosen) | set(move.add)) - set(move.remove))
