@@ -54,8 +54,10 @@ def around_posture(
     columns = around.design.columns
     moved = [i for i in found if columns.columns[i].effect in POSTURE]
     plain = [sorted({*one, *moved}) for one in starts(columns, around.selection.effects)]
+    around.selection.choices = [one for one in (*assumed.choices, *choices) if one.kept]
     around, found = choose(around, [found, *plain], lambda share: report("choice of terms", share))
-    choices += around.selection.choices
+    chosen_anew = around.selection.choices
+    choices = [one for one in choices if one not in chosen_anew] + chosen_anew
     around, found = _settled(around, found, motions, SETTLED)
     around.selection.choices = choices
     return around, found, posture_statements(around, found)

@@ -121,16 +121,17 @@ class Selection:
         """Return the best end of searches from several starts.
 
         One change at a time does not find effects that pay only together; a search that starts
-        with all of them does. A later start must beat the first as a change must.
+        with all of them does. A later start must beat the first as a change must. Choices that
+        are noted already are taken to have led to the first.
 
         Args:
             starts: Columns to start with; at least one.
             progress: Called with the share that is done, a guess.
         """
         best: list[int] = []
-        best_choices: list[Choice] = []
+        best_choices, before = self.choices, self.choices
         for number, start in enumerate(starts):
-            self.choices = []
+            self.choices = [] if number else list(before)
             progress(number / len(starts))
             found = self.run(start, lambda share: None)
             if number:

@@ -32,7 +32,7 @@ def fit_text(fit: Fit) -> Iterator[str]:
     for choice in added:
         yield f"  {choice.term}: {choice.reason}"
     if len(kept) > len(added):
-        yield f"  {len(kept) - len(added)} terms that the search started with were taken out again"
+        yield f"  taken out again of what the search started with: {len(kept) - len(added)}"
     if left:
         yield f"  {len(left)} further changes were tried and do not pay (all in the report)"
     found = fit.identifiability
