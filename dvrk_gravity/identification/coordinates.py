@@ -75,7 +75,7 @@ def _error(recording: Source, arm: Arm, coordinates: Coordinates) -> float:
     q = motions[0].state.q
     columns = Columns(arm, q.min(axis=0), q.max(axis=0))
     design = build_design(columns, motions)
-    train, test = split_moments(design, make_folds(design), np.ones_like(design.y))
+    _, train, test = split_moments(design, make_folds(design), np.ones_like(design.y))
     # A tenth of the torque is what such a model leaves; half a second is how long it stays.
     weight = 1.0 / (np.maximum(0.1 * design.y.std(axis=0), 1e-6) ** 2 * 0.5 * design.rate)
     held_out = Selection(columns, train, test, weight).score(start_columns(columns)).sum(axis=0)

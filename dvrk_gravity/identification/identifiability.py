@@ -223,8 +223,7 @@ def _pair_statements(
 ) -> list[str]:
     """Name pairs of gravity, elastic and friction parameters that data cannot tell apart."""
     low, high = np.degrees(design.state.q.min(axis=0)), np.degrees(design.state.q.max(axis=0))
-    named = [q for q in quantities if q.joint >= 0 or q.name.startswith("beta")]
-    named = [q for q in named if not q.shared]
+    named = [q for q in quantities if (q.joint >= 0 or q.name.startswith("beta")) and not q.shared]
     statements = []
     for a, first in enumerate(named):
         for second in named[a + 1 :]:

@@ -9,7 +9,6 @@ import numpy as np
 from dvrk_gravity.identification.columns import POSTURE
 from dvrk_gravity.identification.covariance import NORMAL_95
 from dvrk_gravity.identification.identifiability import posture_name
-from dvrk_gravity.identification.moments import Moments
 from dvrk_gravity.identification.problem import Problem
 from dvrk_gravity.recording.data import Array
 
@@ -60,11 +59,10 @@ def posture_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, ..
 
 def _information(problem: Problem, others: Sequence[int], posture: Sequence[int]) -> Array:
     """Return (k, k) information on zeros and tilt, the other columns of a fit unknown."""
-    design, weighting = problem.design, problem.weighting
     both = [*others, *posture]
-    whole = Moments.of(design.x[:, :, both], design.y, weighting.sample)
-    scale = design.columns.scale[both]
-    total = np.tensordot(weighting.motor, whole.gram, 1) + np.diag(1.0 / scale**2)
+    scale = problem.design.columns.scale[both]
+    gram = problem.moments.select(both).gram
+    total = np.tensordot(problem.weighting.certainty, gram, 1) + np.diag(1.0 / scale**2)
     known, rest = slice(0, len(others)), slice(len(others), None)
     through = np.linalg.solve(total[known, known], total[known, rest])
     return np.asarray(total[rest, rest] - total[rest, known] @ through)

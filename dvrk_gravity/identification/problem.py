@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -28,24 +29,47 @@ MEMORY = 2.0  # s, longest correlation of the residual that is looked at
 
 @dataclass(frozen=True, eq=False)
 class Weighting:
-    """What the residual of the richest model says about the noise.
+    """What the residual of a model says about the noise, and what a fit makes of it.
 
     Attributes:
-        motor: (7,) inverse variance of one sample, divided by how many samples count as one.
+        certainty: (7,) inverse variance of one sample, divided by how many samples count as one.
+        power: (7,) mean square of the torque, (N·m)^2.
         sample: (n, 7) robust weights.
     """
 
-    motor: Array
+    certainty: Array
+    power: Array
     sample: Array
+
+    @cached_property
+    def motor(self) -> Array:
+        """(7,) weights of motors in a fit.
+
+        Halfway (geometric mean) between a motor's own certainty and weights by which every
+        motor's error relative to its torque counts alike: a correlated residual, of a model that
+        bends to it, tells a variance only roughly.
+        """
+        relative = self.power * self.certainty
+        alike = np.exp(np.mean(np.log(relative)))
+        return np.asarray(np.sqrt(relative * alike) / self.power)
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is asked of the data, before any term is chosen."""
+    """What is asked of the data, before any term is chosen.
+
+    Attributes:
+        design: The samples.
+        folds: What is held out.
+        weighting: Of motors and samples.
+        moments: Of all samples, by their robust weights.
+        selection: The search for terms.
+    """
 
     design: Design
     folds: Folds
     weighting: Weighting
+    moments: Moments
     selection: Selection
 
 
@@ -70,17 +94,18 @@ def pose(
     design = build_design(columns, motions, progress)
     folds = make_folds(design)
     weighting = weigh(design)
-    train, test = split_moments(design, folds, weighting.sample)
+    whole, train, test = split_moments(design, folds, weighting.sample)
     selection = Selection(columns, train, test, weighting.motor, effects=effects)
-    return Problem(design, folds, weighting, selection)
+    return Problem(design, folds, weighting, whole, selection)
 
 
 def solved(problem: Problem, chosen: Sequence[int]) -> Solution:
     """Return the fit of the chosen columns to all samples."""
-    design, weighting, index = problem.design, problem.weighting, list(chosen)
-    whole = Moments.of(design.x, design.y, weighting.sample).select(index)
-    columns = design.columns
-    return solve(whole, weighting.motor, columns.scale[index], columns.positive[index])
+    columns, index = problem.design.columns, list(chosen)
+    return solve(
+        problem.moments.select(index), problem.weighting.motor, columns.scale[index],
+        columns.positive[index],
+    )  # fmt: skip
 
 
 def choose(
@@ -109,12 +134,8 @@ def reweighed(problem: Problem, chosen: Sequence[int]) -> Problem:
     """Return the problem with motors weighed by what a fit of the chosen columns leaves."""
     design, weighting, selection = problem.design, problem.weighting, problem.selection
     predicted = design.x[:, :, list(chosen)] @ solved(problem, chosen).theta
-    motor = _motor_weight(design, weighting.sample * (design.y - predicted))
-    return replace(
-        problem,
-        weighting=replace(weighting, motor=motor),
-        selection=selection.weighed(motor),
-    )
+    weighting = _weighting(design, weighting.sample * (design.y - predicted), weighting.sample)
+    return replace(problem, weighting=weighting, selection=selection.weighed(weighting.motor))
 
 
 def weigh(design: Design) -> Weighting:
@@ -134,21 +155,15 @@ def weigh(design: Design) -> Weighting:
         for j, rows in enumerate(seen.T):
             sample[rows, j] = huber_weights(residual[rows, j])
         # An outlier must not tell how noisy its motor is.
-        motor = _motor_weight(design, sample * residual)
-    return Weighting(motor, sample)
+        weighting = _weighting(design, sample * residual, sample)
+        motor = weighting.motor
+    return weighting
 
 
-def _motor_weight(design: Design, residual: Array) -> Array:
-    """Return (7,) weights of motors from (n, 7) residuals.
-
-    Halfway (geometric mean) between a motor's own inverse variance, divided by how many samples
-    count as one, and weights by which every motor's error relative to its torque counts alike: a
-    correlated residual, of a model that bends to it, tells a variance only roughly.
-    """
+def _weighting(design: Design, residual: Array, sample: Array) -> Weighting:
+    """Return what (n, 7) residuals say, beside (n, 7) robust weights."""
     seen = design.measured
     together = correlation_time(residual, design.part, int(MEMORY * design.rate))
     variance = np.maximum(residual.var(axis=0, where=seen), 1e-12)
     power = np.maximum(np.mean(design.y**2, axis=0, where=seen), 1e-12)
-    relative = power / (variance * together)
-    alike = np.exp(np.mean(np.log(relative)))
-    return np.asarray(np.sqrt(relative * alike) / power)
+    return Weighting(1.0 / (variance * together), power, sample)

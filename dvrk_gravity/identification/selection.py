@@ -346,8 +346,8 @@ def start_columns(columns: Columns) -> list[int]:
 
 def split_moments(
     design: Design, folds: Folds, weight: Array
-) -> tuple[list[Moments], list[Moments]]:
-    """Return the moments that each fold's fit sees, and those of what it is tested on.
+) -> tuple[Moments, list[Moments], list[Moments]]:
+    """Return the moments of all, what each fold's fit sees of them, and what it is tested on.
 
     Args:
         design: All samples.
@@ -360,4 +360,4 @@ def split_moments(
         train.append(whole - Moments.of(design.x[excluded], design.y[excluded], weight[excluded]))
         held = folds.held_out == fold
         test.append(Moments.of(design.x[held], design.y[held], np.ones_like(weight[held])))
-    return train, test
+    return whole, train, test

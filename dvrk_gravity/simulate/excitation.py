@@ -14,8 +14,8 @@ from dvrk_gravity.simulate.simulated_arm import Measurement, SimulatedArm
 
 Array = NDArray[np.float64]
 
-# The part of a joint's range that a motion uses: joint 7 turns far more than it need.
 _CREEP = 0.1  # of the speed of approach
+# The part of a joint's range that a motion uses: joint 7 turns far more than it need.
 _USED_RANGE = np.array([0.7, 0.8, 0.7, 0.7, 0.6, 0.7, 0.25])
 _RAMP = 1.0  # s, from rest into the motion
 
