@@ -15,7 +15,7 @@ from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.dynamic_fit import estimate
 from dvrk_gravity.identification.motion import read_motions
-from dvrk_gravity.identification.problem import pose, reweighed
+from dvrk_gravity.identification.problem import pose
 from dvrk_gravity.identification.selection import start_columns
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
@@ -199,21 +199,6 @@ def test_friction_that_presliding_shares_is_not_called_identifiable():
     assert sum(p.value for p in shared) == pytest.approx(COULOMB[4], rel=0.15)
     said = next(s for s in found.identifiability.statements if s.startswith("dry friction of"))
     assert f"{sum(p.value for p in shared):.3g} N·m together" in said
-
-
-def test_a_motor_with_three_times_the_noise_counts_a_third():
-    """Not a ninth: a correlated residual tells a variance only roughly."""
-    quiet = truth(1)
-    random = np.random.default_rng(6)
-    noise = np.sqrt(8.0) * NOISE * random.normal(size=quiet.effort.shape) * (np.arange(7) == 5)
-    loud = replace(quiet, effort=quiet.effort + ARM.joint_effort(noise))
-    weights = []
-    for recording in (quiet, loud):
-        problem = pose(read_motions([recording], ARM, "joint").parts, ARM)
-        chosen = start_columns(problem.design.columns)
-        weights.append(reweighed(problem, chosen).weighting.motor)
-    ratio = weights[0] / weights[1]
-    assert ratio[5] / np.delete(ratio, 5) == pytest.approx(np.full(6, 3.0), rel=0.15)
 
 
 def test_validation_recordings_judge_the_model():

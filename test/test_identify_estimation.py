@@ -14,6 +14,7 @@ from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.folds import GAP, find_period, make_folds
 from dvrk_gravity.identification.identifiability import base_parameters
 from dvrk_gravity.identification.moments import Design, Moments
+from dvrk_gravity.identification.problem import Weighting
 from dvrk_gravity.identification.regression import (
     correlation_time,
     huber_weights,
@@ -173,6 +174,21 @@ def test_a_noisy_motor_does_not_spoil_what_a_quiet_one_tells():
     weighted = solve(moments, np.append(noise[:2] ** -2, np.ones(5)), np.ones(1), signs)
     alike = solve(moments, np.ones(7), np.ones(1), signs)
     assert abs(weighted.theta[0] - 0.7) < 0.002 < abs(alike.theta[0] - 0.7)
+
+
+def test_a_motor_with_three_times_the_noise_counts_a_third():
+    """Not a ninth: a correlated residual tells a variance only roughly."""
+    random = np.random.default_rng(15)
+    certainty, power = random.uniform(0.1, 10.0, (2, 7))
+    noise, everyone = np.where(np.arange(7) == 5, 3.0, 1.0), np.ones((1, 7))
+    quiet = Weighting(certainty, power, everyone).motor
+    loud = Weighting(certainty / noise**2, power, everyone).motor
+    ratio = quiet / loud
+    assert ratio[5] / np.delete(ratio, 5) == pytest.approx(np.full(6, 3.0), rel=1e-12)
+    # In other units of torque that motor counts the same.
+    unit = np.where(np.arange(7) == 2, 1e3, 1.0)
+    other = Weighting(certainty / unit**2, power * unit**2, everyone).motor
+    assert other * unit**2 == pytest.approx(quiet, rel=1e-12)
 
 
 def test_friction_that_data_would_make_negative_is_held_at_zero():

@@ -70,7 +70,7 @@ def test_slopes_are_those_of_pinocchios_torques():
 
 def test_a_zero_that_is_off_is_found(displaced):
     found = parameter(displaced, "joint_offset[wrist_platform]")
-    assert found.ci95[0] <= ZERO <= found.ci95[1] or abs(found.value - ZERO) < 0.1 * ZERO
+    assert found.ci95[0] <= ZERO <= found.ci95[1]
     assert displaced.model.joint_offset[3] == pytest.approx(found.value)
     assert zeros(displaced) == ["joint_offset[wrist_platform]"]
 
@@ -78,7 +78,7 @@ def test_a_zero_that_is_off_is_found(displaced):
 def test_a_tilted_base_is_found(leaning):
     for name, value in (("base_tilt.roll", ROLL), ("base_tilt.pitch", PITCH)):
         found = parameter(leaning, name)
-        assert found.ci95[0] <= value <= found.ci95[1] or abs(found.value - value) < abs(value) / 10
+        assert found.ci95[0] <= value <= found.ci95[1]
     assert not any(p.name.startswith("joint_offset") for p in leaning.parameters)
 
 
@@ -125,7 +125,7 @@ def test_a_zero_that_is_said_not_to_show_does_not_show(upright):
     hidden = identify([off(truth(1), 5, zero)], ARM, "joint", TERMS)
     assert not zeros(hidden)
     error = hidden.held_out["wrist_yaw"].rmse
-    assert error == pytest.approx(upright.held_out["wrist_yaw"].rmse, rel=0.05)
+    assert error == pytest.approx(upright.held_out["wrist_yaw"].rmse, rel=0.01)
 
 
 def test_slopes_between_knots_are_those_at_every_sample():
