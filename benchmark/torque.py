@@ -18,7 +18,7 @@ import sys
 import timeit
 from array import array
 from collections.abc import Callable
-from itertools import count, cycle
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -61,18 +61,17 @@ def one_sample(values: dict[str, object]) -> dict[str, float]:
     """Return the times of one answer and of its parts, s."""
     settings = Settings.from_parameters(values | {"ramp_time": 0.0})
     supervisor = Supervisor(settings)
-    q, qd = motion(2000)
-    samples = [Sample(k + 1, q[k % 2000], qd[k % 2000], None) for k in range(2000)]
-    rounds = cycle(samples)
-    now = count(100.0, 1e-3)
+    q, qd = motion(70_000)
+    samples = [Sample(1_000_000 * (k + 1), q[k], qd[k], None) for k in range(len(q))]
+    coming, unused = iter(samples), iter(samples)
+    now, then = count(100.0, 1e-3), count(100.0, 1e-3)
 
     def spare() -> None:
-        supervisor._last_stamp = 0  # the same stamps come round and round
-        next(rounds), next(now)
+        next(unused), next(then)
 
     def command() -> None:
-        supervisor._last_stamp = 0
-        supervisor.command(next(rounds), next(now), 0)
+        sample = next(coming)
+        supervisor.command(sample, next(now), sample.stamp)
 
     for _ in range(3000):
         command()

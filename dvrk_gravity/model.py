@@ -76,14 +76,19 @@ class TorqueModel:
             raise error if error.source else error.in_file(path) from None
 
     @classmethod
-    def from_parameters(cls, values: Mapping[str, Any]) -> TorqueModel:
+    def from_parameters(cls, values: Mapping[str, Any], arm: Arm | None = None) -> TorqueModel:
         """Build a model from dotted parameter names and their values.
+
+        Args:
+            values: Values by parameter name.
+            arm: The arm, where it has been loaded before; else the one that they name.
 
         Raises:
             ConfigError: An unknown name or a value that fails its check.
         """
         checked = check_all(ALL_PARAMETERS, values)
-        arm = Arm.load(str(checked.get("arm", ARM_PARAMETER.default)))
+        if arm is None:
+            arm = Arm.load(str(checked.get("arm", ARM_PARAMETER.default)))
         built = (term.from_parameters(arm, checked) for term in TERMS)
         node = {name: checked[name] for name in NODE_PARAMETERS if name in checked}
         document = str(checked.get(CONSOLE_PARAMETER.name, ""))

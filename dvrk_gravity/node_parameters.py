@@ -12,30 +12,38 @@ NODE_PARAMETERS: dict[str, Parameter] = {
     for entry in (
         Parameter("enabled", True, "", "command the arm; ~/enable starts and stops it too"),
         Parameter(
-            "effort_limit", (), "N·m", "largest joint effort; not given: the arm's",
+            "effort_limit", (), "N·m", "largest joint effort; not given, or above it: the arm's",
             lower=0.0, upper=10.0, lengths=_SEVEN,
         ),
         Parameter(
-            "actuator_effort_limit", (), "N·m", "largest actuator effort; not given: the arm's",
+            "actuator_effort_limit", (), "N·m",
+            "largest actuator effort; not given, or above it: the arm's",
             lower=0.0, upper=10.0, lengths=_SEVEN,
         ),
         Parameter(
             "slew_limit", (20.0, 20.0, 20.0, 5.0, 2.0, 2.0, 1.0), "N·m/s",
-            "fastest change of a joint's effort; 0 switches the limit off",
+            "fastest change of a joint's effort; 0, or above it: the arm's effort_limit in 0.02 s",
             lower=0.0, upper=1e4, lengths=_SEVEN,
         ),
         Parameter(
             "ramp_time", 1.0, "s",
-            "from the effort the arm holds itself with to the model's, after enabling",
+            "from the effort the arm holds itself with to the model's, after enabling; changes of "
+            "more than a tenth of a joint's effort limit take 0.2 s at least",
             lower=0.0, upper=60.0,
         ),
         Parameter(
-            "timeout", 0.1, "s", "without valid input for so long: hold, and stop commanding",
-            lower=0.002, upper=10.0,
+            "start_tolerance", 0.3, "",
+            "refuse to start where measured and modelled effort differ by more than this part of a "
+            "joint's effort limit",
+            lower=0.0, upper=2.0,
         ),
         Parameter(
-            "max_stamp_age", 0.0, "s",
-            "refuse input whose stamp is older than this by the node's clock; 0: not checked",
+            "timeout", 0.1, "s", "without valid input for so long: hold, and stop commanding",
+            lower=0.002, upper=1.0,
+        ),
+        Parameter(
+            "max_stamp_age", 1.0, "s",
+            "refuse input whose stamp is further than this from the node's clock; 0: not checked",
             lower=0.0, upper=10.0,
         ),
         Parameter(
@@ -77,7 +85,7 @@ NODE_PARAMETERS: dict[str, Parameter] = {
             "s",
             "watchdog: hold when commands stop for so long",
             lower=0.002,
-            upper=10.0,
+            upper=1.0,
             read_only=True,
         ),
         Parameter(

@@ -62,22 +62,25 @@ class NodeProcess:
     """One node running as ``python -m dvrk_gravity VERB … --ros-args …``.
 
     Attributes:
-        verb: The verb.
+        verb: The verb, or what else was started.
         process: The process.
         lines: What it has printed so far, standard error included.
     """
 
     def __init__(
         self,
-        verb: str,
+        verb: str | None,
         *ros_args: str,
         namespace: str = "/MTMR",
         program: Sequence[str] = ("-m", "dvrk_gravity"),
     ) -> None:
-        """Start ``python PROGRAM VERB --ros-args …``; it lives in this process's ROS domain."""
-        self.verb = verb
+        """Start ``python PROGRAM VERB --ros-args …``; it lives in this process's ROS domain.
+
+        A program that is one node itself takes no verb (``None``).
+        """
+        self.verb = verb or program[-1]
         self.lines: list[str] = []
-        command = [sys.executable, *program, verb]
+        command = [sys.executable, *program, *([] if verb is None else [verb])]
         command += ["--ros-args", "-r", f"__ns:={namespace}", *ros_args]
         # A group of its own: a Ctrl-C at the terminal reaches us alone, and we end it in order.
         self.process = subprocess.Popen(

@@ -60,7 +60,8 @@ class FakeArm:
         self.position = [0.1, 0.2, 0.1, 0.3, 1.0, 0.1, 0.2]
         self.velocity = [0.0] * 7
         self.effort: list[float] = [0.0] * 7
-        self.stamp = 1_000_000_000
+        self.stamp = 0  # of the last message
+        self.shift = 0  # of its clock against this computer's, ns
         self.commands: list[tuple[float, JointState]] = []
         self.holds: list[float] = []
         self.switches: list[bool] = []
@@ -104,10 +105,10 @@ class FakeArm:
         )
 
     def message(self, **fields: object) -> object:
-        """Return a measured_js with the next stamp, some of its fields replaced."""
+        """Return a measured_js of now, some of its fields replaced."""
         from sensor_msgs.msg import JointState
 
-        self.stamp += 5_000_000
+        self.stamp = time.time_ns() + self.shift
         values: dict[str, object] = {
             "name": self.names,
             "position": self.position,
@@ -138,6 +139,15 @@ class FakeArm:
         while not condition():
             assert time.monotonic() < end, f"waited in vain for {what}; state: {self.state}"
             self.run(0.005, **fields)
+
+    def go(self, position) -> None:
+        """Publish measured_js on the way to a position, as fast as a joint may move."""
+        way = np.array(position) - self.position
+        steps = int(np.ceil(np.abs(way).max() / 0.05))
+        start = np.array(self.position)
+        for part in np.arange(1, steps + 1) / max(steps, 1):
+            self.position = (start + part * way).tolist()
+            self.run(0.005)
 
     def answer(self, **fields: object) -> np.ndarray | None:
         """Publish one measured_js; return the effort that answers it, ``None`` if none comes.

@@ -48,11 +48,12 @@ def some_settings(count: int = 24) -> list[Settings]:
 
         values = {
             "enabled": number % 8 != 7,
-            "effort_limit": [] if number % 3 == 0 else seven(3.0),
-            "actuator_effort_limit": [] if number % 4 == 0 else seven(2.0),
+            "effort_limit": [] if number % 3 == 0 else seven(10.0),
+            "actuator_effort_limit": [] if number % 4 == 0 else seven(8.0),
             "slew_limit": [[0.0] * 7, seven(20.0), seven(1.0, 0.0)][number % 3],
             "ramp_time": float(rng.choice([0.0, 0.01, 0.2])),
             "timeout": float(rng.choice([0.01, 0.1])),
+            "start_tolerance": float(rng.choice([0.3, 2.0])),
             "friction_compensation.ratio": rng.uniform(0, 1, 7).tolist(),
             "resume": "automatic" if number % 2 else "explicit",
             "disable_builtin": number % 5 == 0,
@@ -63,10 +64,13 @@ def some_settings(count: int = 24) -> list[Settings]:
 
 
 SETTINGS = some_settings()
+ARM = SETTINGS[0].model.arm
+MODEL_OF = {id(chosen): chosen.model for chosen in SETTINGS}
 NAN, INF = math.nan, math.inf
 NORMAL = (0.05, 0.2, 0.1, 0.3, 1.0, 0.1, 0.2)
 POSITIONS = [
-    NORMAL, (0.0,) * 7, (-0.3, 0.5, -0.2, -1.0, 2.0, -0.4, 3.0), (9.0,) * 7, (5e-324,) * 7,
+    NORMAL, (0.06, 0.21, 0.09, 0.29, 1.02, 0.1, 0.2), (0.05, 0.19, 0.11, 0.3, 0.99, 0.11, 0.22),
+    (0.0,) * 7, (-0.3, 0.5, -0.2, -1.0, 2.0, -0.4, 3.0), (9.0,) * 7, (5e-324,) * 7,
     (1e200,) * 7, (NAN,) * 7, (*NORMAL[:6], INF), (*NORMAL[:2], -INF, *NORMAL[3:]), NORMAL[:6],
     (*NORMAL, 0.0), (),
 ]  # fmt: skip
@@ -75,7 +79,7 @@ VELOCITIES = [
     (), (NAN,) * 7, (0.0,) * 6 + (-INF,), (0.0,) * 3,
 ]  # fmt: skip
 EFFORTS = [
-    (0.1, 0.3, -0.2, 0.05, 0.02, -0.01, 0.0), (), (NAN,) * 7, (1e300,) * 7, (-9.0,) * 7, (0.0,) * 8,
+    (0.1, 0.3, 0.1, 0.0, 0.02, -0.01, 0.0), (), (NAN,) * 7, (1e300,) * 7, (-9.0,) * 7, (0.0,) * 8,
 ]  # fmt: skip
 NAMES = [
     JOINT_NAMES, JOINT_NAMES[::-1], JOINT_NAMES[:6], (*JOINT_NAMES[:6], "gripper"),
@@ -85,6 +89,9 @@ GAPS = [0.001, 0.002, 0.0, 1e-9, 0.004, 0.009, 0.03, 0.09, 0.15, 20.0]
 # Stamps: how they go on from the last one, ns; "clock" as time does, None for a zero.
 STAMPS = ["clock", 0, None, -1, -50_000_000, 10**15, -(10**15)]
 BUILTIN = [(0.0,) * 7, (0.1,) * 7, (NAN,) * 7, ()]
+OBSTACLES = [
+    ("others", "somebody commands"), ("hold", "nobody listens"), ("others", ""), ("hold", ""),
+]  # fmt: skip
 
 
 def mostly(values: list) -> st.SearchStrategy:
@@ -105,8 +112,10 @@ OTHERS = st.one_of(
     st.tuples(st.just("configure"), st.integers(0, len(SETTINGS) - 1)),
     st.tuples(st.just("look"), st.sampled_from(GAPS)),
     st.tuples(st.just("builtin"), st.sampled_from(BUILTIN)),
+    st.sampled_from(OBSTACLES).map(lambda pair: ("obstruct", *pair)),
     st.tuples(st.sampled_from(["enable", "enable", "disable", "fail"])),
 )
+PRELUDE = [("message", 0.008, "clock", JOINT_NAMES, NORMAL, VELOCITIES[0], EFFORTS[0])] * 15
 SEQUENCES = st.lists(st.one_of(GOOD, GOOD, MESSAGES, OTHERS), min_size=1, max_size=60)
 
 
@@ -136,6 +145,8 @@ class Judge:
     fresh_time: float = -INF  # when the stamp of the last readable message was first seen
     good_stamp: int | None = None
     builtin: bool = False
+    obstacles: set[str] = field(default_factory=set)
+    excess: float = 0.0  # N·m by which the command passed new limits when they came
     enabled: bool = True
     fault: str = ""  # "input" or "own": what has to end before commands may come again
     reader: SampleReader = field(default_factory=lambda: SampleReader(JOINT_NAMES))
@@ -161,14 +172,14 @@ class Judge:
         command, dropped = None, CAUSES[0]
         try:
             sample = self.reader.read(stamp, names, position, velocity, effort)
-            command = self.supervisor.command(sample, self.now, clock=0)
+            command = self.supervisor.command(sample, self.now, clock=self.stamp)
         except DroppedSampleError as error:
             dropped = error.cause
             self.supervisor.drop(error)
         assert dropped in CAUSES
         if command is not None:
             assert good, "a message that cannot be used was answered"
-            self._check(command, effort)
+            self._check(command, position)
             self.good_time = self.now
         return command
 
@@ -182,7 +193,7 @@ class Judge:
         values = [position[i] for i in at] + [velocity[i] for i in at if velocity]
         return bool(np.isfinite(values).all())
 
-    def _check(self, command: np.ndarray, effort) -> None:
+    def _check(self, command: np.ndarray, position) -> None:
         self.commands += 1
         chosen = self.supervisor.settings
         assert command.shape == (7,)
@@ -194,34 +205,35 @@ class Judge:
         assert self.fault != "own", "commanded after an error"
         assert not self.fault or chosen.resume_automatically, "resumed by itself"
         assert self.now - self.fresh_time <= chosen.timeout, "answered a stamp that stands still"
-        above = beyond(command, chosen)
+        assert not self.obstacles, "commanded against an obstacle"
+        assert beyond(command, ARM.effort_limit, ARM.actuator_effort_limit) <= TOLERANCE, "ceiling"
+        above = beyond(command, chosen.limits.joint, chosen.limits.actuator)
         if self.last is None:
-            previous, elapsed = self._origin(effort), HICCUP
-            assert above <= TOLERANCE
+            self._check_first(command, position)
         else:
-            previous, elapsed = self.last, self.now - self.last_time
-            # Limits may have been lowered below the last command: then nothing gets worse.
-            assert above <= max(TOLERANCE, beyond(previous, chosen))
+            elapsed = self.now - self.last_time
             assert self.now - self.good_time <= chosen.timeout, "answered after a silence"
-        largest = chosen.slew_limit * max(elapsed, 1e-6)
-        assert (np.abs(command - previous) <= largest + TOLERANCE).all(), "faster than slew"
-        if self.last is None and chosen.ramp_time > 0.0:
-            np.testing.assert_allclose(command, previous, atol=TOLERANCE)
+            largest = chosen.slew_limit * max(elapsed, 1e-6)
+            assert (np.abs(command - self.last) <= largest + TOLERANCE).all(), "faster than slew"
+        # Limits may have been lowered below the last command: then nothing gets worse.
+        assert above <= max(TOLERANCE, self.excess), "beyond its limits"
         self.last, self.last_time = command.copy(), self.now
 
-    def _origin(self, effort) -> np.ndarray:
-        """What the first command starts from; names other than in order start from nothing."""
-        sample_effort = np.zeros(7)
-        names = self.reader._names
-        if len(effort) == len(names):
-            picked = np.array([effort[names.index(joint)] for joint in JOINT_NAMES])
-            if np.isfinite(picked).all():
-                sample_effort = picked
-        return self.supervisor.settings.limits.clip(sample_effort)
+    def _check_first(self, command: np.ndarray, position) -> None:
+        """A start is near the model's torque, whatever the arm says of its efforts."""
+        chosen = self.supervisor.settings
+        self.excess = 0.0
+        names = [self.reader._names.index(joint) for joint in JOINT_NAMES]
+        model = MODEL_OF[id(chosen)].torque(np.array(position)[names])
+        friction = 0.2  # N·m; what the model's friction may add
+        largest = chosen.start_tolerance * ARM.effort_limit + 0.1 * ARM.effort_limit + friction
+        assert (np.abs(command - model) <= largest).all(), "a start far from the model"
 
     def _configure(self, index: int) -> None:
-        before = self.supervisor.settings.enabled
-        self.supervisor.configure(SETTINGS[index], self.now)
+        before, chosen = self.supervisor.settings.enabled, SETTINGS[index]
+        self.supervisor.configure(chosen, self.now)
+        if self.last is not None:
+            self.excess = beyond(self.last, chosen.limits.joint, chosen.limits.actuator)
         if SETTINGS[index].enabled != before:
             self.enabled, self.fault = SETTINGS[index].enabled, ""
 
@@ -235,6 +247,10 @@ class Judge:
     def _builtin(self, effort) -> None:
         self.supervisor.observe_builtin(np.array(effort))
         self.builtin = any(value != 0.0 for value in effort)
+
+    def _obstruct(self, cause: str, reason: str) -> None:
+        self.supervisor.obstruct(cause, reason)
+        self.obstacles.add(cause) if reason else self.obstacles.discard(cause)
 
     def _enable(self) -> None:
         self.supervisor.enable()
@@ -250,11 +266,9 @@ class Judge:
     def _after(self, before: tuple[bool, str], command: np.ndarray | None) -> None:
         supervisor = self.supervisor
         assert supervisor.reason
-        was_active, reason = before
+        was_active, _ = before
         ended = was_active and not supervisor.active
-        # An error in the very first command asks for a hold, too.
-        failed_at_once = "internal error" in supervisor.reason and supervisor.reason != reason
-        assert supervisor.hold_due == (ended or failed_at_once), "hold"
+        assert supervisor.hold_due == ended, "hold"
         self.holds += supervisor.hold_due
         supervisor.hold_due = False
         self.fault = ""
@@ -265,19 +279,19 @@ class Judge:
             self.last = None
 
 
-def beyond(torque: np.ndarray, chosen: Settings) -> float:
+def beyond(torque: np.ndarray, joint: np.ndarray, actuator: np.ndarray) -> float:
     """How far the worst joint or motor is above its limit, N·m; the coupling written out."""
     motor = torque.copy()
     motor[1] = torque[1] - torque[2] + 0.6697 * torque[3]
     motor[2] = torque[2] - 0.6697 * torque[3]
-    joint_excess = np.abs(torque) - chosen.limits.joint
-    return max(0.0, joint_excess.max(), (np.abs(motor) - chosen.limits.actuator).max())
+    return max(0.0, (np.abs(torque) - joint).max(), (np.abs(motor) - actuator).max())
 
 
 def judge(start: int, sequence: list[tuple]) -> Judge:
     """Play a sequence into a new supervisor and return the judge, content."""
     result = Judge(Supervisor(SETTINGS[start]))
-    result.play(sequence)
+    # Every other one has begun to command: what is drawn seldom stays good for so long.
+    result.play(sequence if start % 2 else [*PRELUDE, *sequence])
     return result
 
 
@@ -296,13 +310,13 @@ def test_no_sequence_of_events_leads_to_a_command_that_must_not_be(start, sequen
 @pytest.mark.parametrize("start", range(0, len(SETTINGS), 5))
 def test_long_random_sequences_with_good_input_in_between_are_survived(start):
     """Hypothesis rarely keeps input good for long: here commands are the rule."""
-    result = judge(start, random_sequence(np.random.default_rng(start), 1500))
+    result = judge(start, random_sequence(np.random.default_rng(start), 8000))
     assert result.commands > 100
     assert result.holds > 5
 
 
 def random_sequence(rng: np.random.Generator, length: int) -> list[tuple]:
-    """Events of every kind, one in twelve of them a nuisance; all is switched on again soon."""
+    """Events of every kind, one in fifty of them a nuisance; all is switched on again soon."""
     sequence: list[tuple] = []
 
     def one(values):
@@ -310,18 +324,19 @@ def random_sequence(rng: np.random.Generator, length: int) -> list[tuple]:
 
     while len(sequence) < length:
         draw = rng.random()
-        if draw < 0.92:
+        if draw < 0.98:
             event = ("message", one([0.001, 0.002, 0.004]), "clock", one(NAMES[:2]),
                      one(POSITIONS[:3]), one(VELOCITIES[:3]), one(EFFORTS))  # fmt: skip
-        elif draw < 0.96:
+        elif draw < 0.985:
             event = ("message", one(GAPS), one(STAMPS), one(NAMES), one(POSITIONS),
                      one(VELOCITIES), one(EFFORTS))  # fmt: skip
-        elif draw < 0.98:
+        elif draw < 0.993:
             event = ("configure", int(rng.integers(len(SETTINGS))))
         else:
             event = one([("look", one(GAPS)), ("builtin", one(BUILTIN)), ("disable",), ("fail",),
-                         ("enable",)])  # fmt: skip
+                         ("obstruct", *one(OBSTACLES)), ("enable",)])  # fmt: skip
         sequence.append(event)
         if rng.random() < 0.02:
-            sequence += [("builtin", (0.0,) * 7), ("enable",)]
+            sequence += [("builtin", (0.0,) * 7), ("obstruct", "others", ""),
+                         ("obstruct", "hold", ""), ("enable",)]  # fmt: skip
     return sequence[:length]

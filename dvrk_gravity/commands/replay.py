@@ -29,20 +29,12 @@ TOLERANCE = 1e-9  # N·m between the node's effort and the model's
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 # Messages on the way at once when answers set the pace: enough to keep both processes busy.
 _WINDOW = 20
-# The node as the bare model: no limit, no ramp, all of friction, nothing dropped for its age.
+# All of friction, and no message left out; there are no limits in a replayed compensator.
 _BARE: dict[str, Any] = {
-    "enabled": True,
-    "effort_limit": [10.0] * N_JOINTS,
-    "actuator_effort_limit": [10.0] * N_JOINTS,
-    "slew_limit": [0.0] * N_JOINTS,
-    "ramp_time": 0.0,
-    "timeout": 10.0,
-    "max_stamp_age": 0.0,
     "position_margin": 1e9,
     "friction_compensation.ratio": [1.0] * N_JOINTS,
     "friction_compensation.dead_band": [0.0] * N_JOINTS,
     "output": "servo_jf",
-    "output_topic": "servo_jf",
     "input_depth": 1000,
 }
 
@@ -83,7 +75,8 @@ def replay(
 ) -> Result:
     """Play a bag into a compensator of its own and compare its answers with the model.
 
-    Limits, slew and ramp are off, so that the answers are the bare model's.
+    The node is the compensator without its supervisor: the answers are the bare model's, and its
+    topics are none that an arm has.
 
     Args:
         bag: rosbag2 folder or file.
@@ -159,6 +152,7 @@ def _play(
     from sensor_msgs.msg import JointState
 
     from dvrk_gravity.nodes.client import Client
+    from dvrk_gravity.nodes.replayed import COMMANDS, MEASURED
 
     answers: list[tuple[int, int, Any, bytes]] = []
 
@@ -170,16 +164,17 @@ def _play(
     arguments = ["--params-file", str(model_file)]
     for name, value in _BARE.items():
         arguments += ["-p", f"{name}:={json.dumps(value)}"]
-    with Client() as client, NodeProcess("compensator", *arguments) as node:
-        publisher = client.node.create_publisher(JointState, "measured_js", 1000)
-        client.node.create_subscription(JointState, "servo_jf", on_answer, 1000, raw=True)
+    program = ("-m", "dvrk_gravity.nodes.replayed")
+    with Client() as client, NodeProcess(None, *arguments, program=program) as node:
+        publisher = client.node.create_publisher(JointState, MEASURED, 1000)
+        client.node.create_subscription(JointState, COMMANDS, on_answer, 1000, raw=True)
         client.watch_state("compensator")
         try:
             client.wait(
                 lambda: (
-                    (client.state("compensator").startswith("waiting") and
+                    (client.state("compensator") != "" and
                      client.connected(publisher) and
-                     client.node.count_publishers("servo_jf") > 0)
+                     client.node.count_publishers(COMMANDS) > 0)
                     or node.process.poll() is not None
                 ),
                 "the compensator",

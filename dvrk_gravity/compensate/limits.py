@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -55,6 +55,14 @@ class EffortLimits:
         motor = np.abs(self.arm.actuator_effort(torque)) / np.maximum(self.actuator, _NOTHING)
         excess = np.maximum(joint, motor)[self.coupled].max(initial=1.0)
         return np.where(self.coupled, torque / excess, torque)
+
+    def widened(self, joint: Array, actuator: Array) -> EffortLimits:
+        """Return boxes that reach at least to (7,) torques of joints and of actuators, N·m."""
+        return replace(
+            self,
+            joint=np.maximum(self.joint, joint),
+            actuator=np.maximum(self.actuator, actuator),
+        )
 
     @cached_property
     def _both(self) -> Array:

@@ -31,11 +31,14 @@ CAUSES = (
     "stamp_backwards",
     "stamp_repeated",
     "stamp_too_old",
+    "stamp_ahead",
+    "no_clock",
     "missing_joint",
     "duplicate_joint",
     "wrong_length",
     "not_finite",
     "out_of_range",
+    "position_jump",
     "malformed",
     "after_gap",
 )
@@ -94,7 +97,7 @@ class SampleReader:
         within = (values >= self._lower) & (values <= self._upper)
         if np.count_nonzero(within) < len(values):
             raise self._out_of_range(values, int(np.argmin(within)))
-        # The measured effort only sets where the ramp begins: without it the message stands.
+        # The measured effort only sets what is begun with: without it the message stands.
         try:
             applied = self._pick("effort", effort)
         except DroppedSampleError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -13,10 +13,24 @@ from numpy.typing import NDArray
 from dvrk_gravity.compensate.evaluator import Evaluator, prepare_sum
 from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import ALL_PARAMETERS, TorqueModel
-from dvrk_gravity.parameter import check_all
+from dvrk_gravity.model import ALL_PARAMETERS, MODEL_PARAMETERS, TorqueModel
+from dvrk_gravity.parameter import Value, check_all
+from dvrk_gravity.terms import Gravity
 
 Array = NDArray[np.float64]
+
+CONSIDERABLE = 0.1
+"""Part of a joint's effort limit from which on a torque counts as support that an arm feels the
+lack of. What real dry friction holds is about that: efforts of MTMR-28002's static poses differ
+from its calibrated model by 0.004 to 0.19 of the limits, RMS (DVRK_GRAVITY_DATA's poses)."""
+
+FULL_SCALE_TIME = 0.02
+"""From nothing to its effort limit a joint's command takes at least so long, s: the longest step
+that a command answers (see the supervisor), so that no parameter makes it jump in one sample."""
+
+LEAST_RAMP = 0.2
+"""Considerable changes of torque take at least so long, s: a person's reaction to a touch takes
+0.15 to 0.2 s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +39,14 @@ class Settings:
 
     Attributes:
         model: The torque model.
-        limits: Effort limits in both spaces.
-        slew_limit: (7,) fastest change of a joint's command, N·m/s; ``inf`` where off.
+        limits: Effort limits in both spaces, never above the arm's own.
+        slew_limit: (7,) fastest change of a joint's command, N·m/s.
         ramp_time: Time of the blend from the effort that is there to the model's, s.
         timeout: Longest time without valid input, s.
         position_margin: Positions further outside the arm's limits than this are refused, rad.
-        max_stamp_age: Oldest stamp by the node's clock, s; 0 if not checked.
+        start_tolerance: Part of the effort limits by which measured and modelled effort may
+            differ at a start.
+        max_stamp_age: Farthest stamp from the node's clock, s; 0 if not checked.
         friction_ratio: (7,) part of friction that is compensated, at each joint and motor.
         friction_dead_band: (7,) rad/s below which it is not.
         enabled: Whether to command at all.
@@ -44,47 +60,69 @@ class Settings:
     ramp_time: float
     timeout: float
     position_margin: float
+    start_tolerance: float
     max_stamp_age: float
     friction_ratio: Array
     friction_dead_band: Array
     enabled: bool
     resume_automatically: bool
     disable_builtin: bool
+    _given: Mapping[str, Value] = field(default_factory=dict)  # the model's parameters
 
     @classmethod
-    def from_parameters(cls, values: Mapping[str, Any]) -> Settings:
+    def from_parameters(cls, values: Mapping[str, Any], before: Settings | None = None) -> Settings:
         """Build settings from parameter names and values; absent ones take their defaults.
+
+        Args:
+            values: Values by parameter name.
+            before: Settings that these replace: their arm stays, whatever has become of its
+                file, and their model where no parameter of it changes.
 
         Raises:
             ConfigError: An unknown name, a value that fails its check, or no beta: an
                 arm that is commanded zero torque falls.
         """
-        model = TorqueModel.from_parameters(values)
+        checked = check_all(ALL_PARAMETERS, values)
         defaults = {name: entry.default for name, entry in ALL_PARAMETERS.items()}
-        value: dict[str, Any] = defaults | check_all(ALL_PARAMETERS, values)
+        value: dict[str, Any] = defaults | checked
         if not value["beta"]:
             raise ConfigError("beta", [], "10 gravity parameters, from --params-file for instance")
+        if before is None:
+            model = TorqueModel.from_parameters(checked)
+        elif _of_model(checked) == before._given:
+            model = before.model
+        else:
+            model = TorqueModel.from_parameters(checked, before.model.arm)
         arm = model.arm
         limits = EffortLimits(
             arm,
-            np.array(value["effort_limit"] or arm.effort_limit),
-            np.array(value["actuator_effort_limit"] or arm.actuator_effort_limit),
+            np.minimum(value["effort_limit"] or np.inf, arm.effort_limit),
+            np.minimum(value["actuator_effort_limit"] or np.inf, arm.actuator_effort_limit),
         )
+        fastest = arm.effort_limit / FULL_SCALE_TIME
         slew_limit = np.array(value["slew_limit"])
         return cls(
             model,
             limits,
-            np.where(slew_limit > 0.0, slew_limit, np.inf),
+            np.minimum(np.where(slew_limit > 0.0, slew_limit, np.inf), fastest),
             value["ramp_time"],
             value["timeout"],
             value["position_margin"],
+            value["start_tolerance"],
             value["max_stamp_age"],
             np.array(value["friction_compensation.ratio"]),
             np.array(value["friction_compensation.dead_band"]),
             value["enabled"],
             value["resume"] == "automatic",
             value["disable_builtin"],
+            _of_model(checked),
         )
+
+    @property
+    def weightless(self) -> bool:
+        """Whether gravity is left out."""
+        gravity = self.model.term(Gravity.NAME)
+        return not (isinstance(gravity, Gravity) and gravity.enabled and gravity.beta.any())
 
     def torque(self, q: Array, qd: Array | None) -> Array:
         """Return the (7,) torque to apply at (7,) positions and velocities, before limits, N·m.
@@ -116,3 +154,7 @@ class Settings:
         # more power into the arm than the friction takes out.
         terms = [term for term in self.model.terms if term.FRICTION and term.COMPENSATED]
         return prepare_sum(term.scaled(self.friction_ratio) for term in terms) if terms else None
+
+
+def _of_model(checked: Mapping[str, Value]) -> dict[str, Value]:
+    return {name: value for name, value in checked.items() if name in MODEL_PARAMETERS}

@@ -7,16 +7,18 @@ ends in a `hold`: :attr:`Supervisor.hold_due` asks the node for it.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.compensate.freshness import Freshness
 from dvrk_gravity.compensate.limits import slew
+from dvrk_gravity.compensate.plausibility import MotionCheck
+from dvrk_gravity.compensate.ramp import Ramp
 from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, Sample
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.compensate.settings import CONSIDERABLE, Settings
+from dvrk_gravity.compensate.start import Start, StartRefusedError
 
 Array = NDArray[np.float64]
 
@@ -24,13 +26,11 @@ BUILTIN_HELP = (
     "the arm's own gravity compensation is on and would add to ours: publish false (std_msgs/Bool) "
     "on use_gravity_compensation, or set disable_builtin to true"
 )
-# A longer step than this is a hiccup of the input, not time in which torque may run on; two
-# messages at one time still leave a slew limit that is off (infinite) without effect.
+# A longer step than this is a hiccup of the input, not time in which torque may run on; and two
+# messages at one time leave some way.
 _SHORTEST_STEP, _LONGEST_STEP = 1e-6, 0.02
 # N·m; less than this is rounding, not a limit.
 _CUT = 1e-9
-_NONE = np.zeros(N_JOINTS, dtype=bool)
-_NONE.setflags(write=False)
 
 
 class Status(Enum):
@@ -38,50 +38,44 @@ class Status(Enum):
 
     DISABLED = "disabled"
     WAITING = "waiting"
+    STARTING = "starting"
     RAMPING = "ramping"
     COMMANDING = "commanding"
     FAULT = "fault"
 
 
-@dataclass
-class _Ramp:
-    """Blend from the effort that was there to the model's.
-
-    What fades out is the difference between the two, so that the command follows the
-    model's torque from the beginning where the arm is moved during the ramp.
-    """
-
-    start: float
-    difference: Array | None = None  # (7,) N·m, of the first sample after the start
-
-
 class Supervisor:
     """Turns valid samples into commands while everything is well, and nothing otherwise.
 
-    Times are seconds of a monotonic clock: a step of the wall clock or of
-    simulated time neither hides stale input nor makes fresh input look stale.
+    Times are seconds of a monotonic clock.
 
     Attributes:
         status: What it is doing.
         reason: Why, in words for a person.
         hold_due: A hold must be sent now; the node clears it when it has done so.
         dropped: Messages dropped, by cause.
-        saturated: (7,) whether the last command was cut by a limit.
+        saturated: (n,) whether the last command was cut by a limit.
+        origin: What the last start began with, in words; ``""`` before the first.
+        loss: Support that the last change of parameters took away, in words; ``""``: none.
     """
 
     def __init__(self, settings: Settings) -> None:
         """Start in the state that the settings ask for; nothing is commanded yet."""
+        names = settings.model.arm.joint_names
         self.settings = settings
         self.dropped: Counter[str] = Counter(dict.fromkeys(CAUSES, 0))
-        self.saturated: NDArray[np.bool_] = _NONE
+        self._uncut = np.zeros(len(names), dtype=bool)
+        self._uncut.setflags(write=False)
+        self.saturated: NDArray[np.bool_] = self._uncut
         self.hold_due = False
-        self.builtin_active = False
-        self._ramp: _Ramp | None = None
+        self.origin = self.loss = ""
+        self._obstacles: dict[str, str] = {}
+        self._fresh = Freshness()
+        self._motion = MotionCheck(names)
+        self._start: Start | None = None
+        self._ramp: Ramp | None = None
         self._command: Array | None = None
-        self._last_valid = -np.inf  # when the last valid sample came
-        self._last_advance = -np.inf  # when the stamp last moved on
-        self._last_stamp = 0
-        self._seen_stamp = 0  # of the last message, whether its stamp passed or not
+        self._position = np.zeros(len(names))  # of the last command
         self._input_fault = False
         self.status = Status.DISABLED
         self.reason = "not enabled"
@@ -92,6 +86,11 @@ class Supervisor:
     def active(self) -> bool:
         """Whether the arm is under our command."""
         return self._command is not None
+
+    @property
+    def doubtful(self) -> NDArray[np.bool_]:
+        """(n,) joints whose velocity was not believed in the last sample."""
+        return self._motion.doubtful
 
     def enable(self) -> None:
         """Start, or start again after a fault; commands follow with the next valid input."""
@@ -109,149 +108,164 @@ class Supervisor:
 
     def configure(self, settings: Settings, now: float) -> None:
         """Take other settings; the torque goes to the new one by the ramp, without a jump."""
-        was_enabled = self.settings.enabled
-        self.settings = settings
-        if self._command is not None and self.active:
-            self._ramp = _Ramp(now)
+        before, self.settings = self.settings, settings
+        if self._command is not None:
+            self.loss = self._support_lost(before, settings)
+            self._ramp = Ramp(self._command, now)
             self.status, self.reason = Status.RAMPING, "blending to the changed settings' torque"
-        if settings.enabled and not was_enabled:
+        if settings.enabled and not before.enabled:
             self.enable()
-        elif was_enabled and not settings.enabled:
+        elif before.enabled and not settings.enabled:
             self.disable()
+
+    def obstruct(self, cause: str, reason: str, wait: bool = False) -> None:
+        """Take note of something outside for which the arm must not be commanded.
+
+        Args:
+            cause: Short name of it.
+            reason: Why, in words for a person; ``""``: it is gone.
+            wait: An arm under our command is left only until it is gone.
+        """
+        if reason == self._obstacles.get(cause, "") and not (reason and self.active):
+            return
+        if reason:
+            self._obstacles[cause] = reason
+        else:
+            self._obstacles.pop(cause, None)
+        if self.active and reason:
+            self._input_fault = False
+            self._stop(Status.WAITING if wait else Status.FAULT, reason)
+        elif self.status in (Status.WAITING, Status.STARTING):
+            self._wait()
+
+    @property
+    def builtin_active(self) -> bool:
+        """Whether the arm's own gravity compensation is on."""
+        return "builtin" in self._obstacles
 
     def observe_builtin(self, effort: Array) -> None:
         """Take a message of the arm's own gravity compensation."""
-        self.builtin_active = bool(np.any(effort))  # NaN counts as active
-        if self.builtin_active and self.active:
-            if self.settings.disable_builtin:
-                self._stop(Status.WAITING, BUILTIN_HELP)
-            else:
-                self._input_fault = False
-                self._stop(Status.FAULT, BUILTIN_HELP)
-        elif self.status is Status.WAITING:
-            self._wait()
+        on = bool(np.any(effort))  # NaN counts as on
+        self.obstruct("builtin", BUILTIN_HELP if on else "", self.settings.disable_builtin)
 
     def check_input(self, now: float) -> None:
         """Notice that valid input has stopped; to be called a few times within the timeout."""
-        if not self.active:
+        if not self.active and self._start is None:
             return
-        limit = self.settings.timeout
-        if now - self._last_valid > limit:
-            self._input_lost(f"no valid measured_js for {limit:g} s")
-        elif now - self._last_advance > limit:
-            self._input_lost(f"the stamp of measured_js has not moved for {limit:g} s")
+        silence = self._fresh.silence(now, self.settings.timeout)
+        if silence and self.active:
+            self._input_fault = True
+            self._stop(Status.FAULT, silence)
+        elif silence:
+            self._wait()
 
     def drop(self, error: DroppedSampleError) -> None:
         """Count a message that gives no command."""
         self.dropped[error.cause] += 1
 
     def command(self, sample: Sample, now: float, clock: int) -> Array | None:
-        """Return the (7,) effort that answers a valid sample, ``None`` if there is none.
+        """Return the (n,) effort that answers a valid sample, ``None`` if there is none.
 
         Args:
             sample: The sample.
             now: Monotonic time at which it came, s.
-            clock: The node's clock, ns, to which stamps may be compared.
+            clock: The node's clock, ns, to which stamps are compared.
 
         Raises:
-            DroppedSampleError: Its stamp disqualifies it.
+            DroppedSampleError: Its stamp, or where it says that the arm is, disqualifies it.
         """
         self.check_input(now)
-        # Not since the last message: one that repeats a stamp brings nothing new.
-        gap = now - self._last_advance
-        known, self._seen_stamp = (self._last_stamp, self._seen_stamp), sample.stamp
-        self._check_stamp(sample.stamp, now, clock)
-        # Times count for messages that pass; a message that waited in a queue while the
-        # process or the arm stood still is the first after a gap, and is not answered.
-        previous_valid, self._last_valid = self._last_valid, now
-        if sample.stamp not in known:
-            self._last_advance = now
-        elif now - self._last_advance > self.settings.timeout:
-            raise DroppedSampleError("stamp_repeated", "the stamp does not move on")
-        self._last_stamp = sample.stamp
+        settings = self.settings
+        sample = self._motion.check(sample, now, settings.timeout)
+        step, gap = self._fresh.take(
+            sample.stamp, now, clock, settings.timeout, settings.max_stamp_age, self.active
+        )
         if self.status is Status.FAULT and self._input_fault:
-            if gap > self.settings.timeout:
+            if gap > settings.timeout:
                 raise DroppedSampleError("after_gap", "first message after a gap")
-            if self.settings.resume_automatically:
+            if settings.resume_automatically:
                 self._wait()
-        if self.status is Status.WAITING and not self.builtin_active:
-            self._begin(sample, now)
-        if not self.active:
-            return None
         try:
-            return self._follow(sample, now, now - previous_valid)
+            if self.status is Status.WAITING and not self._obstacles:
+                self._start = Start(now)
+                self.status, self.reason = Status.STARTING, "measuring what holds the arm"
+            if self._start is not None:
+                self._collect(self._start, sample, now)
+            if not self.active:
+                return None
+            return self._follow(sample, now, step)
         except (ArithmeticError, ValueError, TypeError) as error:
             self.fail(f"internal error: {error}")
             return None
 
-    def _check_stamp(self, stamp: int, now: float, clock: int) -> None:
-        if stamp < self._last_stamp:
-            # Once nothing valid has come for long, the clock has been stepped for good.
-            stepped = not self.active and now - self._last_valid > self.settings.timeout
-            if not stepped:
-                late = (self._last_stamp - stamp) * 1e-9
-                raise DroppedSampleError(
-                    "stamp_backwards", f"stamp {late:.3f} s before the last one"
-                )
-        oldest = self.settings.max_stamp_age
-        if oldest > 0.0 and clock - stamp > oldest * 1e9:
-            age = (clock - stamp) * 1e-9
-            raise DroppedSampleError(
-                "stamp_too_old", f"stamp {age:.3f} s old, at most {oldest:g} s"
-            )
-
-    def _begin(self, sample: Sample, now: float) -> None:
-        """Start from the effort that holds the arm now, so that it does not drop."""
-        origin = np.zeros_like(sample.position) if sample.effort is None else sample.effort
-        with np.errstate(over="ignore", invalid="ignore"):
-            self._command = self.settings.limits.clip(origin)
-        self._ramp = _Ramp(now)
+    def _collect(self, start: Start, sample: Sample, now: float) -> None:
+        """Begin, once there are enough samples, with the effort that holds the arm."""
+        start.add(sample, self._wanted(sample))
+        if not start.complete(now):
+            return
+        try:
+            self._command, self.origin = start.origin(self.settings)
+        except StartRefusedError as error:
+            self.fail(str(error))
+            return
+        self._start, self.loss = None, ""
+        self._ramp = Ramp(self._command, now)
         self.status, self.reason = Status.RAMPING, "blending to the model's torque"
+
+    def _wanted(self, sample: Sample) -> Array:
+        """Return the (n,) torque that the settings ask for, before limits, N·m."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            torque = self.settings.torque(sample.position, sample.velocity)
+        if np.count_nonzero(np.isfinite(torque)) < len(torque):
+            joint = self.settings.model.arm.joint_names[int(np.argmin(np.isfinite(torque)))]
+            raise ArithmeticError(f"the model's torque on {joint} is not a finite number")
+        return torque
 
     def _follow(self, sample: Sample, now: float, step: float) -> Array:
         settings = self.settings
-        with np.errstate(over="ignore", invalid="ignore"):
-            target = settings.torque(sample.position, sample.velocity)
+        target = self._wanted(sample)
+        with np.errstate(over="ignore"):
             within = settings.limits.clip(target)
-        self.saturated = _NONE
-        if within is not target:  # what is within the limits as it is, is finite, too
-            if not np.isfinite(target).all():
-                joint = settings.model.arm.joint_names[int(np.argmin(np.isfinite(target)))]
-                raise ArithmeticError(f"the model's torque on {joint} is not a finite number")
-            self.saturated = np.abs(within - target) > _CUT
+        self.saturated = self._uncut if within is target else np.abs(within - target) > _CUT
         previous = self._command
-        assert previous is not None  # set by _begin, before anything is active
+        assert previous is not None  # set by _collect, before anything is active
         if self._ramp is not None:
-            within = settings.limits.clip(self._blend(self._ramp, previous, within, now))
+            within = self._ramp.blend(within, now, settings)
+            if self._ramp.over:
+                self._ramp = None
+                self.status, self.reason = Status.COMMANDING, "compensating"
         if not _SHORTEST_STEP <= step <= _LONGEST_STEP:
             step = _SHORTEST_STEP if step < _SHORTEST_STEP else _LONGEST_STEP
         largest = settings.slew_limit * step
         self._command = slew(previous, within, largest, settings.limits)
+        self._position = sample.position
         return self._command
 
-    def _blend(self, ramp: _Ramp, previous: Array, target: Array, now: float) -> Array:
-        """Return the torque on the way to ``target``, which is reached when the ramp ends."""
-        if ramp.difference is None:
-            ramp.difference = previous - target
-        ramp_time = self.settings.ramp_time
-        over = ramp_time <= 0.0 or now - ramp.start >= ramp_time
-        if over or (np.abs(ramp.difference) <= _CUT).all():
-            self._ramp = None
-            self.status, self.reason = Status.COMMANDING, "compensating"
-            return target
-        return target + (1.0 - (now - ramp.start) / ramp_time) * ramp.difference
+    def _support_lost(self, before: Settings, after: Settings) -> str:
+        """Return in words what other settings no longer hold of where the arm is."""
+        with np.errstate(all="ignore"):
+            old, new = (
+                settings.limits.clip(settings.torque(self._position, None))
+                for settings in (before, after)
+            )
+        arm = after.model.arm
+        lost = np.sign(old) * (old - new) / arm.effort_limit
+        joint = int(np.argmax(lost))
+        if not lost[joint] > CONSIDERABLE:
+            return ""
+        return (
+            f"{arm.joint_names[joint]} is held with {new[joint]:.3g} N·m instead of "
+            f"{old[joint]:.3g} since the last change of parameters"
+        )
 
     def _wait(self) -> None:
+        self._start = None
         self.status = Status.WAITING
-        self.reason = BUILTIN_HELP if self.builtin_active else "waiting for valid measured_js"
-
-    def _input_lost(self, reason: str) -> None:
-        self._input_fault = True
-        self._stop(Status.FAULT, reason)
+        self.reason = next(iter(self._obstacles.values()), "waiting for valid measured_js")
 
     def _stop(self, status: Status, reason: str) -> None:
         self.hold_due = self.hold_due or self.active
         self.status, self.reason = status, reason
-        self._ramp = None
+        self._start = self._ramp = None
         self._command = None
-        self.saturated = _NONE
+        self.saturated = self._uncut

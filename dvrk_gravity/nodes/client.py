@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -87,35 +88,28 @@ class Client:
         """Tell whether publishers have a subscriber each."""
         return all(item.get_subscription_count() > 0 for item in (publisher, *others))
 
-    def enable(self, value: bool, node: str = "compensator") -> SetBool.Response:
-        """Call ``~/enable`` of a compensator and return its answer."""
-        client = self.node.create_client(SetBool, f"{node}/enable")
+    def call(self, kind: Any, name: str, request: Any = None) -> Any:
+        """Call a service and return its answer."""
+        client = self.node.create_client(kind, name)
         try:
-            self.wait(client.service_is_ready, f"the service {node}/enable")
-            future = client.call_async(SetBool.Request(data=value))
-            self.wait(future.done, f"an answer of {node}/enable")
+            self.wait(client.service_is_ready, f"the service {name}")
+            future = client.call_async(kind.Request() if request is None else request)
+            self.wait(future.done, f"an answer of {name}")
             return future.result()
         finally:
             self.node.destroy_client(client)
 
+    def enable(self, value: bool, node: str = "compensator") -> SetBool.Response:
+        """Call ``~/enable`` of a compensator and return its answer."""
+        return self.call(SetBool, f"{node}/enable", SetBool.Request(data=value))
+
     def set_parameters(self, values: dict[str, Any], node: str = "compensator") -> tuple[bool, str]:
         """Set parameters of another node at once; return whether it took them, or why not."""
-        from rcl_interfaces.srv import SetParametersAtomically
-
-        client = self.node.create_client(
-            SetParametersAtomically, f"{node}/set_parameters_atomically"
+        request = SetParametersAtomically.Request(
+            parameters=[
+                Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+            ]
         )
-        try:
-            self.wait(client.service_is_ready, f"the parameters of {node}")
-            request = SetParametersAtomically.Request(
-                parameters=[
-                    Parameter(name, value=value).to_parameter_msg()
-                    for name, value in values.items()
-                ]
-            )
-            future = client.call_async(request)
-            self.wait(future.done, f"an answer of {node} about its parameters")
-            result = future.result().result
-            return result.successful, result.reason
-        finally:
-            self.node.destroy_client(client)
+        name = f"{node}/set_parameters_atomically"
+        result = self.call(SetParametersAtomically, name, request).result
+        return result.successful, result.reason

@@ -6,14 +6,13 @@ import time
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import (
     Bool,
-    Empty,
+    Float64,
     Float64MultiArray,
     MultiArrayDimension,
     MultiArrayLayout,
@@ -27,11 +26,16 @@ from dvrk_gravity.compensate.statistics import Statistics
 from dvrk_gravity.compensate.supervisor import Status, Supervisor
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import ALL_PARAMETERS
-from dvrk_gravity.nodes import runtime
+from dvrk_gravity.node_parameters import NODE_PARAMETERS
+from dvrk_gravity.nodes import operating_state, runtime
+from dvrk_gravity.nodes.arm_link import MEASURED, ArmLink
+from dvrk_gravity.nodes.diagnostics import Diagnostics
 from dvrk_gravity.nodes.executor import PromptNode
+from dvrk_gravity.nodes.hold import Hold
+from dvrk_gravity.nodes.others import Others
 from dvrk_gravity.nodes.rivals import LISTEN, Rivals
+from dvrk_gravity.nodes.watchdog_node import TIMEOUT_TOPIC
 from dvrk_gravity.nodes.wire import CommandWriter, JointStateReader
-from dvrk_gravity.parameter import check_all
 
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -45,42 +49,55 @@ class Compensator(PromptNode):
         Raises:
             ConfigError: A parameter that is unknown or fails its check.
         """
-        super().__init__("compensator", automatically_declare_parameters_from_overrides=True)
+        # Undeclared ones are allowed for effects that the model does not have yet, such as a
+        # payload: they are checked like all others.
+        super().__init__(
+            "compensator",
+            automatically_declare_parameters_from_overrides=True,
+            allow_undeclared_parameters=True,
+        )
         given = runtime.given_parameters(self)
         settings = Settings.from_parameters(given)
-        defaults = {name: entry.default for name, entry in ALL_PARAMETERS.items()}
-        # What is declared comes back with every change: it has to be what is in force, such
-        # as the gravity of an arm whose base is tilted.
-        in_force = check_all(ALL_PARAMETERS, given) | settings.model.parameters()
-        runtime.declare(self, defaults | in_force)
-        self._supervisor = Supervisor(settings)
+        runtime.declare(self, ALL_PARAMETERS, in_force(settings))
+        self._supervisor = self._supervise(settings)
+        self._checked = settings
         arm, margin = settings.model.arm, settings.position_margin
         self._unpack = JointStateReader().read
         self._reader = SampleReader(arm.joint_names, arm.lower - margin, arm.upper + margin)
         self._statistics = Statistics()
         self._told: tuple[Status, str] | None = None
-        self._no_velocity_told = False
+        self._told_once: set[str] = set()
+        self._watchdog_timeout = float("inf")
         self._connect()
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
 
+    def _supervise(self, settings: Settings) -> Supervisor:
+        return Supervisor(settings)
+
+    def _command_topic(self, as_array: bool) -> str:
+        given = self.get_parameter("output_topic").value
+        return given or ("commands" if as_array else "servo_jf")
+
     def _connect(self) -> None:
-        value = {name: self.get_parameter(name).value for name in ("output", "output_topic")}
-        self._as_array = value["output"] == "array"
-        topic = value["output_topic"] or ("commands" if self._as_array else "servo_jf")
+        self._as_array = self.get_parameter("output").value == "array"
         message = Float64MultiArray if self._as_array else JointState
-        self._command = self.create_publisher(message, topic, 10)
-        self._hold = self.create_publisher(Empty, "hold", 10)
+        self._command = self.create_publisher(message, self._command_topic(self._as_array), 10)
+        self._arm = ArmLink(self, any_subscriber=self._as_array)
+        self._hold = Hold(self, self._arm.listens)
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)
         self._state = self.create_publisher(String, "~/state", _LATCHED)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = Diagnostics(self)
         self._rivals = Rivals(self, self._command, self._refuse_rival)
         self._writer = CommandWriter(
             self._supervisor.settings.model.arm.joint_names, self._rivals.mark
         )
+        self._others = Others(self, self._command.topic_name, self._hold.echo, self._on_other)
         self.create_subscription(
             JointState, "gravity_compensation/setpoint_js", self._on_builtin, 1
         )
+        self.create_subscription(Float64, TIMEOUT_TOPIC, self._on_watchdog_timeout, _LATCHED)
+        operating_state.subscribe(self, lambda reason: self._obstruct("operating_state", reason))
         self.create_service(SetBool, "~/enable", self._on_enable)
         # Four looks within the time-out notice a silence at most a quarter late.
         self._watch = self._timer(self._supervisor.settings.timeout / 4, self._on_watch)
@@ -92,14 +109,16 @@ class Compensator(PromptNode):
 
     # --- input ---------------------------------------------------------------------------
 
-    def _on_measured(self, data: bytes) -> None:
+    def _on_measured(self, data: bytes, info: dict[str, Any]) -> None:
         now = time.monotonic()
+        if self._arm.two_measure(info["publication_sequence_number"]):
+            self._supervisor.obstruct("measured_js", self._arm.two_measure_reason())
         try:
             fields = self._unpack(data)
             sample = self._reader.read(
                 fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
             )
-            clock = self.get_clock().now().nanoseconds if self._ages_stamps else 0
+            clock = self.get_clock().now().nanoseconds
             effort = self._supervisor.command(sample, now, clock)
         except DroppedSampleError as error:
             self._supervisor.drop(error)
@@ -112,9 +131,8 @@ class Compensator(PromptNode):
                 self._publish(effort, fields.stamp)
             self._statistics.received(now)
             self._statistics.computed(time.monotonic() - now)
-            if sample.velocity is None and not self._no_velocity_told:
-                self._no_velocity_told = True
-                self.get_logger().warning("measured_js has no velocity: friction terms are off")
+            if sample.velocity is None:
+                self._tell_once("measured_js has no velocity: friction terms are off")
         self._settle()
 
     def _publish(self, effort: Any, stamp: tuple[int, int]) -> None:
@@ -134,136 +152,183 @@ class Compensator(PromptNode):
             )
         self._settle()
 
+    def _on_watchdog_timeout(self, message: Float64) -> None:
+        self._watchdog_timeout = message.data
+        self._obstruct("watchdog", self._too_slow_for_watchdog(self._supervisor.settings.timeout))
+
+    def _too_slow_for_watchdog(self, timeout: float) -> str:
+        if timeout <= self._watchdog_timeout:
+            return ""
+        return (
+            f"the watchdog holds the arm after {self._watchdog_timeout:g} s without a command, "
+            f"which timeout ({timeout:g} s) allows: raise watchdog_timeout or lower timeout"
+        )
+
     def _on_watch(self) -> None:
         self._supervisor.check_input(time.monotonic())
         self._settle()
 
     def _on_listen(self) -> None:
-        """Look who is there; begin, once whoever commands the arm has had the time to be heard.
+        """Look who is there, and see that a hold has arrived.
 
-        Only then is there a subscription to the arm: who sees it may count on answers.
+        There is a subscription to the arm only once whoever else commands it has had the time to
+        be heard: who sees it may count on answers.
         """
+        self._hold.look()
         self._rivals.watch(self._supervisor.active)
-        if self.prompt is not None:
-            return
-        topic = self.resolve_topic_name("measured_js")
-        arm_is_there = self.count_publishers(topic) > 0
-        if not arm_is_there:
+        if not self._others.heard_lately():
+            self._obstruct("others", "")
+        arm_is_there = self._arm.is_there()
+        listens = self._arm.listens() if arm_is_there else True
+        self._obstruct("hold", "" if listens else self._arm.no_hold_reason())
+        if not self._arm.two_measure_lately():
+            self._obstruct("measured_js", "")
+        if self.prompt is None and self._rivals.listened(arm_is_there):
+            self._subscribe(MEASURED)
+        elif self.prompt is None and not arm_is_there:
             self.get_logger().info(
-                f"waiting for {topic}: nobody publishes it",
+                f"waiting for {self.resolve_topic_name(MEASURED)}: nobody publishes it",
                 throttle_duration_sec=5.0,
                 skip_first=True,
             )
-        if self._rivals.listened(arm_is_there):
-            depth = int(self.get_parameter("input_depth").value)
-            self.prompt = self.create_subscription(
-                JointState, topic, self._on_measured, depth, raw=True
-            )
-            self._settle()
+
+    def _subscribe(self, topic: str) -> None:
+        depth = int(self.get_parameter("input_depth").value)
+        # rclpy's annotation does not know of the information that callbacks may take.
+        self.prompt = self.create_subscription(
+            JointState,
+            topic,
+            self._on_measured,  # type: ignore[arg-type]
+            depth,
+            raw=True,
+        )
+        self._settle()
+
+    def _on_other(self) -> None:
+        """Leave the arm, held, to whoever else commands it."""
+        self._hold.drop()  # it would undo the other's command
+        self._obstruct("others", self._others.reason())
 
     def _refuse_rival(self) -> None:
-        """Leave the arm to another node that commands it."""
+        """Leave the arm to another node that commands it as we do."""
         if self._supervisor.status not in (Status.DISABLED, Status.FAULT):
             self._supervisor.fail(self._rivals.reason())
             if self._rivals.elder:
                 self._supervisor.hold_due = False  # would take the arm out of the other's hands
             self._settle()
 
+    def _obstruct(self, cause: str, reason: str) -> None:
+        self._supervisor.obstruct(cause, reason)
+        self._settle()
+
     # --- control -------------------------------------------------------------------------
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        results = self.set_parameters([Parameter("enabled", value=bool(request.data))])
-        if request.data and results[0].successful:
+        wanted = bool(request.data)
+        if not wanted:  # before all else, and whatever else fails
+            self._switch_off()
+        (result,) = self.set_parameters([Parameter("enabled", value=wanted)])
+        if wanted and result.successful:
             self._supervisor.enable()  # out of a fault, too, where the parameter is true already
-        if self._rivals.heard_lately():
+        if wanted and self._rivals.heard_lately():
             self._refuse_rival()
         self._settle()
-        refused = request.data and self._supervisor.status is Status.FAULT
-        response.success = results[0].successful and not refused
+        refused = not result.successful or self._supervisor.status is Status.FAULT
+        response.success = not (wanted and refused)
         response.message = f"{self._supervisor.status.value}: {self._supervisor.reason}"
         return response
 
+    def _switch_off(self) -> None:
+        self._supervisor.disable()
+        self._settle()
+
     def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Check a change together with everything that it does not change."""
+        if any(change.name == "enabled" and change.value is False for change in changes):
+            self._switch_off()  # whatever becomes of the rest
         try:
             for change in changes:
                 entry = ALL_PARAMETERS.get(change.name)
                 if entry is not None and entry.read_only:
                     raise ConfigError(change.name, change.value, "no change while the node runs")
-            Settings.from_parameters(self._with_changes(changes))
+            own = [change for change in changes if not change.name.startswith(runtime.OF_RCLPY)]
+            values = runtime.given_parameters(self)
+            values |= {change.name: runtime.plain(change.value) for change in own}
+            settings = Settings.from_parameters(values, self._supervisor.settings)
+            conflict = self._too_slow_for_watchdog(settings.timeout)
+            if conflict and settings.timeout > self._supervisor.settings.timeout:
+                raise ConfigError("timeout", settings.timeout, f"a shorter one: {conflict}")
         except ConfigError as error:
             self.get_logger().error(f"parameter refused: {error}")
             return SetParametersResult(successful=False, reason=str(error))
+        self._checked = settings
         return SetParametersResult(successful=True)
 
     def _apply_parameters(self, changes: list[Parameter]) -> None:
-        settings = Settings.from_parameters(self._with_changes([]))
+        settings = self._checked
         self._supervisor.configure(settings, time.monotonic())
         self._watch.timer_period_ns = int(settings.timeout / 4 * 1e9)
+        self._obstruct("watchdog", self._too_slow_for_watchdog(settings.timeout))
         if self._rivals.heard_lately():
             self._refuse_rival()
         self._settle()
-
-    def _with_changes(self, changes: list[Parameter]) -> dict[str, Any]:
-        values = runtime.given_parameters(self)
-        own = [change for change in changes if not change.name.startswith(runtime.OF_RCLPY)]
-        return values | {change.name: runtime.plain(change.value) for change in own}
-
-    @property
-    def _ages_stamps(self) -> bool:
-        return self._supervisor.settings.max_stamp_age > 0.0
 
     # --- output --------------------------------------------------------------------------
 
     def _settle(self) -> None:
         """Carry out a hold that is due and tell a change of state."""
-        if self._supervisor.hold_due:
-            self._hold.publish(Empty())
-            self._supervisor.hold_due = False
-        if self._told != (self._supervisor.status, self._supervisor.reason):
+        supervisor = self._supervisor
+        if supervisor.hold_due:
+            self._hold.send()
+            supervisor.hold_due = False
+        elif supervisor.active and self._hold.pending:
+            self._hold.drop()
+        if self._told != (supervisor.status, supervisor.reason):
             self._report_status()
 
     def _report_status(self) -> None:
-        status, reason = self._supervisor.status, self._supervisor.reason
-        self._told = (status, reason)
-        text = f"{status.value}: {reason}"
+        supervisor = self._supervisor
+        before, self._told = self._told, (supervisor.status, supervisor.reason)
+        text = f"{supervisor.status.value}: {supervisor.reason}"
         self._state.publish(String(data=text))
-        if status is Status.FAULT:
+        if supervisor.status is Status.FAULT:
             self.get_logger().error(f"{text} — no command until ~/enable is called")
         else:
             self.get_logger().info(text)
+        if supervisor.active and before is not None and before[0] is Status.STARTING:
+            self.get_logger().info(f"starting from {supervisor.origin}")
+        elif supervisor.status is Status.RAMPING and supervisor.loss:
+            self.get_logger().warning(supervisor.loss)
+
+    def _tell_once(self, text: str) -> None:
+        if text not in self._told_once:
+            self._told_once.add(text)
+            self.get_logger().warning(text)
 
     def _publish_diagnostics(self) -> None:
-        supervisor = self._supervisor
-        level = {
-            Status.FAULT: DiagnosticStatus.ERROR,
-            Status.WAITING: DiagnosticStatus.WARN,
-        }.get(supervisor.status, DiagnosticStatus.OK)
-        names = supervisor.settings.model.arm.joint_names
-        saturated = [name for name, cut in zip(names, supervisor.saturated, strict=True) if cut]
-        values = {
-            "state": supervisor.status.value,
-            "reason": supervisor.reason,
-            **self._statistics.take(time.monotonic()),
-            "saturated joints": ", ".join(saturated) or "none",
-            "builtin compensation": "on" if supervisor.builtin_active else "off or not seen",
-            **{f"dropped {cause}": str(count) for cause, count in supervisor.dropped.items()},
-        }
-        status = DiagnosticStatus(
-            level=level,
-            name=self.get_fully_qualified_name(),
-            message=f"{supervisor.status.value}: {supervisor.reason}",
-            hardware_id=supervisor.settings.model.arm.name,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(self._supervisor, self._statistics.take(time.monotonic()))
 
-    def finish(self) -> None:
-        """Leave the arm held if it is under our command, and see that the hold has arrived."""
+    def finish(self) -> bool:
+        """Leave the arm held if it is under our command; return whether the hold has arrived."""
         if self._supervisor.active:
             self._supervisor.disable()
-            self._settle()
-            if not runtime.arrived(self._hold, Empty()):
-                self.get_logger().error("hold was not acknowledged: check that the arm holds")
+        self._settle()
+        return self._hold.settle()
+
+
+def in_force(settings: Settings) -> dict[str, Any]:
+    """Return the parameters of a node and of its model as they are in force, by name.
+
+    What is declared comes back with every change of parameters: the gravity of an arm whose base
+    is tilted, limits that are the arm's.
+    """
+    limits = {
+        "effort_limit": settings.limits.joint,
+        "actuator_effort_limit": settings.limits.actuator,
+        "slew_limit": settings.slew_limit,
+    }
+    return {
+        **{name: entry.default for name, entry in NODE_PARAMETERS.items()},
+        **settings.model.parameters(),
+        **{name: tuple(value.tolist()) for name, value in limits.items()},
+    }

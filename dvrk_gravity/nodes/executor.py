@@ -24,7 +24,8 @@ class PromptNode(Node):
     """A node with one subscription that matters more than all else.
 
     Attributes:
-        prompt: That subscription; ``None`` as long as it does not exist.
+        prompt: That subscription; its callback takes a message and the middleware's information
+            about it. ``None`` as long as it does not exist.
     """
 
     prompt: Subscription | None = None
@@ -53,7 +54,7 @@ class PromptExecutor(SingleThreadedExecutor):
             ready.remove(prompt.handle.pointer)
             taken = prompt.handle.take_message(prompt.msg_type, prompt.raw)
             if taken is not None:
-                prompt.callback(taken[0])
+                prompt.callback(*taken)
         for timer in list(self._node.timers):
             if timer.handle.pointer in ready:
                 ready.remove(timer.handle.pointer)

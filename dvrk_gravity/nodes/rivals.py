@@ -22,7 +22,9 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-LISTEN = 0.3
+from dvrk_gravity.nodes.others import LATELY, named
+
+LISTEN = LATELY
 """How long nothing must have been heard before we command, s."""
 
 PATIENCE = 1.0
@@ -93,14 +95,7 @@ class Rivals:
 
     def reason(self) -> str:
         """Return what to tell a person who wonders why the arm is not commanded."""
-        own = (self._node.get_name(), self._node.get_namespace())
-        found = self._node.get_publishers_info_by_topic(self.topic)
-        names = {(info.node_name, info.node_namespace) for info in found} - {own}
-        # DDS learns of a publisher a moment before it learns whose it is.
-        known = sorted(
-            f"{space.rstrip('/')}/{name}" for name, space in names if "_UNKNOWN_" not in name
-        )
-        who = f" ({', '.join(known)})" if known else ""
+        who = named(self._node.get_publishers_info_by_topic(self.topic), self._node)
         return f"another node{who} commands {self.topic}: stop it first, two would fight"
 
     def _on_command(self, data: bytes) -> None:

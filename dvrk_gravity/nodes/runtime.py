@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import signal
 import sys
 import threading
@@ -12,17 +13,16 @@ from itertools import pairwise
 from typing import Any
 
 import rclpy
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
 from dvrk_gravity import yaml_file
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.nodes.executor import PromptExecutor, PromptNode
+from dvrk_gravity.parameter import Parameter
 
 STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 """Timers run on it: a simulated or stepped clock must not stop a watch on the input."""
@@ -35,12 +35,14 @@ def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
     """Run one node until SIGINT, SIGTERM or an error.
 
     Args:
-        make_node: Builds the node, after rclpy is up; the node has ``finish()``, and
-            ``prompt`` if one of its subscriptions is to be served before all else.
+        make_node: Builds the node, after rclpy is up; the node has ``finish()``, which returns
+            whether it ended in order, and ``prompt`` if one of its subscriptions is to be served
+            before all else.
         ros_args: ``--ros-args …`` as given on the command line.
 
     Returns:
-        0 when a signal ended it, 1 when an unexpected error did.
+        0 when a signal ended it, 1 when an unexpected error did, or when it could not end in
+        order (a hold that nobody acknowledged).
 
     Raises:
         ConfigError: ROS arguments or parameters that cannot be used.
@@ -64,10 +66,11 @@ def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
                 raise
             raise error.in_file(files[0]) from None
         try:
-            return _spin(node, stop)
+            status = _spin(node, stop)
         finally:
-            node.finish()  # type: ignore[attr-defined]
+            well = node.finish()  # type: ignore[attr-defined]
             node.destroy_node()
+        return status if well else max(status, 1)
     finally:
         rclpy.try_shutdown()
 
@@ -91,38 +94,40 @@ def plain(value: Any) -> Any:
     return tuple(value)
 
 
-def declare(node: Node, values: Mapping[str, Any]) -> None:
+def declare(node: Node, table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
     """Declare parameters with checked values, so that a later change meets our own check only.
 
     rclpy fixes the type that a file happened to give (whole numbers, say) and then
-    refuses another one in words of its own.
+    refuses another one in words of its own; typing is dynamic, therefore.
+
+    Args:
+        node: The node.
+        table: Declarations by name.
+        values: What is in force, for the parameters that are to be declared.
     """
-    descriptor = ParameterDescriptor(dynamic_typing=True)
     for name, value in values.items():
         if node.has_parameter(name):
             node.undeclare_parameter(name)
         plain_value = list(value) if isinstance(value, tuple) else value
-        node.declare_parameter(name, plain_value, descriptor, ignore_override=True)
+        node.declare_parameter(name, plain_value, _descriptor(table[name]), ignore_override=True)
 
 
-def arrived(publisher: Publisher, again: object) -> bool:
-    """Wait until every subscriber has acknowledged what was published, a second at the most.
-
-    A reader acknowledges when it is asked to: that is with the next message, or up to three
-    seconds later. The message is repeated, therefore.
-
-    Args:
-        publisher: What published it.
-        again: The message, one that does no harm when it is received twice.
-
-    Returns:
-        Whether all have acknowledged.
-    """
-    for _ in range(4):
-        if publisher.wait_for_all_acked(Duration(seconds=0.25)):
-            return True
-        publisher.publish(again)
-    return False
+def _descriptor(entry: Parameter) -> ParameterDescriptor:
+    """Return what `ros2 param describe` shows."""
+    unit = f", {entry.unit}" if entry.unit else ""
+    descriptor = ParameterDescriptor(
+        name=entry.name,
+        description=f"{entry.meaning} ({entry.kind}{unit})",
+        additional_constraints=entry.range_text(),
+        read_only=entry.read_only,
+        dynamic_typing=True,
+    )
+    # The middleware's checks know finite ranges of scalars only; ours know all.
+    if entry.kind == "double" and math.isfinite(entry.lower) and math.isfinite(entry.upper):
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=entry.lower, to_value=entry.upper, step=0.0)
+        ]
+    return descriptor
 
 
 def _parameter_files(ros_args: Sequence[str]) -> list[str]:

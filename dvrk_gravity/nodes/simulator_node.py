@@ -77,7 +77,7 @@ class Simulator(Node):
         mine = {name: value for name, value in given.items() if name not in others}
         defaults = {name: entry.default for name, entry in SIMULATOR_PARAMETERS.items()}
         value: dict[str, Any] = defaults | check_all(SIMULATOR_PARAMETERS, mine)
-        runtime.declare(self, value)
+        runtime.declare(self, SIMULATOR_PARAMETERS, value)
         self.add_on_set_parameters_callback(self._refuse_parameters)
 
         truth = PlantFile.load(value["plant"])
@@ -101,9 +101,10 @@ class Simulator(Node):
             f"simulating {value['plant']}, in hold; its own gravity compensation is {builtin}"
         )
 
-    def finish(self) -> None:
+    def finish(self) -> bool:
         """Stop the clock."""
         self._timer.cancel()
+        return True
 
     def _connect(self, rate: float, setpoint_rate: float) -> None:
         def publisher(topic: str) -> Any:

@@ -6,12 +6,17 @@ import time
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Empty, Float64MultiArray, String
+from std_msgs.msg import Empty, Float64, Float64MultiArray, String
 
 from dvrk_gravity.model import ALL_PARAMETERS
 from dvrk_gravity.nodes import runtime
+from dvrk_gravity.nodes.arm_link import ArmLink
 from dvrk_gravity.nodes.executor import PromptNode
+from dvrk_gravity.nodes.hold import Hold
 from dvrk_gravity.parameter import check_all
+
+TIMEOUT_TOPIC = "watchdog_timeout"
+"""Latched: the watchdog's time-out, s, which a compensator's own must not exceed."""
 
 _PARAMETERS = ("watchdog_timeout", "output", "output_topic")
 
@@ -35,34 +40,43 @@ class Watchdog(PromptNode):
         self._last: float | None = None  # when the last command came; None: the arm is held
         as_array = values["output"] == "array"
         topic = str(values["output_topic"]) or ("commands" if as_array else "servo_jf")
-        self._hold = self.create_publisher(Empty, "hold", 10)
+        self._arm = ArmLink(self, any_subscriber=as_array)
+        self._hold = Hold(self, self._arm.listens)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._state = self.create_publisher(String, "~/state", latched)
-        # Raw: that a command came is all that matters, not what it says.
+        # Raw: that a command came is all that matters, not what it says. rclpy's annotation does
+        # not know of the information about a message that its callbacks may take.
         self.prompt = self.create_subscription(
-            Float64MultiArray if as_array else JointState, topic, self._on_command, 1, raw=True
+            Float64MultiArray if as_array else JointState,
+            topic,
+            self._on_command,  # type: ignore[arg-type]
+            1,
+            raw=True,
         )
         self.create_subscription(Empty, "hold", self._on_hold, 10)
+        self.create_publisher(Float64, TIMEOUT_TOPIC, latched).publish(Float64(data=timeout))
         self.create_timer(self._timeout / 4, self._on_watch, clock=runtime.STEADY_CLOCK)
         self._tell(f"watching {topic}: hold after {self._timeout:g} s without a command")
 
-    def _on_command(self, _: object) -> None:
+    def _on_command(self, data: bytes, info: object) -> None:
         if self._last is None:
+            self._hold.drop()
             self._tell("the arm is commanded")
         self._last = time.monotonic()
 
     def _on_hold(self, _: Empty) -> None:
-        if self._last is not None:
+        if not self._hold.echo() and self._last is not None:
             self._last = None
             self._tell("the arm holds: its commands ended with a hold")
 
     def _on_watch(self) -> None:
+        self._hold.look()
         if self._last is None:
             return
         silence = time.monotonic() - self._last
         if silence > self._timeout:
             self._last = None
-            self._hold.publish(Empty())
+            self._hold.send()
             text = f"hold sent: no command for {silence:.3f} s and no hold before"
             self._state.publish(String(data=text))
             self.get_logger().error(f"{text}; restart the compensator to go on")
@@ -71,8 +85,8 @@ class Watchdog(PromptNode):
         self._state.publish(String(data=text))
         self.get_logger().info(text)
 
-    def finish(self) -> None:
-        """Hold an arm that nobody would watch from now on."""
+    def finish(self) -> bool:
+        """Hold an arm that nobody would watch from now on; return whether the hold has arrived."""
         if self._last is not None:
-            self._hold.publish(Empty())
-            runtime.arrived(self._hold, Empty())
+            self._hold.send()
+        return self._hold.settle()

@@ -1,0 +1,120 @@
+"""Whether a joint can have moved as a measurement says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.compensate.sample import DroppedSampleError, Sample
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """What is taken for possible.
+
+    Attributes:
+        speed: Fastest motion of a joint, rad/s. A tennis serve turns an elbow at 26 rad/s (Fleisig
+            et al. 2003, Sports Biomechanics 2(1)); nobody leads an MTM like that.
+        step: Positions may differ by so much at any rate, rad: more than five steps of the
+            coarsest encoder (wrist_roll's, 0.006 rad).
+        interval: Velocities are compared so often, s.
+        time_constant: Of the low-pass filters through which velocities are compared, s: longer
+            than consoles' own velocity filters (some 10 ms), and at 0.006 rad a step and 100 Hz an
+            encoder's steps leave 0.1 rad/s of ripple.
+        slack: Filtered velocities may differ by so much, rad/s: five times that ripple.
+        share: And by this part of the larger one.
+    """
+
+    speed: float = 25.0
+    step: float = 0.03
+    interval: float = 0.005
+    time_constant: float = 0.05
+    slack: float = 0.5
+    share: float = 0.5
+
+
+class MotionCheck:
+    """Compares each measurement with those before it.
+
+    Attributes:
+        doubtful: (n,) joints whose velocity was not believed in the last sample.
+    """
+
+    def __init__(self, joint_names: tuple[str, ...], limits: MotionLimits | None = None) -> None:
+        """Start with nothing known."""
+        self._names = joint_names
+        self._limits = limits or MotionLimits()
+        self._last: Sample | None = None  # and the monotonic time at which it came
+        self._time = 0.0
+        self._anchor: Sample | None = None  # the last one at which velocities were compared
+        self._observed = self._reported = np.zeros(len(joint_names))
+        self.doubtful: NDArray[np.bool_] = np.zeros(len(joint_names), dtype=bool)
+
+    def check(self, sample: Sample, now: float, timeout: float) -> Sample:
+        """Return the sample, the velocity zero at joints where it cannot be true.
+
+        At zero velocity no friction is compensated, which never drives a joint.
+
+        Args:
+            sample: What came.
+            now: Monotonic time at which it came, s.
+            timeout: After so long without a sample nothing is known any more, s.
+
+        Raises:
+            DroppedSampleError: A joint cannot have got there since the last sample.
+        """
+        last = self._last
+        if last is None or now - self._time > timeout:
+            self._forget(sample)
+        else:
+            step = (sample.stamp - last.stamp) * 1e-9
+            if step < 0.0:
+                return sample  # out of order, or another clock: its stamp decides
+            change = sample.position - last.position
+            farthest = self._limits.step + self._limits.speed * min(step, timeout)
+            if np.count_nonzero(np.abs(change) <= farthest) < len(change):
+                raise self._jumped(change, step)
+        self._last, self._time = sample, now
+        if sample.velocity is None:
+            self._forget(sample)
+            return sample
+        return self._believed(sample, sample.velocity)
+
+    def _believed(self, sample: Sample, velocity: Array) -> Sample:
+        """Return the sample without velocities that the positions, or reason, contradict."""
+        limits, anchor = self._limits, self._anchor
+        assert anchor is not None  # the first sample of all has been one
+        step = (sample.stamp - anchor.stamp) * 1e-9
+        if step >= limits.interval:
+            # From the positions and from the velocities, through the same filter.
+            moved = (sample.position - anchor.position) / step
+            told = np.minimum(np.maximum(velocity, -2 * limits.speed), 2 * limits.speed)
+            part = step / (step + limits.time_constant)
+            self._observed = self._observed + part * (moved - self._observed)
+            self._reported = self._reported + part * (told - self._reported)
+            self._anchor = sample
+            larger = np.maximum(np.abs(self._observed), np.abs(self._reported))
+            difference = np.abs(self._observed - self._reported)
+            self.doubtful = difference > limits.slack + limits.share * larger
+        doubtful = np.abs(velocity) > limits.speed
+        doubtful |= self.doubtful
+        if np.count_nonzero(doubtful) == 0:
+            return sample
+        return replace(sample, velocity=np.where(doubtful, 0.0, velocity))
+
+    def _forget(self, sample: Sample) -> None:
+        self._anchor = sample
+        self._observed = self._reported = np.zeros(len(self._names))
+        self.doubtful = np.zeros(len(self._names), dtype=bool)
+
+    def _jumped(self, change: Array, step: float) -> DroppedSampleError:
+        joint = int(np.argmax(np.abs(change)))
+        return DroppedSampleError(
+            "position_jump",
+            f"{self._names[joint]} by {change[joint]:.3g} rad in {step * 1e3:.3g} ms, faster than "
+            f"{self._limits.speed:g} rad/s: a broken encoder, or another arm's messages?",
+        )

@@ -1,0 +1,54 @@
+"""The way from the torque that is there to the one that is wanted, without a jump."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.compensate.limits import EffortLimits
+from dvrk_gravity.compensate.settings import CONSIDERABLE, LEAST_RAMP, Settings
+
+Array = NDArray[np.float64]
+
+# N·m; less than this is rounding.
+_NOTHING = 1e-9
+
+
+class Ramp:
+    """Blends out the difference between a first command and the wanted torque.
+
+    What fades is the difference alone: the command follows the wanted torque from the beginning
+    where the arm is moved meanwhile. Limits that were lowered below the first command come down
+    with it; the torque under a person's hand does not jump into them.
+
+    Attributes:
+        over: The wanted torque has been reached.
+    """
+
+    def __init__(self, first: Array, now: float) -> None:
+        """Begin with the (n,) command ``first``, N·m, at time ``now``, s."""
+        self.over = False
+        self._first = first
+        self._start = now
+        self._difference: Array | None = None
+        self._duration = 0.0
+
+    def blend(self, wanted: Array, now: float, settings: Settings) -> Array:
+        """Return the (n,) torque on the way to the ``wanted`` one, within the limits, N·m."""
+        if self._difference is None:
+            self._difference = self._first - wanted
+            size = np.abs(self._difference)
+            considerable = (size > CONSIDERABLE * settings.model.arm.effort_limit).any()
+            self._duration = max(settings.ramp_time, LEAST_RAMP if considerable else 0.0)
+            if (size <= _NOTHING).all():
+                self._duration = 0.0
+        elapsed = now - self._start
+        if elapsed >= self._duration:
+            self.over = True
+            return wanted
+        left = 1.0 - elapsed / self._duration
+        return self._limits(left, settings.limits).clip(wanted + left * self._difference)
+
+    def _limits(self, left: float, limits: EffortLimits) -> EffortLimits:
+        motor = limits.arm.actuator_effort(self._first)
+        return limits.widened(left * np.abs(self._first), left * np.abs(motor))

@@ -1,0 +1,77 @@
+"""What the compensator tells about itself on /diagnostics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from numpy.typing import NDArray
+from rclpy.node import Node
+
+from dvrk_gravity.compensate.supervisor import Status, Supervisor
+
+
+class Diagnostics:
+    """Publishes a supervisor's state, and in words what a person should know of it."""
+
+    def __init__(self, node: Node) -> None:
+        """Create the publisher."""
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def publish(self, supervisor: Supervisor, statistics: Mapping[str, str]) -> None:
+        """Publish the state, with further figures by name."""
+        told = warnings(supervisor)
+        state = f"{supervisor.status.value}: {supervisor.reason}"
+        values = {
+            "state": supervisor.status.value,
+            "reason": supervisor.reason,
+            "warnings": "; ".join(told) or "none",
+            **statistics,
+            "started from": supervisor.origin or "not started",
+            "saturated joints": _joints(supervisor, supervisor.saturated) or "none",
+            "builtin compensation": "on" if supervisor.builtin_active else "off or not seen",
+            **{f"dropped {cause}": str(count) for cause, count in supervisor.dropped.items()},
+        }
+        status = DiagnosticStatus(
+            level=_level(supervisor.status, bool(told)),
+            name=self._node.get_fully_qualified_name(),
+            message="; ".join([state, *told]),
+            hardware_id=supervisor.settings.model.arm.name,
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)
+
+
+def warnings(supervisor: Supervisor) -> list[str]:
+    """Return what a person at an arm under command should know, a sentence each."""
+    if not supervisor.active:
+        return []
+    told = []
+    if supervisor.settings.weightless:
+        told.append("gravity is left out: nothing carries the arm's weight")
+    if supervisor.loss:
+        told.append(supervisor.loss)
+    if supervisor.saturated.any():
+        told.append(f"effort limits cut the torque of {_joints(supervisor, supervisor.saturated)}")
+    if supervisor.doubtful.any():
+        told.append(
+            f"the velocity of {_joints(supervisor, supervisor.doubtful)} contradicts its positions:"
+            " friction there is left out"
+        )
+    return told
+
+
+def _level(status: Status, warned: bool) -> bytes:
+    if status is Status.FAULT:
+        return DiagnosticStatus.ERROR
+    if warned or status in (Status.WAITING, Status.STARTING):
+        return DiagnosticStatus.WARN
+    return DiagnosticStatus.OK
+
+
+def _joints(supervisor: Supervisor, which: NDArray) -> str:
+    names = supervisor.settings.model.arm.joint_names
+    return ", ".join(name for name, yes in zip(names, which, strict=True) if yes)

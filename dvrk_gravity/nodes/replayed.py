@@ -1,0 +1,54 @@
+"""Node: the compensator as `replay` plays bags into it, on topics of its own that no arm has."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from dvrk_gravity import cli
+
+NAME = "replayed"
+EXAMPLE = "python -m dvrk_gravity replay my_bag --model config/mtmr_28002.yaml (which starts this)"
+
+MEASURED = "replay/measured_js"
+COMMANDS = "replay/servo_jf"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments: all that there is to set are ROS parameters."""
+    parser.usage = "%(prog)s [-h] [--ros-args …]"
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the node until SIGINT or SIGTERM; return the exit status."""
+    # Here and not above: rclpy and Pinocchio are slow to load and --help needs neither.
+    from dvrk_gravity.compensate.settings import Settings
+    from dvrk_gravity.compensate.supervisor import Supervisor
+    from dvrk_gravity.compensate.unsupervised import Unsupervised
+    from dvrk_gravity.nodes import runtime
+    from dvrk_gravity.nodes.compensator_node import Compensator
+
+    class Replayed(Compensator):
+        """The compensator's way from message to message, with the bare model in between."""
+
+        def _supervise(self, settings: Settings) -> Supervisor:
+            return Unsupervised(settings)
+
+        def _command_topic(self, as_array: bool) -> str:
+            return COMMANDS
+
+        def _on_listen(self) -> None:
+            if self.prompt is None:
+                self._subscribe(MEASURED)
+
+    return runtime.spin(Replayed, arguments.ros_args)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of ``python -m dvrk_gravity.nodes.replayed``."""
+    return cli.run("dvrk_gravity.nodes.replayed", argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,99 @@
+"""Positions that no joint can have reached, and velocities that positions contradict."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.compensate.plausibility import MotionCheck
+from dvrk_gravity.compensate.sample import DroppedSampleError, Sample
+
+TIMEOUT = 0.1
+
+
+class Stream:
+    """Feeds a check with samples at a rate."""
+
+    def __init__(self, rate: float = 1000.0) -> None:
+        self.check = MotionCheck(JOINT_NAMES)
+        self.step = 1.0 / rate
+        self.time = 10.0
+
+    def send(self, position, velocity=None, after: float | None = None) -> Sample:
+        self.time += self.step if after is None else after
+        given = None if velocity is None else np.array(velocity, dtype=float)
+        sample = Sample(int(self.time * 1e9), np.array(position, dtype=float), given, None)
+        return self.check.check(sample, self.time, TIMEOUT)
+
+
+def swing(time: float) -> tuple[np.ndarray, np.ndarray]:
+    """A lively motion: 1 to 6 rad/s."""
+    amplitude, rate = np.array([0.3, 0.3, 0.3, 0.8, 0.8, 0.5, 1.0]), 6.0
+    return amplitude * np.sin(rate * time), amplitude * rate * np.cos(rate * time)
+
+
+@pytest.mark.parametrize("rate", [100.0, 200.0, 1000.0])
+def test_a_jump_of_thirty_degrees_is_dropped_until_the_time_out_has_passed(rate):
+    stream = Stream(rate)
+    for _ in range(20):
+        stream.send([0.0] * 7)
+    moved = [0.0, 0.0, np.radians(30), 0.0, 0.0, 0.0, 0.0]
+    with pytest.raises(DroppedSampleError, match=r"elbow_pitch by 0\.524 rad") as raised:
+        stream.send(moved)
+    assert raised.value.cause == "position_jump"
+    stream.send(moved, after=0.2)
+
+
+@pytest.mark.parametrize("rate", [100.0, 200.0, 1000.0])
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_a_lively_motion_with_encoder_steps_and_noise_is_believed(rate, noise):
+    stream, rng = Stream(rate), np.random.default_rng(0)
+    steps = np.array([0.0000248, 0.0000315, 0.0000263, 0.0001492, 0.0029606, 0.0029606, 0.0059213])
+    for k in range(int(3 * rate)):
+        position, velocity = swing(k / rate)
+        velocity = velocity + noise * rng.standard_normal(7)
+        sample = stream.send(np.round(position / steps) * steps, velocity)
+        np.testing.assert_array_equal(sample.velocity, velocity)
+    assert not stream.check.doubtful.any()
+
+
+WRONG = {
+    "sign": lambda v: -v,
+    "degrees": np.degrees,
+    "none": lambda v: 0.0 * v,
+    "absurd": lambda v: 0.0 * v + 1e6,
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_velocity_that_the_positions_contradict_counts_as_none(kind):
+    stream = Stream(200.0)
+    dropped = np.zeros(7)
+    moving = np.zeros(7)
+    for k in range(600):
+        position, velocity = swing(k / 200.0)
+        told = velocity.copy()
+        told[[1, 6]] = WRONG[kind](velocity[[1, 6]])
+        sample = stream.send(position, told)
+        assert np.abs(sample.velocity).max() <= 25.0
+        fast = np.abs(velocity) > 1.5
+        moving += fast
+        dropped += fast & (sample.velocity == 0.0)
+    assert (dropped[[1, 6]] > 0.8 * moving[[1, 6]]).all()
+    assert (dropped[[0, 2, 3, 4, 5]] == 0).all()
+
+
+def test_a_stamp_that_goes_back_is_left_to_those_who_judge_stamps():
+    stream = Stream()
+    stream.send([0.0] * 7)
+    stream.send([0.0] * 7)
+    stream.send([1.0] * 7, after=-0.5)
+    stream.send([0.0] * 7, after=0.5)
+
+
+def test_a_stamp_that_stands_still_allows_no_jump():
+    stream = Stream()
+    stream.send([0.0] * 7)
+    with pytest.raises(DroppedSampleError):
+        stream.send([1.0] * 7, after=0.0)
