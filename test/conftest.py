@@ -50,7 +50,7 @@ class FakeArm:
 
     def __init__(self) -> None:
         from sensor_msgs.msg import JointState
-        from std_msgs.msg import Bool, Empty
+        from std_msgs.msg import Bool
 
         from dvrk_gravity.arm import JOINT_NAMES
         from dvrk_gravity.nodes.client import Client
@@ -74,7 +74,7 @@ class FakeArm:
             lambda message: self.commands.append((time.monotonic(), message)),
             1000,
         )
-        node.create_subscription(Empty, "hold", lambda _: self.holds.append(time.monotonic()), 100)
+        self.listen_to_hold()
         node.create_subscription(
             Bool,
             "use_gravity_compensation",
@@ -83,6 +83,18 @@ class FakeArm:
         )
         for name in ("compensator", "watchdog"):
             self.client.watch_state(name)
+
+    def listen_to_hold(self) -> None:
+        """Subscribe to ``hold``, as every arm does."""
+        from std_msgs.msg import Empty
+
+        self._hold = self.client.node.create_subscription(
+            Empty, "hold", lambda _: self.holds.append(time.monotonic()), 100
+        )
+
+    def turn_deaf(self) -> None:
+        """Listen to ``hold`` no longer."""
+        self.client.node.destroy_subscription(self._hold)
 
     def __enter__(self) -> FakeArm:
         self.client.__enter__()

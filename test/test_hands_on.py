@@ -1,0 +1,280 @@
+"""An arm with a hand on it, with real processes: stopping, starting, and what others do."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import numpy as np
+import pytest
+from conftest import CONFIG, MODEL_FILE, FakeArm
+
+from dvrk_gravity import TorqueModel
+from dvrk_gravity.nodes.others import COMMANDS
+from dvrk_gravity.processes import NodeProcess, private_domain
+
+# A loaded machine may stall a test for a while: only tests of a time-out use a short one.
+PATIENT = ("-p", "timeout:=1.0", "-p", "input_depth:=100")
+MODEL = TorqueModel.load(MODEL_FILE)
+
+
+@pytest.fixture
+def start(arm: FakeArm):
+    """Start nodes that end with the test."""
+    started: list[NodeProcess] = []
+
+    def begin(verb: str, *arguments: str, file=MODEL_FILE, wait: bool = True) -> NodeProcess:
+        given = ("--params-file", str(file)) if verb == "compensator" else ()
+        node = NodeProcess(verb, *given, *arguments)
+        started.append(node)
+        if wait and verb == "compensator":
+            arm.await_compensator()
+        return node
+
+    yield begin
+    for node in started:
+        node.stop()
+        assert "Traceback" not in node.output
+
+
+def commanding(arm: FakeArm) -> None:
+    goal = len(arm.commands) + 20
+    arm.run_until(lambda: len(arm.commands) > goal, "commands")
+
+
+def assert_silent(arm: FakeArm, duration: float = 0.5) -> None:
+    """Good input for a while brings no command."""
+    arm.client.spin(0.05)  # those on the way
+    before = len(arm.commands)
+    arm.run(duration)
+    assert len(arm.commands) == before
+
+
+# --- stopping ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("way", ["service", "parameter", "parameter beside nonsense"])
+def test_stopping_is_never_refused_whatever_has_become_of_the_arm_s_file(arm, start, tmp_path, way):
+    description = tmp_path / "arm.yaml"
+    description.write_bytes((CONFIG / "arms" / "mtmr.yaml").read_bytes())
+    start("compensator", *PATIENT, "-p", f"arm:={description}")
+    commanding(arm)
+    description.rename(tmp_path / "elsewhere.yaml")
+    if way == "service":
+        assert arm.client.enable(False).success
+    elif way == "parameter":
+        assert arm.client.set_parameters({"enabled": False})[0]
+    else:
+        taken, reason = arm.client.set_parameters({"enabled": False, "beta": [1.0] * 9})
+        assert not taken
+        assert "10 or 12 or 14" in reason
+    arm.run_until(lambda: bool(arm.holds), "the hold")
+    assert_silent(arm)
+    assert arm.state.startswith("disabled")
+    assert arm.client.enable(True).success
+    commanding(arm)
+
+
+def test_an_edited_arm_s_file_does_not_change_a_running_arm_s_limits(arm, start, tmp_path):
+    description = tmp_path / "arm.yaml"
+    text = (CONFIG / "arms" / "mtmr.yaml").read_text()
+    description.write_text(text)
+    start("compensator", *PATIENT, "-p", f"arm:={description}")
+    commanding(arm)
+    shoulder = abs(arm.answer()[1])
+    assert shoulder > 0.1
+    description.write_text(text.replace("effort_limit: 3.217", "effort_limit: 0.05"))
+    assert description.read_text() != text
+    assert arm.client.set_parameters({"ramp_time": 0.5})[0]
+    assert abs(arm.answer()[1]) == pytest.approx(shoulder, abs=1e-9)
+
+
+def test_twenty_changes_of_parameters_a_second_starve_no_command(arm, start):
+    start("compensator", *PATIENT)
+    commanding(arm)
+    before, begin = len(arm.commands), time.monotonic()
+    for k in range(20):
+        assert arm.client.set_parameters({"ramp_time": 0.5 + 0.01 * k})[0]
+        arm.run(0.02)
+    sent = (time.monotonic() - begin) / 0.005
+    assert len(arm.commands) - before > 0.3 * sent
+    assert not arm.holds
+
+
+# --- holding -----------------------------------------------------------------------------------
+
+
+def test_an_arm_that_nobody_could_hold_is_not_commanded(arm, start):
+    arm.turn_deaf()
+    start("compensator", *PATIENT)
+    arm.run_until(lambda: "does not subscribe to /MTMR/hold" in arm.state, "the reason")
+    assert_silent(arm)
+    assert not arm.commands
+    arm.listen_to_hold()
+    commanding(arm)
+
+
+def test_a_hold_is_sent_until_somebody_is_there_to_receive_it(arm, start):
+    """The subscriber goes while the arm is commanded, and comes back a second later."""
+    start("compensator", *PATIENT)
+    commanding(arm)
+    arm.turn_deaf()
+    arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
+    arm.run(1.0)
+    assert not arm.holds
+    arm.listen_to_hold()
+    arm.run_until(lambda: bool(arm.holds), "the hold")
+    arm.run(0.5)
+    count = len(arm.holds)
+    arm.run(0.5)
+    assert len(arm.holds) == count  # acknowledged: it does not go on for ever
+
+
+@pytest.mark.parametrize("verb", ["compensator", "watchdog"])
+def test_an_end_whose_hold_reaches_nobody_is_not_status_0(arm, start, verb):
+    nodes = {
+        "watchdog": start("watchdog", "-p", "watchdog_timeout:=1.0"),
+        "compensator": start("compensator", *PATIENT),
+    }
+    arm.run_until(
+        lambda: arm.client.state("watchdog") == "the arm is commanded", "the watchdog's notice"
+    )
+    arm.turn_deaf()
+    if verb == "watchdog":
+        nodes["compensator"].process.kill()
+    nodes[verb].signal(signal.SIGINT)
+    assert nodes[verb].wait() == 1
+    assert "hold was not acknowledged" in nodes[verb].output
+
+
+# --- starting ----------------------------------------------------------------------------------
+
+
+def test_an_effort_in_other_units_is_a_refusal_that_names_both_numbers(arm, start):
+    start("compensator", *PATIENT)
+    arm.effort = (1e3 * MODEL.torque(arm.position)).tolist()
+    arm.run_until(lambda: arm.state.startswith("fault"), "the refusal")
+    assert "as measured" in arm.state
+    assert not arm.commands
+    assert not arm.holds
+    assert not arm.client.enable(True).message.startswith("commanding")
+    arm.run_until(lambda: len(refusals(arm)) == 2, "the second refusal")
+    arm.effort = MODEL.torque(arm.position).tolist()
+    arm.client.enable(True)
+    commanding(arm)
+
+
+def refusals(arm: FakeArm) -> list[str]:
+    return [text for text in arm.client.states["compensator"] if text.startswith("fault")]
+
+
+def test_a_noisy_effort_biases_the_first_command_by_little(arm, start):
+    rng = np.random.default_rng(0)
+    held = MODEL.torque(arm.position)
+    noise = np.array([0.01, 0.01, 0.008, 0.003, 0.0015, 0.0012, 0.0008])
+    start("compensator", *PATIENT)
+    end = time.monotonic() + 15.0
+    while not arm.commands and time.monotonic() < end:
+        arm.run(0.005, effort=(held + noise * rng.standard_normal(7)).tolist())
+    assert (np.abs(arm.efforts[0] - held) < noise).all()  # of one sample a third passes that
+
+
+# --- what others do ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def crowd():
+    """Return an arm, its compensator, and a publisher of every command that has long been there."""
+    with private_domain(), FakeArm() as arm:
+        node = arm.client.node
+        others = {name: node.create_publisher(kind, name, 10) for name, kind in COMMANDS}
+        with NodeProcess("compensator", "--params-file", str(MODEL_FILE), *PATIENT):
+            arm.await_compensator()
+            commanding(arm)
+            yield arm, others
+
+
+@pytest.mark.parametrize(("topic", "kind"), COMMANDS, ids=[name for name, _ in COMMANDS])
+def test_any_command_of_anybody_else_ends_ours_in_a_fault(crowd, topic, kind):
+    arm, others = crowd
+    arm.run(0.4)  # the last one's command has been heard out
+    arm.client.enable(True)
+    commanding(arm)
+    held = len(arm.holds)
+    others[topic].publish(kind())
+    arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
+    assert f"commands /MTMR/{topic}:" in arm.state
+    arm.run_until(lambda: len(arm.holds) > held, "the hold")
+    assert_silent(arm, 0.2)
+
+
+def test_the_watchdog_s_time_out_must_fit_and_its_hold_is_the_compensator_s_fault(arm, start):
+    """Messages that come slowly suit the one and not the other."""
+    watchdog = start("watchdog", "-p", "watchdog_timeout:=0.4")
+    start("compensator", *PATIENT)
+    arm.run_until(lambda: "the watchdog holds the arm after 0.4 s" in arm.state, "the reason")
+    assert not arm.commands
+    assert arm.client.set_parameters({"timeout": 0.4})[0]
+    commanding(arm)
+    taken, reason = arm.client.set_parameters({"timeout": 0.9})
+    assert not taken
+    assert "watchdog" in reason
+    watchdog.signal(signal.SIGINT)  # it holds the arm that nobody watches any more
+    arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
+    assert "commands /MTMR/hold" in arm.state
+    assert_silent(arm)
+
+
+# --- input that cannot be true -------------------------------------------------------------------
+
+
+def test_two_who_publish_measured_js_are_not_followed(arm, start):
+    from sensor_msgs.msg import JointState
+
+    second = arm.client.node.create_publisher(JointState, "measured_js", 10)
+    start("compensator", *PATIENT)
+    commanding(arm)  # one that publishes nothing does no harm
+    for _ in range(5):
+        second.publish(arm.message())
+        arm.run(0.01)
+    arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
+    assert "several nodes" in arm.state
+    arm.run_until(lambda: bool(arm.holds), "the hold")
+    end = time.monotonic() + 0.5
+    before = len(arm.commands)
+    arm.client.enable(True)
+    while time.monotonic() < end:
+        second.publish(arm.message())
+        arm.run(0.01)
+    assert len(arm.commands) == before
+    arm.run_until(lambda: len(arm.commands) > before, "commands when it has ended")
+
+
+def test_an_encoder_that_jumps_by_thirty_degrees_is_not_followed(arm, start):
+    start("compensator", "-p", "timeout:=0.3", "-p", "input_depth:=100")
+    commanding(arm)
+    torque = arm.efforts[-1]
+    jumped = list(arm.position)
+    jumped[2] += np.radians(30.0)
+    arm.run_until(lambda: bool(arm.holds), "the hold", position=jumped)
+    assert np.abs(arm.efforts[-1] - torque).max() < 1e-6
+    arm.client.wait(lambda: arm.state.startswith("fault: no valid measured_js"), "the reason")
+
+
+def test_a_velocity_that_contradicts_the_positions_drives_no_joint(arm, start):
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    told: list[str] = []
+    arm.client.node.create_subscription(
+        DiagnosticArray, "/diagnostics", lambda m: told.append(m.status[0].message), 10
+    )
+    start("compensator", *PATIENT)
+    commanding(arm)
+    at_rest = arm.efforts[-1]
+    arm.velocity = [0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 1e6]
+    arm.run(0.5)
+    np.testing.assert_allclose(arm.efforts[-1], at_rest, atol=1e-9)
+    arm.run_until(
+        lambda: "the velocity of shoulder_pitch, wrist_roll contradicts" in (told or [""])[-1],
+        "the warning",
+    )

@@ -1,0 +1,70 @@
+"""Starts of a simulated arm with the shipped plant's noise: no joint moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import MODEL_FILE
+
+from dvrk_gravity import TorqueModel
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.compensate.sample import SampleReader
+from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.compensate.supervisor import Status, Supervisor
+from dvrk_gravity.simulate import PlantFile, SimulatedArm
+
+STEP = 1e-3
+POSES = np.radians(
+    [
+        [0.0, 0.0, 0.0, 0.0, 90.0, 0.0, 0.0],
+        [-10.0, 20.0, -15.0, 40.0, 60.0, 20.0, 30.0],
+        [-20.0, 10.0, 20.0, -50.0, 120.0, -25.0, -60.0],
+    ]
+)
+
+
+def largest_motion(seed: int, rate: int, effort=None) -> float:
+    """Hold a pose, start, and return how far the joint that moves most gets in 2 s, deg.
+
+    Args:
+        seed: Of the pose and the noise.
+        rate: Messages a second.
+        effort: Makes what the message says of the measured efforts.
+    """
+    rng = np.random.default_rng(seed)
+    truth = PlantFile.load("mtmr_28002")
+    plant = truth.plant()
+    # Poses in which the shipped model is the plant's own: within the range of its calibration.
+    plant.reset(POSES[seed % 3] + np.radians(rng.uniform(-5.0, 5.0, 7)))
+    arm = SimulatedArm(plant, truth.sensors, seed, builtin_compensation=False, dt=STEP)
+    supervisor = Supervisor(Settings.from_parameters(TorqueModel.load(MODEL_FILE).parameters()))
+    reader = SampleReader(JOINT_NAMES)
+    each = round(1.0 / rate / STEP)
+    start, moved = None, 0.0
+    for k in range(300, 3300):
+        arm.step()
+        measured = arm.measure()
+        if k % each or k < 600:
+            continue
+        if start is None:
+            start = plant.q.copy()
+        now = k * STEP
+        told = measured.effort if effort is None else effort(measured.effort)
+        stamp = int(now * 1e9)
+        sample = reader.read(stamp, JOINT_NAMES, measured.position, measured.velocity, told)
+        command = supervisor.command(sample, now, stamp)
+        if command is not None:
+            arm.servo_jf(command)
+        moved = max(moved, float(np.abs(plant.q - start).max()))
+    assert supervisor.status is Status.COMMANDING, supervisor.reason
+    return float(np.degrees(moved))
+
+
+@pytest.mark.parametrize("rate", [1000, 200])
+def test_no_start_moves_a_joint_by_two_degrees(rate):
+    assert max(largest_motion(seed, rate) for seed in range(6)) < 2.0
+
+
+def test_a_start_without_measured_efforts_moves_no_joint_either():
+    assert largest_motion(0, 200, effort=lambda _: []) < 2.0
+    assert largest_motion(1, 200, effort=lambda e: np.full(7, np.nan)) < 2.0
