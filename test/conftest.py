@@ -62,6 +62,7 @@ class FakeArm:
         self.effort: list[float] = [0.0] * 7
         self.stamp = 0  # of the last message
         self.shift = 0  # of its clock against this computer's, ns
+        self.sent = 0
         self.commands: list[tuple[float, JointState]] = []
         self.holds: list[float] = []
         self.switches: list[bool] = []
@@ -137,6 +138,7 @@ class FakeArm:
     def send(self, **fields: object) -> None:
         """Publish one measured_js."""
         self.measured.publish(self.message(**fields))
+        self.sent += 1
 
     def run(self, duration: float, rate: float = 200.0, **fields: object) -> None:
         """Publish measured_js for a while."""

@@ -42,7 +42,18 @@ def test_a_jump_of_thirty_degrees_is_dropped_until_the_time_out_has_passed(rate)
     with pytest.raises(DroppedSampleError, match=r"elbow_pitch by 0\.524 rad") as raised:
         stream.send(moved)
     assert raised.value.cause == "position_jump"
+    for _ in range(int(0.09 * rate) - 1):
+        with pytest.raises(DroppedSampleError):
+            stream.send(moved)
     stream.send(moved, after=0.2)
+
+
+def test_one_bad_reading_is_passed_over():
+    stream = Stream(200.0)
+    stream.send([0.0] * 7)
+    with pytest.raises(DroppedSampleError):
+        stream.send([0.0] * 6 + [2.0])
+    stream.send([0.01] * 7)
 
 
 @pytest.mark.parametrize("rate", [100.0, 200.0, 1000.0])

@@ -115,7 +115,7 @@ def target(bench: Bench, velocity=None) -> np.ndarray:
 # --- start and ramp --------------------------------------------------------------------------
 
 
-def test_a_tenth_of_a_second_is_measured_and_the_first_command_is_the_mean_effort():
+def test_a_tenth_of_a_second_is_measured_and_the_first_command_is_the_mean_effort_less_its_noise():
     bench = Bench()
     rng = np.random.default_rng(0)
     efforts, answer = [], None
@@ -126,7 +126,12 @@ def test_a_tenth_of_a_second_is_measured_and_the_first_command_is_the_mean_effor
         answer = bench.send(effort=efforts[-1])
         assert answer is not None or bench.status is Status.STARTING
     assert 0.1 <= bench.now - begin <= 0.11
-    np.testing.assert_allclose(answer, np.mean(efforts, axis=0), atol=1e-12)
+    error = np.std(efforts, axis=0, ddof=1) / np.sqrt(len(efforts))
+    mean, end = np.mean(efforts, axis=0), target(bench)
+    far = np.abs(mean - end) > 3 * error
+    assert far.sum() >= 4
+    wanted = np.where(far, mean + 3 * error * np.sign(end - mean), end)
+    np.testing.assert_allclose(answer, wanted, atol=1e-12)
     assert bench.status is Status.RAMPING
     assert bench.supervisor.origin == "the measured effort"
 
@@ -365,7 +370,7 @@ def test_joints_are_found_by_name_in_any_order_among_any_others():
         np.testing.assert_array_equal(command, expected)
     bench = Bench()
     np.testing.assert_allclose(
-        bench.first(name=names, position=position, velocity=zeros, effort=effort), HELD
+        bench.first(name=names, position=position, velocity=zeros, effort=effort), HELD, atol=1e-15
     )
 
 
@@ -441,7 +446,7 @@ def test_after_a_fault_the_ramp_starts_anew_from_what_holds_the_arm():
     bench.wait(0.2)
     bench.supervisor.enable()
     lower = HELD - [0.1, 0.1, 0.1, 0.02, 0.005, 0.0, 0.0]
-    np.testing.assert_allclose(bench.first(effort=lower), lower)
+    np.testing.assert_allclose(bench.first(effort=lower), lower, atol=1e-15)
     assert bench.status is Status.RAMPING
 
 

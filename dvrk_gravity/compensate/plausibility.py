@@ -50,6 +50,7 @@ class MotionCheck:
         self._limits = limits or MotionLimits()
         self._last: Sample | None = None  # and the monotonic time at which it came
         self._time = 0.0
+        self._step = 0.0  # from it to the first sample that was out of reach, s, or the time-out
         self._anchor: Sample | None = None  # the last one at which velocities were compared
         self._observed = self._reported = np.zeros(len(joint_names))
         self.doubtful: NDArray[np.bool_] = np.zeros(len(joint_names), dtype=bool)
@@ -75,10 +76,12 @@ class MotionCheck:
             if step < 0.0:
                 return sample  # out of order, or another clock: its stamp decides
             change = sample.position - last.position
-            farthest = self._limits.step + self._limits.speed * min(step, timeout)
+            # Where one sample was out of reach those behind it are, too, though later.
+            self._step = min(step, self._step)
+            farthest = self._limits.step + self._limits.speed * self._step
             if np.count_nonzero(np.abs(change) <= farthest) < len(change):
                 raise self._jumped(change, step)
-        self._last, self._time = sample, now
+        self._last, self._time, self._step = sample, now, timeout
         if sample.velocity is None:
             self._forget(sample)
             return sample

@@ -17,6 +17,10 @@ DURATION = 0.1
 LEAST_SAMPLES = 10
 """… and so many samples: their mean has less than a third of one sample's noise."""
 
+CONFIDENCE = 3.0
+"""Measured and modelled effort differ by what is more than so many standard errors: where they
+agree within noise, the start is the model's torque, which sets no joint in motion."""
+
 
 class StartRefusedError(DvrkGravityError):
     """The arm must not be commanded as things are."""
@@ -47,8 +51,10 @@ class Start:
     def origin(self, settings: Settings) -> tuple[Array, str]:
         """Return the (n,) first effort, N·m, and in words where it is from.
 
-        The mean effort that was measured; an arm that does not measure its efforts (none, not
-        numbers, or all of them exactly zero) begins with the model's torque.
+        The model's torque, and of the difference to the mean effort that was measured as much as
+        noise cannot explain (soft thresholding, Donoho & Johnstone 1994). An arm that does not
+        measure its efforts (none, not numbers, or all of them exactly zero) begins with the
+        model's torque.
 
         Raises:
             StartRefusedError: Measured and modelled efforts differ by more than
@@ -60,15 +66,19 @@ class Start:
         if len(measured) < len(self._efforts) or not np.any(measured):
             origin, source = model, "the model's torque, as measured_js has no usable effort"
         else:
-            with np.errstate(over="ignore"):
-                origin, source = np.mean(measured, axis=0), "the measured effort"
-            excess = np.abs(origin - model) / settings.model.arm.effort_limit
+            with np.errstate(over="ignore", invalid="ignore"):
+                difference = np.array(measured) - self._models
+                mean = difference.mean(axis=0)
+                error = difference.std(axis=0, ddof=1) / np.sqrt(len(difference))
+                proven = np.maximum(np.abs(mean) - CONFIDENCE * error, 0.0)
+            origin, source = model + np.copysign(proven, mean), "the measured effort"
+            excess = np.abs(mean) / settings.model.arm.effort_limit
             worst = int(np.argmax(excess))
             if not excess[worst] <= settings.start_tolerance:
                 raise StartRefusedError(
-                    f"{names[worst]} is held with {origin[worst]:.4g} N·m as measured, with "
-                    f"{model[worst]:.4g} by the model: a wrong unit, another arm's model, an arm "
-                    f"that leans on something? Allowed are {settings.start_tolerance:g} of the "
+                    f"{names[worst]} is held with {model[worst] + mean[worst]:.4g} N·m as measured,"
+                    f" with {model[worst]:.4g} by the model: a wrong unit, another arm's model, an "
+                    f"arm that leans on something? Allowed are {settings.start_tolerance:g} of the "
                     "arm's effort_limit (start_tolerance)"
                 )
         cut = np.abs(settings.limits.clip(origin) - origin) / settings.model.arm.effort_limit

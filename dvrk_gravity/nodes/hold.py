@@ -40,6 +40,7 @@ class Hold:
         self._publisher = node.create_publisher(Empty, TOPIC, _DEPTH)
         self.pending = False
         self._first = self._last = 0.0
+        self._addressed = False  # the arm was connected when the last one was sent
         self._echoes = 0
 
     def send(self) -> None:
@@ -94,8 +95,12 @@ class Hold:
     def _publish(self) -> None:
         self._last = time.monotonic()
         self._echoes += 1
+        # Who is known to be there may not be connected yet, and gets what is sent after that only.
+        known = self._node.count_subscribers(self._publisher.topic_name)
+        connected = self._publisher.get_subscription_count() >= known
+        self._addressed = connected and self._arm_listens()
         self._publisher.publish(Empty())
 
     def _arrived(self, patience: float) -> bool:
         wait = Duration(nanoseconds=int(patience * 1e9))
-        return self._arm_listens() and self._publisher.wait_for_all_acked(wait)
+        return self._addressed and self._publisher.wait_for_all_acked(wait)
