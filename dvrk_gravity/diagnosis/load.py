@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.diagnosis.bench import BAND
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.motion import completed, require_all
@@ -84,7 +85,7 @@ def load(
                     f"lasts {duration:.3g} s, a diagnosis needs at least {SHORTEST:g} s of motion",
                 )
             start = recording.start_ns * 1e-9 - recordings[0].start_ns * 1e-9
-        prepared = prepare(recording, band)
+        prepared = prepare(recording, band, band=BAND)
         warnings += [w for w in prepared.warnings if w not in warnings]
         handling += [h for h in prepared.handling if h not in handling]
         thin = 1 if rate is None else max(1, round(rate / RATE))
