@@ -31,12 +31,22 @@ CONSOLE_PARAMETER = Parameter(
     "console.document", "", "", "the dVRK console's file that the model came from, as JSON text",
     read_only=True,
 )  # fmt: skip
+VERDICTS = ("good", "usable", "do_not_compensate")  # best first
+NO_VERDICT = "unknown"
+VERDICT_PARAMETER = Parameter(
+    "identification.verdict", NO_VERDICT, "",
+    "what identify says of the model; the compensator refuses do_not_compensate",
+    choices=(NO_VERDICT, *VERDICTS), read_only=True,
+)  # fmt: skip
+REASON_PARAMETER = Parameter("identification.reason", "", "", "why it says so", read_only=True)
 MODEL_PARAMETERS: dict[str, Parameter] = {
     entry.name: entry
     for entry in (
         ARM_PARAMETER,
         OFFSET_PARAMETER,
         CONSOLE_PARAMETER,
+        VERDICT_PARAMETER,
+        REASON_PARAMETER,
         *(entry for term in TERMS for entry in term.PARAMETERS),
     )
 }
@@ -54,6 +64,8 @@ class TorqueModel:
         document: The dVRK console's file that the model came from, as JSON text; ``""`` if none.
         joint_offset: (7,) rad, q_measured = q_true + joint_offset. Positions given to the model
             are measured ones; its terms are functions of the true ones.
+        verdict: What the identification said of it, one of ``VERDICTS``, or ``NO_VERDICT``.
+        reason: Why it said so.
     """
 
     arm: Arm
@@ -61,6 +73,8 @@ class TorqueModel:
     node: Mapping[str, Value] = field(default_factory=dict)
     document: str = ""
     joint_offset: Array = field(default_factory=lambda: np.zeros(N_JOINTS))
+    verdict: str = NO_VERDICT
+    reason: str = ""
 
     @classmethod
     def load(cls, path: str | Path) -> TorqueModel:
@@ -96,7 +110,11 @@ class TorqueModel:
                 ) from error
         terms = tuple(term for term in built if term is not None)
         offset = np.array(checked.get(OFFSET_PARAMETER.name) or np.zeros(N_JOINTS))
-        return cls(arm, terms, node, document, offset)
+        verdict, reason = (
+            str(checked.get(entry.name, entry.default))
+            for entry in (VERDICT_PARAMETER, REASON_PARAMETER)
+        )
+        return cls(arm, terms, node, document, offset, verdict, reason)
 
     def parameters(self) -> dict[str, Value]:
         """Return the values that :meth:`from_parameters` takes."""
@@ -107,6 +125,10 @@ class TorqueModel:
             values |= term.parameters()
         if self.document:
             values[CONSOLE_PARAMETER.name] = self.document
+        if self.verdict != NO_VERDICT:
+            values[VERDICT_PARAMETER.name] = self.verdict
+        if self.reason:
+            values[REASON_PARAMETER.name] = self.reason
         # An empty array means "not given", and ROS cannot read one.
         return values | {name: value for name, value in self.node.items() if value != ()}
 

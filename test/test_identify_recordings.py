@@ -190,7 +190,7 @@ def run(tmp_path, capsys, *arguments: str) -> tuple[int, list[str]]:
     status = cli.run(
         "dvrk_gravity.commands.identify", [*arguments, "--arm", "mtmr", "--out", str(out)]
     )
-    assert out.exists() == (status == 0)
+    assert out.exists() == (status < 2)
     return status, capsys.readouterr().err.strip().splitlines()
 
 
@@ -302,4 +302,4 @@ def test_a_measured_sweep_is_used_beside_a_measured_motion(measured_data, tmp_pa
     ]
     at = "shoulder_pitch=2.5deg,elbow_pitch=2.5deg,others=0"
     status, _ = run(tmp_path, capsys, *files, "--at", at, "--terms", ",".join(FEW))
-    assert status == 0
+    assert status == 1  # a model, but with so few terms none to compensate with

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.compensate.evaluator import Evaluator, prepare_sum
 from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import ALL_PARAMETERS, TorqueModel
+from dvrk_gravity.model import ALL_PARAMETERS, VERDICT_PARAMETER, VERDICTS, TorqueModel
 from dvrk_gravity.parameter import check_all
 
 Array = NDArray[np.float64]
@@ -56,14 +56,19 @@ class Settings:
         """Build settings from parameter names and values; absent ones take their defaults.
 
         Raises:
-            ConfigError: An unknown name, a value that fails its check, or no beta: an
-                arm that is commanded zero torque falls.
+            ConfigError: An unknown name, a value that fails its check, no beta: an arm that is
+                commanded zero torque falls; or a model that was found not fit to compensate with.
         """
         model = TorqueModel.from_parameters(values)
         defaults = {name: entry.default for name, entry in ALL_PARAMETERS.items()}
         value: dict[str, Any] = defaults | check_all(ALL_PARAMETERS, values)
         if not value["beta"]:
             raise ConfigError("beta", [], "10 gravity parameters, from --params-file for instance")
+        if model.verdict == VERDICTS[-1] and not value["allow_poor_model"]:
+            raise ConfigError(
+                VERDICT_PARAMETER.name, model.verdict,
+                f"a model to compensate with, or allow_poor_model: true ({model.reason})",
+            )  # fmt: skip
         arm = model.arm
         limits = EffortLimits(
             arm,

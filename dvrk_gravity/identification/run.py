@@ -14,6 +14,7 @@ from dvrk_gravity.identification.dynamic_fit import fit_dynamic
 from dvrk_gravity.identification.evaluation import all_static, evaluate
 from dvrk_gravity.identification.motion import head, read, require_all, whole
 from dvrk_gravity.identification.result import Fit
+from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.recording import DataWarning, Recording, RecordingFile, Trajectory
 from dvrk_gravity.recording.data import Coordinates
 
@@ -181,8 +182,14 @@ def _validated(fit: Fit, recordings: Sequence[Recording | RecordingFile]) -> Fit
     """Return the fit with the errors on recordings that it never saw."""
     result = evaluate(fit.model, recordings, fit.coordinates)
     names = ", ".join(head(recording).source for recording in recordings)
+    verdict = judge(
+        result.joints, fit.training, fit.holding, fit.model.arm, fit.coordinates,
+        static=all_static(recordings),
+    )  # fmt: skip
     return replace(
         fit,
+        model=replace(fit.model, verdict=verdict.level, reason=verdict.reason),
+        verdict=verdict,
         held_out=result.joints,
         traces=result.traces,
         warnings=(*fit.warnings, *result.warnings),
