@@ -29,6 +29,10 @@ JOINT_NAMES = (
 )
 N_JOINTS = len(JOINT_NAMES)
 GRAVITY = 9.81  # m/s^2
+SUPPORTED = (
+    "mtml, mtmr, or the path of an MTM's .yaml file, written like config/arms/mtmr.yaml (a URDF or "
+    "another kind of arm is not supported)"
+)
 
 
 @dataclass(frozen=True)
@@ -87,10 +91,11 @@ class Arm:
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Arm:
-        """Load an arm by name (``mtml``, ``mtmr``) or from a YAML file.
+        """Load an arm by name (``mtml``, ``mtmr``) or from a YAML file of an MTM.
 
         Raises:
-            ConfigError: Unknown name, or a file with a wrong, missing or unknown field.
+            ConfigError: Unknown name, another kind of file, or a file with a wrong, missing or
+                unknown field.
         """
         text = str(name_or_path)
         path = Path(text) if text.endswith((".yaml", ".yml")) else None
@@ -98,9 +103,7 @@ class Arm:
             try:
                 path = config_path(f"arms/{text}.yaml")
             except (OSError, ValueError) as error:  # not there, or nothing a path can be
-                raise ConfigError(
-                    "arm", text, "mtml, mtmr, or the path of an arm's .yaml file"
-                ) from error
+                raise ConfigError("arm", text, SUPPORTED) from error
         try:
             return replace(_parse(yaml_file.load(path)), source=text)
         except ConfigError as error:

@@ -20,7 +20,7 @@ from dvrk_gravity.terms import TERMS, DirectionalCable, State, Term
 Array = NDArray[np.float64]
 
 ARM_PARAMETER = Parameter(
-    "arm", "mtmr", "", "arm: mtml, mtmr, or the path of an arm's .yaml file", read_only=True
+    "arm", "mtmr", "", "arm: mtml, mtmr, or the path of an MTM's .yaml file", read_only=True
 )
 OFFSET_PARAMETER = Parameter(
     "joint_offset", (), "rad", "measured minus true position: what the encoders read too much",

@@ -163,8 +163,8 @@ def test_the_other_arm_is_warned_of_by_its_limits():
     far = recording.position + np.where(np.arange(7) == WRIST, 0.7, 0.0)
     recording = replace(recording, position=far)
     other = read_motions([recording], Arm.load("mtml"), "joint").warnings
-    assert [warning.joint for warning in other] == ["wrist_platform"]
-    assert "beyond the limits of mtml: a recording of another arm" in str(other[0])
+    assert [warning.kind for warning in other] == ["other_hand"]
+    assert "looks like a recording of mtmr, not mtml: wrist_platform goes from" in str(other[0])
     assert not read_motions([recording], ARM, "joint").warnings
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.errors import joint_errors
+from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.identification.motion import head, read, read_motions, require_all, whole
 from dvrk_gravity.identification.result import JointError, Trace
 from dvrk_gravity.model import TorqueModel
@@ -169,6 +170,7 @@ def _evaluate_static(
         q, measured = recording.position, recording.effort
         assert measured is not None
         joint = arm.joint_position(q) if coordinates == "actuator" else q
+        warnings += beyond_limits(joint, arm)
         predicted = model.torque(joint, direction=recording.direction)
         if coordinates == "actuator":
             predicted = arm.actuator_effort(predicted)

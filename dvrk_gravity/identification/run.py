@@ -12,6 +12,7 @@ from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification.coordinates import detect_coordinates, doubt
 from dvrk_gravity.identification.dynamic_fit import fit_dynamic
 from dvrk_gravity.identification.evaluation import all_static, evaluate
+from dvrk_gravity.identification.hand import by_weight
 from dvrk_gravity.identification.motion import head, read, require_all, whole
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.identification.verdict import judge
@@ -77,6 +78,8 @@ def identify(
                 why = f" ({_ELSEWHERE[effect]})" if effect in _ELSEWHERE else ""
                 raise ConfigError("--terms", effect, f"some of {', '.join(IDENTIFIED)}{why}")
         fit = _dynamic(recordings, arm, given, effects, physical, report, still or {})
+    if not any(warning.kind == "other_hand" for warning in fit.warnings):
+        fit = replace(fit, warnings=(*fit.warnings, *by_weight(fit.parameters, arm)))
     return _validated(fit, validate) if validate else fit
 
 

@@ -28,6 +28,7 @@ Kind = Literal[
     "time_unit",
     "coordinates",
     "arm_limits",
+    "other_hand",
 ]
 
 
