@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import yaml_file
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.arguments import PATH
+from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.parameter import is_finite
 from dvrk_gravity.resources import config_path
 
@@ -97,6 +98,8 @@ class Arm:
             ConfigError: Unknown name, another kind of file, or a file with a wrong, missing or
                 unknown field.
         """
+        if not isinstance(name_or_path, PATH):
+            raise ArgumentError("arm", name_or_path, SUPPORTED)
         text = str(name_or_path)
         path = Path(text) if text.endswith((".yaml", ".yml")) else None
         if path is None:
@@ -108,6 +111,15 @@ class Arm:
             return replace(_parse(yaml_file.load(path)), source=text)
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
+
+    @classmethod
+    def of(cls, given: Arm | str | Path) -> Arm:
+        """Return an arm, or the one that a name or a path stands for; see :meth:`load`."""
+        return given if isinstance(given, Arm) else cls.load(given)
+
+    def __repr__(self) -> str:
+        """Return its name."""
+        return f"<Arm {self.source or self.name}>"
 
     @cached_property
     def effort_limit(self) -> Array:

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity import json_file, text_file, yaml_file
+from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.parameter import Parameter, Value, check_all, flatten, unflatten
 from dvrk_gravity.terms import TERMS, DirectionalCable, State, Term
@@ -33,6 +34,7 @@ CONSOLE_PARAMETER = Parameter(
 )  # fmt: skip
 VERDICTS = ("good", "usable", "do_not_compensate")  # best first
 NO_VERDICT = "unknown"
+A_MODEL = "a TorqueModel, or the path of a model's .yaml file"
 VERDICT_PARAMETER = Parameter(
     "identification.verdict", NO_VERDICT, "",
     "what identify says of the model; the compensator refuses do_not_compensate",
@@ -83,11 +85,22 @@ class TorqueModel:
         Raises:
             ConfigError: Naming the file, the parameter, the value and what was expected.
         """
-        content = yaml_file.load(path)
+        content = yaml_file.load(path_of("model", path, A_MODEL))
         try:
             return cls.from_parameters(flatten(_ros_parameters(content)))
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
+
+    @classmethod
+    def of(cls, given: TorqueModel | str | Path) -> TorqueModel:
+        """Return a model, or the one in a file; see :meth:`load`."""
+        return given if isinstance(given, TorqueModel) else cls.load(given)
+
+    def __repr__(self) -> str:
+        """Name the arm and the terms, and the verdict if there is one."""
+        names = ", ".join(term.NAME for term in self.terms) or "no terms"
+        verdict = "" if self.verdict == NO_VERDICT else f"; {self.verdict}"
+        return f"<TorqueModel {self.arm.source or self.arm.name}: {names}{verdict}>"
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> TorqueModel:
@@ -96,6 +109,8 @@ class TorqueModel:
         Raises:
             ConfigError: An unknown name or a value that fails its check.
         """
+        if not isinstance(values, Mapping):
+            raise ArgumentError("parameters", values, "a mapping from names to values")
         checked = check_all(ALL_PARAMETERS, values)
         arm = Arm.load(str(checked.get("arm", ARM_PARAMETER.default)))
         built = (term.from_parameters(arm, checked) for term in TERMS)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
-from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.recording import (
     DataWarning,
@@ -136,6 +136,19 @@ def read_motions(
     if max(rates) > (1.0 + SAME_RATE) * min(rates):
         handling.append(f"recordings of several rates, brought to {min(rates):.6g} Hz")
     return Motions(tuple(parts), tuple(warnings), tuple(handling))
+
+
+def known_still(still: Mapping[str, float] | None) -> Mapping[str, float]:
+    """Return where joints stood, an empty mapping where that is not said.
+
+    Raises:
+        ArgumentError: What is no mapping from joints' names to positions.
+    """
+    if still is None:
+        return {}
+    if not isinstance(still, Mapping):
+        raise ArgumentError("still", still, "a mapping from joints' names to positions, rad")
+    return still
 
 
 def require_all(

@@ -113,6 +113,15 @@ class Trace:
     coordinates: Coordinates
     held_out: bool
 
+    def __repr__(self) -> str:
+        """Say what it holds, in short."""
+        return f"<Trace of {len(self.measured)} samples, {self.coordinates} coordinates>"
+
+
+def in_short(joints: Mapping[str, JointError]) -> str:
+    """Return the relative errors of some joints on one line."""
+    return ", ".join(f"{name} {error.nrmse:.3f}" for name, error in joints.items())
+
 
 def in_words(level: str) -> str:
     """Return one of ``model.VERDICTS`` as a person says it."""
@@ -233,6 +242,13 @@ class Fit:
     traces: tuple[Trace, ...]
     holding: Mapping[str, Holding]
     verdict: Verdict
+
+    def __repr__(self) -> str:
+        """Give the verdict and the errors, in short."""
+        return (
+            f"<Fit of {self.model.arm.name} to {self.samples} samples: {self.verdict.words}; "
+            f"held-out |e|/|tau| {in_short(self.held_out)}>"
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of ``identify --json``."""
