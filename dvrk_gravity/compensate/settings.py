@@ -65,10 +65,10 @@ class Settings:
         if not value["beta"]:
             raise ConfigError("beta", [], "10 gravity parameters, from --params-file for instance")
         if model.verdict == VERDICTS[-1] and not value["allow_poor_model"]:
-            raise ConfigError(
-                VERDICT_PARAMETER.name, model.verdict,
-                f"a model to compensate with, or allow_poor_model: true ({model.reason})",
-            )  # fmt: skip
+            first, *more = model.reason.split("; ")  # joint by joint
+            why = f"{first}; …" if more else first
+            expected = f"a model to compensate with, or allow_poor_model: true ({why})"
+            raise ConfigError(VERDICT_PARAMETER.name, model.verdict, expected)
         arm = model.arm
         limits = EffortLimits(
             arm,
