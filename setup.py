@@ -38,6 +38,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(exclude=["test", "test.*"]),
+    package_data={NAME: ["py.typed"]},
     data_files=shared_files(),
     python_requires=">=3.11",
     install_requires=[
@@ -53,7 +54,7 @@ setup(
     extras_require={
         "test": ["pytest>=7.4", "hypothesis>=6.90", "mujoco>=4.0", "sympy>=1.12"],
     },
-    zip_safe=True,
+    zip_safe=False,
     maintainer="dvrk_gravity maintainers",
     maintainer_email="maintainers@example.org",
     description="Gravity compensation of the dVRK's master arms, and why it is not perfect",

@@ -6,17 +6,20 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dvrk_gravity.arm import Arm
     from dvrk_gravity.diagnosis import diagnose
-    from dvrk_gravity.identification import identify
+    from dvrk_gravity.identification import evaluate, identify
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.recording import Recording
 
-__all__ = ["Recording", "TorqueModel", "diagnose", "identify"]
+__all__ = ["Arm", "Recording", "TorqueModel", "diagnose", "evaluate", "identify"]
 
 _HOMES = {
+    "Arm": "dvrk_gravity.arm",
     "TorqueModel": "dvrk_gravity.model",
     "Recording": "dvrk_gravity.recording",
     "diagnose": "dvrk_gravity.diagnosis",
+    "evaluate": "dvrk_gravity.identification",
     "identify": "dvrk_gravity.identification",
 }
 

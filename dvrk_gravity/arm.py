@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import yaml_file
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.arguments import PATH
+from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.parameter import is_finite
 from dvrk_gravity.resources import config_path
 
@@ -29,6 +30,10 @@ JOINT_NAMES = (
 )
 N_JOINTS = len(JOINT_NAMES)
 GRAVITY = 9.81  # m/s^2
+SUPPORTED = (
+    "mtml, mtmr, or the path of an MTM's .yaml file, written like config/arms/mtmr.yaml (a URDF or "
+    "another kind of arm is not supported)"
+)
 
 
 @dataclass(frozen=True)
@@ -87,24 +92,34 @@ class Arm:
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Arm:
-        """Load an arm by name (``mtml``, ``mtmr``) or from a YAML file.
+        """Load an arm by name (``mtml``, ``mtmr``) or from a YAML file of an MTM.
 
         Raises:
-            ConfigError: Unknown name, or a file with a wrong, missing or unknown field.
+            ConfigError: Unknown name, another kind of file, or a file with a wrong, missing or
+                unknown field.
         """
+        if not isinstance(name_or_path, PATH):
+            raise ArgumentError("arm", name_or_path, SUPPORTED)
         text = str(name_or_path)
         path = Path(text) if text.endswith((".yaml", ".yml")) else None
         if path is None:
             try:
                 path = config_path(f"arms/{text}.yaml")
             except (OSError, ValueError) as error:  # not there, or nothing a path can be
-                raise ConfigError(
-                    "arm", text, "mtml, mtmr, or the path of an arm's .yaml file"
-                ) from error
+                raise ConfigError("arm", text, SUPPORTED) from error
         try:
             return replace(_parse(yaml_file.load(path)), source=text)
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
+
+    @classmethod
+    def of(cls, given: Arm | str | Path) -> Arm:
+        """Return an arm, or the one that a name or a path stands for; see :meth:`load`."""
+        return given if isinstance(given, Arm) else cls.load(given)
+
+    def __repr__(self) -> str:
+        """Return its name."""
+        return f"<Arm {self.source or self.name}>"
 
     @cached_property
     def effort_limit(self) -> Array:

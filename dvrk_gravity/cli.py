@@ -1,7 +1,8 @@
 """What every command line of the package shares: one-line errors and exit statuses.
 
 Status 0: done. 1: the job ran and its answer is "no" (a replay that does not
-match, say). 2: bad input, told in one line on standard error. 130: Ctrl-C.
+match, a model that is not to be compensated with). 2: bad input, told in one line
+on standard error. 130: Ctrl-C.
 """
 
 from __future__ import annotations

@@ -51,6 +51,10 @@ class ConfigError(DvrkGravityError):
         return type(self)(self.field, self.value, self.expected, source)
 
 
+class ArgumentError(ConfigError, TypeError):
+    """An argument of a type that a function cannot use; the attributes are ``ConfigError``'s."""
+
+
 class RecordingError(DvrkGravityError):
     """A recording that cannot be read or cannot serve its purpose.
 

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity import json_file, text_file, yaml_file
+from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.parameter import Parameter, Value, check_all, flatten, unflatten
 from dvrk_gravity.terms import TERMS, DirectionalCable, State, Term
@@ -20,7 +21,7 @@ from dvrk_gravity.terms import TERMS, DirectionalCable, State, Term
 Array = NDArray[np.float64]
 
 ARM_PARAMETER = Parameter(
-    "arm", "mtmr", "", "arm: mtml, mtmr, or the path of an arm's .yaml file", read_only=True
+    "arm", "mtmr", "", "arm: mtml, mtmr, or the path of an MTM's .yaml file", read_only=True
 )
 OFFSET_PARAMETER = Parameter(
     "joint_offset", (), "rad", "measured minus true position: what the encoders read too much",
@@ -31,12 +32,23 @@ CONSOLE_PARAMETER = Parameter(
     "console.document", "", "", "the dVRK console's file that the model came from, as JSON text",
     read_only=True,
 )  # fmt: skip
+VERDICTS = ("good", "usable", "do_not_compensate")  # best first
+NO_VERDICT = "unknown"
+A_MODEL = "a TorqueModel, or the path of a model's .yaml file"
+VERDICT_PARAMETER = Parameter(
+    "identification.verdict", NO_VERDICT, "",
+    "what identify says of the model; the compensator refuses do_not_compensate",
+    choices=(NO_VERDICT, *VERDICTS), read_only=True,
+)  # fmt: skip
+REASON_PARAMETER = Parameter("identification.reason", "", "", "why it says so", read_only=True)
 MODEL_PARAMETERS: dict[str, Parameter] = {
     entry.name: entry
     for entry in (
         ARM_PARAMETER,
         OFFSET_PARAMETER,
         CONSOLE_PARAMETER,
+        VERDICT_PARAMETER,
+        REASON_PARAMETER,
         *(entry for term in TERMS for entry in term.PARAMETERS),
     )
 }
@@ -54,6 +66,8 @@ class TorqueModel:
         document: The dVRK console's file that the model came from, as JSON text; ``""`` if none.
         joint_offset: (7,) rad, q_measured = q_true + joint_offset. Positions given to the model
             are measured ones; its terms are functions of the true ones.
+        verdict: What the identification said of it, one of ``VERDICTS``, or ``NO_VERDICT``.
+        reason: Why it said so.
     """
 
     arm: Arm
@@ -61,6 +75,8 @@ class TorqueModel:
     node: Mapping[str, Value] = field(default_factory=dict)
     document: str = ""
     joint_offset: Array = field(default_factory=lambda: np.zeros(N_JOINTS))
+    verdict: str = NO_VERDICT
+    reason: str = ""
 
     @classmethod
     def load(cls, path: str | Path) -> TorqueModel:
@@ -69,11 +85,22 @@ class TorqueModel:
         Raises:
             ConfigError: Naming the file, the parameter, the value and what was expected.
         """
-        content = yaml_file.load(path)
+        content = yaml_file.load(path_of("model", path, A_MODEL))
         try:
             return cls.from_parameters(flatten(_ros_parameters(content)))
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
+
+    @classmethod
+    def of(cls, given: TorqueModel | str | Path) -> TorqueModel:
+        """Return a model, or the one in a file; see :meth:`load`."""
+        return given if isinstance(given, TorqueModel) else cls.load(given)
+
+    def __repr__(self) -> str:
+        """Name the arm and the terms, and the verdict if there is one."""
+        names = ", ".join(term.NAME for term in self.terms) or "no terms"
+        verdict = "" if self.verdict == NO_VERDICT else f"; {self.verdict}"
+        return f"<TorqueModel {self.arm.source or self.arm.name}: {names}{verdict}>"
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any], arm: Arm | None = None) -> TorqueModel:
@@ -86,6 +113,8 @@ class TorqueModel:
         Raises:
             ConfigError: An unknown name or a value that fails its check.
         """
+        if not isinstance(values, Mapping):
+            raise ArgumentError("parameters", values, "a mapping from names to values")
         checked = check_all(ALL_PARAMETERS, values)
         if arm is None:
             arm = Arm.load(str(checked.get("arm", ARM_PARAMETER.default)))
@@ -101,7 +130,11 @@ class TorqueModel:
                 ) from error
         terms = tuple(term for term in built if term is not None)
         offset = np.array(checked.get(OFFSET_PARAMETER.name) or np.zeros(N_JOINTS))
-        return cls(arm, terms, node, document, offset)
+        verdict, reason = (
+            str(checked.get(entry.name, entry.default))
+            for entry in (VERDICT_PARAMETER, REASON_PARAMETER)
+        )
+        return cls(arm, terms, node, document, offset, verdict, reason)
 
     def parameters(self) -> dict[str, Value]:
         """Return the values that :meth:`from_parameters` takes."""
@@ -112,6 +145,10 @@ class TorqueModel:
             values |= term.parameters()
         if self.document:
             values[CONSOLE_PARAMETER.name] = self.document
+        if self.verdict != NO_VERDICT:
+            values[VERDICT_PARAMETER.name] = self.verdict
+        if self.reason:
+            values[REASON_PARAMETER.name] = self.reason
         # An empty array means "not given", and ROS cannot read one.
         return values | {name: value for name, value in self.node.items() if value != ()}
 

@@ -71,6 +71,10 @@ NODE_PARAMETERS: dict[str, Parameter] = {
             "switch the arm's own compensation off (use_gravity_compensation false) when it is on",
         ),
         Parameter(
+            "allow_poor_model", False, "",
+            "command even with a model of which identify says: do not compensate with this",
+        ),
+        Parameter(
             "output", "servo_jf", "",
             "servo_jf: sensor_msgs/JointState; array: std_msgs/Float64MultiArray for ros2_control",
             choices=("servo_jf", "array"), read_only=True,

@@ -155,3 +155,26 @@ def test_a_wrong_field_is_told_in_one_line_with_file_field_and_joint(case, tmp_p
 def test_a_name_that_is_no_shipped_arm_is_refused(name):
     with pytest.raises(ConfigError, match=r"arm: got .*, expected mtml, mtmr, or the path"):
         Arm.load(name)
+
+
+def test_a_urdf_is_refused_with_what_is_supported(tmp_path):
+    path = tmp_path / "panda.urdf"
+    path.write_text("<robot name='panda'/>")
+    with pytest.raises(ConfigError) as caught:
+        Arm.load(path)
+    assert f"arm: got '{path}', expected mtml, mtmr, or" in str(caught.value)
+    assert "a URDF or another kind of arm is not supported" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_arms_that_are_said_to_be_supported_load():
+    from dvrk_gravity.arm import SUPPORTED
+    from dvrk_gravity.resources import config_path
+
+    *names, _ = SUPPORTED.split(", ")
+    for name in ("mtml", "mtmr"):
+        assert name in names
+        assert (
+            Arm.load(name).lower.tolist()
+            == Arm.load(config_path(f"arms/{name}.yaml")).lower.tolist()
+        )

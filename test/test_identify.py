@@ -308,6 +308,9 @@ def test_measured_trajectory_is_explained_on_phases_that_were_held_out(measured_
     errors = [error.nrmse for error in fit.held_out.values()]
     limits = [0.08, 0.20, 0.16, 0.16, 0.25, 0.24, 0.33]
     assert all(error < limit for error, limit in zip(errors, limits, strict=True)), errors
+    levels = {name: one.level for name, one in fit.verdict.joints.items()}
+    assert levels.pop("outer_yaw") == "usable"  # its range was not covered
+    assert set(levels.values()) == {"good"}
 
 
 def test_physical_links_are_certified_and_cost_little(fit):

@@ -163,8 +163,8 @@ def test_the_other_arm_is_warned_of_by_its_limits():
     far = recording.position + np.where(np.arange(7) == WRIST, 0.7, 0.0)
     recording = replace(recording, position=far)
     other = read_motions([recording], Arm.load("mtml"), "joint").warnings
-    assert [warning.joint for warning in other] == ["wrist_platform"]
-    assert "beyond the limits of mtml: a recording of another arm" in str(other[0])
+    assert [warning.kind for warning in other] == ["other_hand"]
+    assert "looks like a recording of mtmr, not mtml: wrist_platform goes from" in str(other[0])
     assert not read_motions([recording], ARM, "joint").warnings
 
 
@@ -190,7 +190,7 @@ def run(tmp_path, capsys, *arguments: str) -> tuple[int, list[str]]:
     status = cli.run(
         "dvrk_gravity.commands.identify", [*arguments, "--arm", "mtmr", "--out", str(out)]
     )
-    assert out.exists() == (status == 0)
+    assert out.exists() == (status < 2)
     return status, capsys.readouterr().err.strip().splitlines()
 
 
@@ -302,4 +302,4 @@ def test_a_measured_sweep_is_used_beside_a_measured_motion(measured_data, tmp_pa
     ]
     at = "shoulder_pitch=2.5deg,elbow_pitch=2.5deg,others=0"
     status, _ = run(tmp_path, capsys, *files, "--at", at, "--terms", ",".join(FEW))
-    assert status == 0
+    assert status == 1  # a model, but with so few terms none to compensate with

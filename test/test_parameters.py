@@ -16,6 +16,8 @@ from dvrk_gravity.model import (
     CONSOLE_PARAMETER,
     MODEL_PARAMETERS,
     OFFSET_PARAMETER,
+    REASON_PARAMETER,
+    VERDICT_PARAMETER,
 )
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.parameter import Parameter, check_all, flatten, unflatten
@@ -50,7 +52,8 @@ def with_one(entry: Parameter, bad: object) -> object:
 
 
 def test_no_name_is_declared_twice():
-    declared = [ARM_PARAMETER, OFFSET_PARAMETER, CONSOLE_PARAMETER, *NODE_PARAMETERS.values()]
+    declared = [ARM_PARAMETER, OFFSET_PARAMETER, CONSOLE_PARAMETER, VERDICT_PARAMETER]
+    declared += [REASON_PARAMETER, *NODE_PARAMETERS.values()]
     declared += [entry for term in TERMS for entry in term.PARAMETERS]
     names = [entry.name for entry in declared]
     assert sorted(names) == sorted(set(names))

@@ -73,6 +73,64 @@ def test_gaps_near_the_end_of_a_piece_part_the_same_stretches(first):
     assert split.endswith("30 samples of short ones left out")
 
 
+def interrupted(recording: Recording, longest: int, every: int) -> Recording:
+    """Return a recording with up to ``longest`` samples missing about every ``every``."""
+    random = np.random.default_rng(4)
+    kept = np.ones(len(recording), dtype=bool)
+    for first in range(every, len(recording) - every, every):
+        kept[first : first + random.integers(3, longest)] = False
+    return recording.rows(kept)
+
+
+def test_gaps_that_are_short_for_the_filter_cost_no_samples():
+    """Gaps of up to 16 ms at 1 kHz, in front of a filter of 5.65 Hz."""
+    recording = swing(8000, 1000.0)
+    gappy = interrupted(recording, 16, 200)
+    assert 0.008 < np.diff(gappy.time).max() < 0.0165
+    found, clean = (read_trajectory([one]) for one in (gappy, recording))
+    assert [len(one.time) for one in found.stretches] == [len(clean.stretches[0].time)]
+    assert any("gaps of up to 16 ms interpolated over" in line for line in found.handling)
+    assert "samples_discarded" not in {warning.kind for warning in found.warnings}
+    (one,), (other,) = found.stretches, clean.stretches
+    inner = slice(other.filter.edge, -other.filter.edge)
+    for name, same in {"position": 1e-3, "velocity": 0.01, "effort": 0.01}.items():
+        first, second = getattr(one, name)[inner], getattr(other, name)[inner]
+        assert np.abs(first - second).max() < same * np.abs(second).max(), name
+
+
+@pytest.mark.parametrize("size", [1500, 3100])
+def test_pieces_with_short_gaps_equal_the_whole(size):
+    gappy = interrupted(swing(8000, 1000.0), 16, 200)
+    whole, pieces = read_trajectory([gappy]), read_trajectory([gappy], piece=size)
+    assert_same(whole, pieces)
+    assert [line for line in whole.handling if "gaps" in line] == [
+        line for line in pieces.handling if "gaps" in line
+    ]
+
+
+def test_the_longest_gap_that_is_bridged_is_the_filters_time_constant():
+    recording = swing(8000, 1000.0)
+    for missing, parts in ((27, 1), (30, 2)):  # 1 / (2 pi 5.65 Hz) is 28.2 ms
+        gappy = recording.rows(np.delete(np.arange(8000), np.r_[4000 : 4000 + missing]))
+        assert len(read_trajectory([gappy]).stretches) == parts
+        assert len(prepare(gappy).segments) == parts
+    slower = prepare(gappy, 20.0, band=4.0)  # what is used below 4 Hz only
+    assert len(slower.segments) == 1
+    assert len(prepare(gappy, 20.0).segments) == 2
+
+
+def test_more_than_a_tenth_of_the_samples_discarded_is_a_warning():
+    recording = swing(8000, 1000.0)
+    few = recording.rows(np.delete(np.arange(8000), np.r_[4000:4050]))
+    many = recording.rows(np.delete(np.arange(8000), np.r_[1000:1050, 2000:2050, 3000:3050]))
+    for read in (lambda one: read_trajectory([one], piece=3000), prepare):
+        assert "samples_discarded" not in {warning.kind for warning in read(few).warnings}
+        (found,) = (one for one in read(many).warnings if one.kind == "samples_discarded")
+        # Three parts of a second are too short for the filter, which needs 1.1 s.
+        assert found.numbers == {"samples": 2900, "share": 2900 / 7850, "gaps": 3}
+        assert "2900 of 7850 samples (37 %) are not used" in str(found)
+
+
 def test_what_is_kept_is_what_prepare_gives_one_in_five_at_1_khz():
     recording = swing(8000, 1000.0)
     kept = read_trajectory([recording], piece=3000).stretches[0]

@@ -15,7 +15,9 @@ from dvrk_gravity.identification.result import (
     FittedParameter,
     Identifiability,
     JointError,
+    JointVerdict,
     Trace,
+    Verdict,
 )
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.report.identification import render
@@ -46,6 +48,8 @@ def fit_of(time) -> Fit:
         samples=200,
         physical={},
         traces=(trace,),
+        holding={},
+        verdict=Verdict("good", "", "", dict.fromkeys(JOINT_NAMES, JointVerdict("good", ""))),
     )
 
 

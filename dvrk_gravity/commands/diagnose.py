@@ -105,7 +105,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         from dvrk_gravity.report.in_simulation import line
 
         lines.append(line(diagnosis.in_simulation))
-    lines += [f"data: {warning}" for warning in diagnosis.warnings]
+    lines += [f"warning: {warning}" for warning in diagnosis.warnings]
     lines.append(f"written: {out}/findings.json, extended_model.yaml, report.html")
     return "\n".join(lines)
 

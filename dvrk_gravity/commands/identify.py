@@ -1,4 +1,7 @@
-"""Identify a torque model from recordings; terms are chosen by held-out error."""
+"""Identify a torque model from recordings; status 1 if it is not to be compensated with.
+
+Terms are chosen by held-out error.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recordings", metavar="RECORDING", type=Path, nargs="+",
         help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
     )  # fmt: skip
-    parser.add_argument("--arm", required=True, help="mtml, mtmr, or an arm's .yaml file")
+    parser.add_argument("--arm", required=True, help="mtml, mtmr, or an MTM's .yaml file")
     parser.add_argument("--out", type=Path, required=True, help="model .yaml to write")
     parser.add_argument("--report", type=Path, help="HTML report (default: OUT with .html)")
     parser.add_argument("--json", type=Path, help="file to write the result to")
@@ -40,10 +43,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fit, write the model, the report and the JSON, and print what was found."""
+    """Fit, write the model, the report and the JSON, and print what was found.
+
+    Returns:
+        0, or 1 if the model, which is written all the same, is not to be compensated with.
+    """
     from dvrk_gravity.arm import Arm
     from dvrk_gravity.identification import identify
     from dvrk_gravity.identification.table import fit_text
+    from dvrk_gravity.model import VERDICTS
     from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report.identification import render
 
@@ -72,6 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     fit.model.save(
         arguments.out,
         f"Identified by dvrk_gravity from {sources}.\n"
+        f"Verdict: {fit.verdict.words}. {fit.verdict.reason}\n"
         "Held-out |e|/|tau|: "
         + ", ".join(f"{name} {error.nrmse:.3f}" for name, error in fit.held_out.items()),
     )
@@ -81,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     for line in fit_text(fit):
         print(line)
     print(f"\nmodel: {arguments.out}\nreport: {report}")
-    return 0
+    return int(fit.verdict.level == VERDICTS[-1])
 
 
 def _coordinates(text: str | None) -> Coordinates | list[Coordinates] | None:

@@ -31,6 +31,7 @@ _JOINT_STATE = "sensor_msgs/msg/JointState"
 _WINDOW = 20
 # All of friction, and no message left out; there are no limits in a replayed compensator.
 _BARE: dict[str, Any] = {
+    "allow_poor_model": True,
     "position_margin": 1e9,
     "friction_compensation.ratio": [1.0] * N_JOINTS,
     "friction_compensation.dead_band": [0.0] * N_JOINTS,

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from dvrk_gravity.compensate.evaluator import Evaluator, prepare_sum
 from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import ALL_PARAMETERS, MODEL_PARAMETERS, TorqueModel
+from dvrk_gravity.model import (
+    ALL_PARAMETERS,
+    MODEL_PARAMETERS,
+    VERDICT_PARAMETER,
+    VERDICTS,
+    TorqueModel,
+)
 from dvrk_gravity.parameter import Value, check_all
 from dvrk_gravity.terms import Gravity
 
@@ -79,8 +85,8 @@ class Settings:
                 file, and their model where no parameter of it changes.
 
         Raises:
-            ConfigError: An unknown name, a value that fails its check, or no beta: an
-                arm that is commanded zero torque falls.
+            ConfigError: An unknown name, a value that fails its check, no beta: an arm that is
+                commanded zero torque falls; or a model that was found not fit to compensate with.
         """
         checked = check_all(ALL_PARAMETERS, values)
         defaults = {name: entry.default for name, entry in ALL_PARAMETERS.items()}
@@ -93,6 +99,11 @@ class Settings:
             model = before.model
         else:
             model = TorqueModel.from_parameters(checked, before.model.arm)
+        if model.verdict == VERDICTS[-1] and not value["allow_poor_model"]:
+            first, *more = model.reason.split("; ")  # joint by joint
+            why = f"{first}; …" if more else first
+            expected = f"a model to compensate with, or allow_poor_model: true ({why})"
+            raise ConfigError(VERDICT_PARAMETER.name, model.verdict, expected)
         arm = model.arm
         limits = EffortLimits(
             arm,

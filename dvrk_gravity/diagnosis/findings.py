@@ -174,6 +174,10 @@ class Picture:
     after: Array
     forward: NDArray[np.bool_] | None = None
 
+    def __repr__(self) -> str:
+        """Say what it shows, in short."""
+        return f"<Picture of {self.joint} over {self.variable}, {len(self.x)} samples>"
+
 
 @dataclass(frozen=True, eq=False)
 class Finding:
@@ -202,6 +206,10 @@ class Finding:
     sentence: str
     picture: Picture | None
     in_model: bool
+
+    def __repr__(self) -> str:
+        """Name effect and joints."""
+        return f"<Finding {self.effect} at {', '.join(self.joints) or 'the arm'}: {self.sentence}>"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what findings.json holds of it."""
@@ -258,6 +266,13 @@ class Diagnosis:
     ambiguities: tuple[Ambiguity, ...]
     model: TorqueModel = field(repr=False)
     in_simulation: InSimulation | None = None
+
+    def __repr__(self) -> str:
+        """Give the verdict and the effects, in short."""
+        found = ", ".join(
+            f"{one.effect} at {', '.join(one.joints) or 'the arm'}" for one in self.findings
+        )
+        return f"<Diagnosis {self.verdict}: {found or 'no findings'}>"
 
     @property
     def sentence(self) -> str:

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.diagnosis.bench import BAND
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.identification.motion import completed, require_all
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning, LowPass, Recording, prepare
@@ -84,7 +86,7 @@ def load(
                     f"lasts {duration:.3g} s, a diagnosis needs at least {SHORTEST:g} s of motion",
                 )
             start = recording.start_ns * 1e-9 - recordings[0].start_ns * 1e-9
-        prepared = prepare(recording, band)
+        prepared = prepare(recording, band, band=BAND)
         warnings += [w for w in prepared.warnings if w not in warnings]
         handling += [h for h in prepared.handling if h not in handling]
         thin = 1 if rate is None else max(1, round(rate / RATE))
@@ -117,6 +119,7 @@ def load(
                 recordings[0].source,
                 f"holds {total:.3g} s of usable motion, a diagnosis needs at least {SHORTEST:g} s",
             )
+    warnings += beyond_limits(motion.q, model.arm)
     known = np.ma.masked_invalid(np.square(floors))  # of static poses none is
     floor = np.sqrt(known.mean(axis=0).filled(np.nan))
     return Loaded(motion, tuple(warnings), tuple(handling), floor)

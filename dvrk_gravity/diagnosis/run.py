@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,10 @@ from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import ReadingScore, try_readings
 from dvrk_gravity.diagnosis.selection import LEAST_GAIN, Accepted, Selection, Tried
+from dvrk_gravity.identification.motion import known_still
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Recording
+from dvrk_gravity.recording import Given, Recording, opened
+from dvrk_gravity.recording.data import Coordinates
 
 Array = NDArray[np.float64]
 
@@ -61,33 +64,39 @@ class Outcome:
 
 
 def diagnose(
-    recordings: Recording | Sequence[Recording],
-    model: TorqueModel,
+    recordings: Given | Iterable[Given],
+    model: TorqueModel | str | Path,
     progress: Callable[[str], None] | None = None,
     simulated: bool = False,
     still: Mapping[str, float] | None = None,
+    coordinates: Coordinates = "joint",
 ) -> Diagnosis:
     """Tell what a model gets wrong about recordings, and prove it on data held out.
 
     Args:
         recordings: One or more trajectories, or sets of static poses; in joint or actuator
-            coordinates, as each says.
-        model: The model on trial.
+            coordinates, as each says; or the paths of their files.
+        model: The model on trial, or the path of its file.
         progress: Called with one line at every step.
         simulated: Also compare given and extended model in the simulator, which takes seconds.
         still: Where joints stood that the recordings do not hold: joint position, rad.
+        coordinates: Of recordings that are given as files, which do not tell.
 
     Returns:
         Findings, gains on held-out blocks, and the model extended by what it can carry.
 
     Raises:
         RecordingError: Recordings that cannot tell: too short, no effort, no motion.
+        ArgumentError: An argument of a wrong type.
     """
-    if isinstance(recordings, Recording):
-        recordings = [recordings]
+    whole = [
+        one if isinstance(one, Recording) else replace(one.load(), coordinates=coordinates)
+        for one in opened(recordings)
+    ]
+    model = TorqueModel.of(model)
     say = progress or _silent
     say("reading")
-    outcome = investigate(recordings, model, say, still)
+    outcome = investigate(whole, model, say, known_still(still))
     say("measuring gains on held-out blocks")
     diagnosis = assemble(
         outcome.loaded, outcome.readings, outcome.contest, outcome.accepted, outcome.unknown,

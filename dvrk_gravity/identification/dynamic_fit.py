@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.columns import DISPLACEMENTS, Columns
 from dvrk_gravity.identification.covariance import uncertainty
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.folds import Folds
+from dvrk_gravity.identification.holding import holding
 from dvrk_gravity.identification.identifiability import describe
 from dvrk_gravity.identification.moments import Design
 from dvrk_gravity.identification.motion import Source, read_motions
@@ -25,14 +26,17 @@ from dvrk_gravity.identification.regression import (
 from dvrk_gravity.identification.result import (
     Fit,
     FittedParameter,
+    Holding,
     Identifiability,
     JointError,
     Trace,
 )
 from dvrk_gravity.identification.selection import Selection, starts
+from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
+from dvrk_gravity.terms import State
 
 Report = Callable[[str, float], None]
 # What a compensator may safely do with an identified friction: push most of it, never all,
@@ -52,6 +56,7 @@ class Estimate:
         blind: (n, 7) torque, each sample predicted by a fit that had not seen it, N·m.
         parameters: Named, with intervals.
         identifiability: What the data determine.
+        holding: Certainty of the torque that holds the arm still, by joint.
     """
 
     solution: Solution
@@ -60,6 +65,7 @@ class Estimate:
     blind: Array
     parameters: tuple[FittedParameter, ...]
     identifiability: Identifiability
+    holding: Mapping[str, Holding]
 
 
 def fit_dynamic(
@@ -96,10 +102,15 @@ def fit_dynamic(
     columns, design = problem.design.columns, problem.design
     found = estimate(problem, chosen, physical)
     statements = (*found.identifiability.statements, *said)
+    held_out, training = (
+        _errors(design, predicted, coordinates) for predicted in (found.blind, found.predicted)
+    )
+    verdict = judge(held_out, training, found.holding, arm, coordinates)
+    model = _model(columns, chosen, found.solution, found.links)
     return Fit(
-        model=_model(columns, chosen, found.solution, found.links),
-        held_out=_errors(design, found.blind, coordinates),
-        training=_errors(design, found.predicted, coordinates),
+        model=replace(model, verdict=verdict.level, reason=verdict.reason),
+        held_out=held_out,
+        training=training,
         parameters=found.parameters,
         identifiability=replace(found.identifiability, statements=statements),
         choices=tuple(selection.choices),
@@ -110,6 +121,8 @@ def fit_dynamic(
         samples=sum(len(motion) for motion in motions.parts),
         physical={} if found.links is None else certificate(found.links),
         traces=_traces(design, found.blind, coordinates),
+        holding=found.holding,
+        verdict=verdict,
     )
 
 
@@ -134,7 +147,18 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) ->
     spread = uncertainty(design, index, solution, fitted, unseen, weighting.motor)
     weight = weighting.sample * weighting.motor
     parameters, identifiability = describe(columns, index, solution, spread, design, weight)
-    return Estimate(solution, links, predicted, blind, parameters, identifiability)
+    held = holding(
+        lambda q: _at_rest(columns, index, q), solution.theta, spread, design.state.q, columns.arm
+    )
+    return Estimate(solution, links, predicted, blind, parameters, identifiability, held)
+
+
+def _at_rest(columns: Columns, chosen: Sequence[int], q: Array) -> Array:
+    """Return (K, 7, p) joint torques of the chosen columns at (K, 7) positions at rest."""
+    state = State(q, np.zeros_like(q), np.zeros_like(q))
+    rested = np.zeros((len(q), len(DISPLACEMENTS), 2, N_JOINTS))
+    at_motors = columns.regressor(state, rested)[:, :, chosen]
+    return np.matmul(columns.arm.joint_to_actuator.T, at_motors)
 
 
 def _held_out(

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.errors import joint_errors
+from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.identification.motion import head, read, read_motions, require_all, whole
-from dvrk_gravity.identification.result import JointError, Trace
+from dvrk_gravity.identification.result import JointError, Trace, in_short
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import DataWarning, Recording, RecordingFile, Trajectory, prepare
-from dvrk_gravity.recording.data import Coordinates
+from dvrk_gravity.recording import (
+    DataWarning,
+    Given,
+    Recording,
+    RecordingFile,
+    Trajectory,
+    opened,
+    prepare,
+)
+from dvrk_gravity.recording.data import Coordinates, known_coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 
 
@@ -40,6 +50,10 @@ class Evaluation:
     handling: tuple[str, ...]
     traces: tuple[Trace, ...]
 
+    def __repr__(self) -> str:
+        """Give the errors, in short."""
+        return f"<Evaluation of {self.samples} samples: |e|/|tau| {in_short(self.joints)}>"
+
     def to_json(self) -> dict[str, Any]:
         """Return the content of ``evaluate --json``."""
         return {
@@ -53,8 +67,8 @@ class Evaluation:
 
 
 def evaluate(
-    model: TorqueModel,
-    recordings: Sequence[Recording | RecordingFile],
+    model: TorqueModel | str | Path,
+    recordings: Given | Iterable[Given],
     coordinates: Coordinates | None = None,
     cutoff: float = DEFAULT_CUTOFF,
 ) -> Evaluation:
@@ -64,14 +78,17 @@ def evaluate(
     they are.
 
     Args:
-        model: The model.
-        recordings: Trajectories, or static poses.
+        model: The model, or the path of its file.
+        recordings: Trajectories, or static poses: recordings or paths of their files.
         coordinates: Of the recordings; ``None`` takes those in which the model fits better.
         cutoff: Of the low-pass, Hz.
 
     Raises:
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
+        ArgumentError: An argument of a wrong type.
     """
+    model, recordings = TorqueModel.of(model), opened(recordings)
+    coordinates = known_coordinates(coordinates)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
     for recording in recordings:
@@ -169,6 +186,7 @@ def _evaluate_static(
         q, measured = recording.position, recording.effort
         assert measured is not None
         joint = arm.joint_position(q) if coordinates == "actuator" else q
+        warnings += beyond_limits(joint, arm)
         predicted = model.torque(joint, direction=recording.direction)
         if coordinates == "actuator":
             predicted = arm.actuator_effort(predicted)

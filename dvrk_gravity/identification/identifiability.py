@@ -12,6 +12,7 @@ from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.columns import DISPLACEMENTS, POSTURE, Column, Columns, beta_map
 from dvrk_gravity.identification.covariance import Uncertainty
+from dvrk_gravity.identification.holding import NARROW
 from dvrk_gravity.identification.moments import Design
 from dvrk_gravity.identification.regression import Solution
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
@@ -214,7 +215,7 @@ def _motion_statements(design: Design) -> list[str]:
         f"{joint} moves over {np.degrees(width):.0f} deg only: what depends on its position is "
         "not determined; move it over most of its range"
         for joint, width in zip(JOINT_NAMES, span, strict=True)
-        if width < np.radians(15.0)
+        if width < NARROW
     ]
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
-from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.errors import ArgumentError, RecordingError
+from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.recording import (
     DataWarning,
     LowPass,
@@ -26,7 +27,6 @@ from dvrk_gravity.terms import State
 # What can be fitted to: in memory, in a file, or prepared already.
 Source = Recording | RecordingFile | Trajectory
 PART = 60_000  # samples of a recording in memory that are worked on at a time
-BEYOND = 0.35  # rad past a joint's limit; zeros of encoders are off by less
 SAME_RATE = 1e-3  # relative difference of two clocks of one rate
 
 
@@ -138,6 +138,19 @@ def read_motions(
     return Motions(tuple(parts), tuple(warnings), tuple(handling))
 
 
+def known_still(still: Mapping[str, float] | None) -> Mapping[str, float]:
+    """Return where joints stood, an empty mapping where that is not said.
+
+    Raises:
+        ArgumentError: What is no mapping from joints' names to positions.
+    """
+    if still is None:
+        return {}
+    if not isinstance(still, Mapping):
+        raise ArgumentError("still", still, "a mapping from joints' names to positions, rad")
+    return still
+
+
 def require_all(
     recording: Recording | Trajectory, arm: Arm, still: Mapping[str, float] | None = None
 ) -> None:
@@ -165,22 +178,6 @@ def require_all(
         without = recording.effort is None
     if without:
         raise RecordingError(recording.source, "has no efforts, expected <joint>.effort columns")
-
-
-def beyond_limits(q: Array, arm: Arm) -> list[DataWarning]:
-    """Return warnings about joints that go where the arm cannot: another arm's, perhaps."""
-    beyond = np.maximum(arm.lower - q.min(axis=0), q.max(axis=0) - arm.upper)
-    return [
-        DataWarning(
-            "arm_limits",
-            joint,
-            {"beyond_rad": float(far)},
-            f"goes {np.degrees(far):.0f} deg beyond the limits of {arm.name}: a recording of "
-            "another arm, or in other coordinates?",
-        )
-        for joint, far in zip(arm.joint_names, beyond, strict=True)
-        if far > BEYOND
-    ]
 
 
 def _require_torque(trajectory: Trajectory) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.data_warning import DataWarning
 
@@ -113,6 +113,95 @@ class Trace:
     coordinates: Coordinates
     held_out: bool
 
+    def __repr__(self) -> str:
+        """Say what it holds, in short."""
+        return f"<Trace of {len(self.measured)} samples, {self.coordinates} coordinates>"
+
+
+def in_short(joints: Mapping[str, JointError]) -> str:
+    """Return the relative errors of some joints on one line."""
+    return ", ".join(f"{name} {error.nrmse:.3f}" for name, error in joints.items())
+
+
+def in_words(level: str) -> str:
+    """Return one of ``model.VERDICTS`` as a person says it."""
+    return "do not compensate with this" if level == VERDICTS[-1] else level
+
+
+@dataclass(frozen=True)
+class Holding:
+    """How certain the torque is that holds the arm still, at one joint; root mean squares.
+
+    Attributes:
+        torque: At poses that were recorded, N·m.
+        error: Its standard error, N·m.
+        torque_anywhere: At poses anywhere within the arm's limits, N·m.
+        error_anywhere: Its standard error, N·m.
+        lower: Least recorded position, rad.
+        upper: Greatest recorded position, rad.
+    """
+
+    torque: float
+    error: float
+    torque_anywhere: float
+    error_anywhere: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class JointVerdict:
+    """The verdict on one joint.
+
+    Attributes:
+        level: One of ``model.VERDICTS``.
+        reason: Why.
+        record: What to record instead; ``""`` for a good one.
+    """
+
+    level: str
+    reason: str
+    record: str = ""
+
+    @property
+    def words(self) -> str:
+        """The level as a person says it."""
+        return in_words(self.level)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether an arm may be compensated with a model.
+
+    Attributes:
+        level: One of ``model.VERDICTS``: that of the worst joint.
+        reason: Which joints, and why; ``""`` for a good model.
+        record: What to record instead; ``""`` for a good model.
+        joints: By joint.
+    """
+
+    level: str
+    reason: str
+    record: str
+    joints: Mapping[str, JointVerdict]
+
+    @property
+    def words(self) -> str:
+        """The level as a person says it."""
+        return in_words(self.level)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as the content of ``identify --json`` has it."""
+        return {
+            "overall": self.level,
+            "reason": self.reason,
+            "record": self.record,
+            "joints": {
+                name: {"verdict": one.level, "reason": one.reason, "record": one.record}
+                for name, one in self.joints.items()
+            },
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -134,6 +223,8 @@ class Fit:
         physical: Every link's pseudo-inertia positive definite: its least eigenvalue relative to
             the greatest by link; empty where not asked for.
         traces: Measured against predicted.
+        holding: Certainty of the torque that holds the arm still, by joint.
+        verdict: Whether to compensate with the model; the model carries it, too.
     """
 
     model: TorqueModel
@@ -149,10 +240,20 @@ class Fit:
     samples: int
     physical: Mapping[str, float]
     traces: tuple[Trace, ...]
+    holding: Mapping[str, Holding]
+    verdict: Verdict
+
+    def __repr__(self) -> str:
+        """Give the verdict and the errors, in short."""
+        return (
+            f"<Fit of {self.model.arm.name} to {self.samples} samples: {self.verdict.words}; "
+            f"held-out |e|/|tau| {in_short(self.held_out)}>"
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of ``identify --json``."""
         return {
+            "verdict": self.verdict.to_json(),
             "joints": {name: vars(error) for name, error in self.held_out.items()},
             "training": {name: vars(error) for name, error in self.training.items()},
             "samples": self.samples,

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from dvrk_gravity.arm import Arm
-from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.errors import ArgumentError, ConfigError, RecordingError
 from dvrk_gravity.identification.coordinates import detect_coordinates, doubt
 from dvrk_gravity.identification.dynamic_fit import fit_dynamic
 from dvrk_gravity.identification.evaluation import all_static, evaluate
-from dvrk_gravity.identification.motion import head, read, require_all, whole
+from dvrk_gravity.identification.hand import by_weight
+from dvrk_gravity.identification.motion import head, known_still, read, require_all, whole
 from dvrk_gravity.identification.result import Fit
-from dvrk_gravity.recording import DataWarning, Recording, RecordingFile, Trajectory
-from dvrk_gravity.recording.data import Coordinates
+from dvrk_gravity.identification.verdict import judge
+from dvrk_gravity.recording import (
+    DataWarning,
+    Given,
+    Recording,
+    RecordingFile,
+    Trajectory,
+    opened,
+)
+from dvrk_gravity.recording.data import Coordinates, known_coordinates
 
 Report = Callable[[str, float], None]
 
@@ -37,11 +47,11 @@ _ELSEWHERE = {
 
 
 def identify(
-    recordings: Sequence[Recording | RecordingFile],
-    arm: Arm,
+    recordings: Given | Iterable[Given],
+    arm: Arm | str | Path,
     coordinates: Coordinates | Sequence[Coordinates] | None = None,
-    effects: Sequence[str] | None = None,
-    validate: Sequence[Recording | RecordingFile] = (),
+    effects: str | Sequence[str] | None = None,
+    validate: Given | Iterable[Given] = (),
     physical: bool = False,
     report: Report = lambda stage, share: None,
     still: Mapping[str, float] | None = None,
@@ -49,10 +59,10 @@ def identify(
     """Fit a torque model to recordings, choosing its terms by held-out error.
 
     Args:
-        recordings: Trajectories, or static poses, with efforts. Beside one trajectory of all
-            joints others may hold some joints only. A ``RecordingFile`` is read in parts, never
-            held whole.
-        arm: The arm.
+        recordings: Trajectories, or static poses, with efforts: recordings or the paths of their
+            files, one or several. Beside one trajectory of all joints others may hold some joints
+            only. A file is read in parts, never held whole.
+        arm: The arm, its name, or the path of its file.
         coordinates: Of the recordings, one for all or one for each; ``None``: found out for
             those of all joints, joint coordinates for the others.
         effects: Effects that may be used besides the rigid body; ``None``: all.
@@ -64,7 +74,13 @@ def identify(
     Raises:
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
         ConfigError: An effect that no term has, or an option that does not go with poses.
+        ArgumentError: An argument of a wrong type.
     """
+    recordings, validate, arm = opened(recordings), opened(validate), Arm.of(arm)
+    effects = [effects] if isinstance(effects, str) else effects
+    if effects is not None and not isinstance(effects, Sequence):
+        raise ArgumentError("effects", effects, "names of effects")
+    still = known_still(still)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
     given = _each(coordinates, len(recordings))
@@ -75,7 +91,9 @@ def identify(
             if effect not in IDENTIFIED:
                 why = f" ({_ELSEWHERE[effect]})" if effect in _ELSEWHERE else ""
                 raise ConfigError("--terms", effect, f"some of {', '.join(IDENTIFIED)}{why}")
-        fit = _dynamic(recordings, arm, given, effects, physical, report, still or {})
+        fit = _dynamic(recordings, arm, given, effects, physical, report, still)
+    if not any(warning.kind == "other_hand" for warning in fit.warnings):
+        fit = replace(fit, warnings=(*fit.warnings, *by_weight(fit.parameters, arm)))
     return _validated(fit, validate) if validate else fit
 
 
@@ -84,12 +102,15 @@ def _each(
 ) -> Sequence[Coordinates | None]:
     """Return the coordinates of each of some recordings."""
     if coordinates is None or isinstance(coordinates, str):
-        return [coordinates] * count
-    if len(coordinates) != count:
+        return [known_coordinates(coordinates)] * count
+    if not isinstance(coordinates, Iterable):
+        raise ArgumentError("coordinates", coordinates, "joint or actuator, for all or for each")
+    each = [known_coordinates(one) for one in coordinates]
+    if len(each) != count:
         raise ConfigError(
-            "--coordinates", ",".join(coordinates), f"one for all recordings, or {count}"
+            "--coordinates", ",".join(map(str, each)), f"one for all recordings, or {count}"
         )
-    return coordinates
+    return each
 
 
 def _static(
@@ -181,8 +202,14 @@ def _validated(fit: Fit, recordings: Sequence[Recording | RecordingFile]) -> Fit
     """Return the fit with the errors on recordings that it never saw."""
     result = evaluate(fit.model, recordings, fit.coordinates)
     names = ", ".join(head(recording).source for recording in recordings)
+    verdict = judge(
+        result.joints, fit.training, fit.holding, fit.model.arm, fit.coordinates,
+        static=all_static(recordings),
+    )  # fmt: skip
     return replace(
         fit,
+        model=replace(fit.model, verdict=verdict.level, reason=verdict.reason),
+        verdict=verdict,
         held_out=result.joints,
         traces=result.traces,
         warnings=(*fit.warnings, *result.warnings),

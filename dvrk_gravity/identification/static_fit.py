@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,13 @@ from numpy.typing import NDArray
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.identification import result, static_report
 from dvrk_gravity.identification.errors import joint_errors
+from dvrk_gravity.identification.holding import holding
 from dvrk_gravity.identification.result import Fit, Trace
 from dvrk_gravity.identification.static_model import fit_poses
 from dvrk_gravity.identification.static_poses import Poses, blocks, inner_slabs, read_poses, slabs
 from dvrk_gravity.identification.static_selection import choose
 from dvrk_gravity.identification.static_solver import OUTLIER, Table
+from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.recording.data import Array, Coordinates
@@ -57,10 +60,20 @@ def fit_static(
         return arm.actuator_effort(effort) if coordinates == "actuator" else effort
 
     measured = shown(poses.effort)
+    training = joint_errors(JOINT_NAMES, measured, shown(fitted))
+    held = holding(lambda q: solution.at_rest(table, q, arm), solution.theta, spread, poses.q, arm)
+    # Poses left out of the fit count in the errors that are printed, but are no fault of the model.
+    used = np.all(weight > 0.0, axis=1)
+    unseen = used[held_out]
+    verdict = judge(
+        joint_errors(JOINT_NAMES, measured[held_out][unseen], shown(predicted)[unseen]),
+        joint_errors(JOINT_NAMES, measured[used], shown(fitted)[used]),
+        held, arm, coordinates, static=True,
+    )  # fmt: skip
     return Fit(
-        model=model,
+        model=replace(model, verdict=verdict.level, reason=verdict.reason),
         held_out=joint_errors(JOINT_NAMES, measured[held_out], shown(predicted)),
-        training=joint_errors(JOINT_NAMES, measured, shown(fitted)),
+        training=training,
         parameters=static_report.parameters(table, solution, spread),
         identifiability=static_report.identifiability(table, solution, spread),
         choices=tuple(tried),
@@ -72,6 +85,8 @@ def fit_static(
         samples=len(poses),
         physical={},
         traces=tuple(_traces(poses, measured, shown(fitted), arm, coordinates)),
+        holding=held,
+        verdict=verdict,
     )
 
 
@@ -117,6 +132,8 @@ def _handling(poses: Poses, weight: Array) -> list[str]:
                 f"{name}: {left} of {len(poses)} poses left out, more than {OUTLIER:g} standard "
                 f"deviations off all others (up to {worst:.3f} N·m)"
             )
+    if not np.all(weight > 0.0):
+        lines.append("poses left out on a joint count in the errors, not in the verdict")
     return lines
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification.motion import beyond_limits, require_all
+from dvrk_gravity.identification.hand import beyond_limits
+from dvrk_gravity.identification.motion import require_all
 from dvrk_gravity.recording import DataWarning, Recording, prepare
 from dvrk_gravity.recording.data import Array, Coordinates
 

@@ -109,6 +109,18 @@ class Solution:
             torque[:, joint] += matrix[:, self.columns[joint]] @ self.theta[self.places(joint)]
         return torque
 
+    def at_rest(self, table: Table, q: Array, arm: Arm) -> Array:
+        """Return (K, 7, p) torques of all coefficients at (K, 7) positions, if nothing sticks."""
+        nowhere = np.zeros(q.shape)
+        there = table.at(Poses(q, nowhere, nowhere, np.zeros(len(q), dtype=np.int64)), arm)
+        rows = np.zeros((*q.shape, len(self.theta)))
+        rows[:, :, :N_BETA] = there.gravity
+        for joint, matrix in enumerate(there.matrices):
+            columns = self.columns[joint]
+            own = table.joints[joint].group[columns] == 0  # of others' positions: stiction
+            rows[:, joint, self.places(joint)[own]] = matrix[:, columns[own]]
+        return rows
+
 
 def solve(table: Table, choices: Sequence[Choice], weight: Array) -> Solution:
     """Solve for all coefficients at once.

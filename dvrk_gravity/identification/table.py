@@ -5,14 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from dvrk_gravity.identification.evaluation import Evaluation
-from dvrk_gravity.identification.result import Fit, JointError
+from dvrk_gravity.identification.result import Fit, JointError, Verdict
 
 
-def error_table(joints: Mapping[str, JointError]) -> Iterator[str]:
-    """Yield the lines of a table of errors by joint."""
-    yield f"{'joint':<16}{'RMSE N·m':>10}{'|e|/|tau|':>11}{'R2':>9}"
+def error_table(joints: Mapping[str, JointError], verdict: Verdict | None = None) -> Iterator[str]:
+    """Yield the lines of a table of errors by joint, with the verdict on each if there is one."""
+    yield f"{'joint':<16}{'RMSE N·m':>10}{'|e|/|tau|':>11}{'R2':>9}" + "  verdict" * bool(verdict)
     for name, error in joints.items():
-        yield f"{name:<16}{error.rmse:>10.4f}{error.nrmse:>11.3f}{error.r2:>9.3f}"
+        judged = f"  {verdict.joints[name].words}" if verdict else ""
+        yield f"{name:<16}{error.rmse:>10.4f}{error.nrmse:>11.3f}{error.r2:>9.3f}{judged}"
+
+
+def verdict_text(verdict: Verdict) -> Iterator[str]:
+    """Yield the lines that tell a verdict: why, and what to record instead."""
+    yield f"verdict: {verdict.words}"
+    short = {name: one for name, one in verdict.joints.items() if one.record}
+    for name, one in short.items():
+        yield f"  {name}: {one.words}: {one.reason}"
+    for record in dict.fromkeys(one.record for one in short.values()):
+        yield f"  record instead: {record}"
 
 
 def fit_text(fit: Fit) -> Iterator[str]:
@@ -24,7 +35,8 @@ def fit_text(fit: Fit) -> Iterator[str]:
     yield ""
     yield f"{fit.samples} samples, errors in {fit.coordinates} coordinates"
     yield f"held out: {fit.validation}"
-    yield from error_table(fit.held_out)
+    yield from error_table(fit.held_out, fit.verdict)
+    yield from verdict_text(fit.verdict)
     yield ""
     kept = [choice for choice in fit.choices if choice.kept]
     left = [choice for choice in fit.choices if not choice.kept]

@@ -8,13 +8,20 @@ from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.filters import LowPass, derivative, lowpass
 from dvrk_gravity.recording.joint_states import JointStateSample, read_joint_states
 from dvrk_gravity.recording.prepare import Prepared, Segment, prepare
-from dvrk_gravity.recording.stream import RecordingFile, iterate_recording, save_recording
+from dvrk_gravity.recording.stream import (
+    Given,
+    RecordingFile,
+    iterate_recording,
+    opened,
+    save_recording,
+)
 from dvrk_gravity.recording.trajectory import Stretch, Trajectory, read_trajectory
 
 __all__ = [
     "BagReader",
     "BagWriter",
     "DataWarning",
+    "Given",
     "JointStateSample",
     "LowPass",
     "Prepared",
@@ -27,6 +34,7 @@ __all__ = [
     "derivative",
     "iterate_recording",
     "lowpass",
+    "opened",
     "prepare",
     "read_joint_states",
     "read_trajectory",

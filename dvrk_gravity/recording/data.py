@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arguments import floats
 from dvrk_gravity.arm import JOINT_NAMES
-from dvrk_gravity.errors import RecordingError, ShapeError
+from dvrk_gravity.errors import ArgumentError, RecordingError, ShapeError
 
 Coordinates = Literal["joint", "actuator"]
 TimeBase = Literal["stamp", "receive"]
@@ -24,9 +25,20 @@ CHUNK = 10_000  # samples read at a time
 LARGEST = 1e12  # no reading of a robot; keeps squares and sums finite
 
 
-def _frozen(array: Array) -> Array:
+def known_coordinates(given: Coordinates | None) -> Coordinates | None:
+    """Return what coordinates are said to be, ``None`` where they are not.
+
+    Raises:
+        ArgumentError: Anything else than joint or actuator.
+    """
+    if given is not None and given not in get_args(Coordinates):
+        raise ArgumentError("coordinates", given, "joint or actuator")
+    return given
+
+
+def _frozen(name: str, array: Array) -> Array:
     """Return ``array`` as read-only float64; a writable one is copied, not locked."""
-    result = np.asarray(array, dtype=np.float64)
+    result = floats(name, array)
     if result.flags.writeable:
         result = result.copy()
         result.flags.writeable = False
@@ -74,6 +86,8 @@ class Recording:
 
     def __post_init__(self) -> None:
         """Check the parts against each other and make the arrays read-only."""
+        if isinstance(self.joints, str) or not isinstance(self.joints, Iterable):
+            raise ArgumentError("joints", self.joints, "the names of joints")
         object.__setattr__(self, "joints", tuple(self.joints))
         if not self.joints or self.joints != tuple(j for j in JOINT_NAMES if j in self.joints):
             raise RecordingError(
@@ -85,13 +99,13 @@ class Recording:
             raise RecordingError(
                 self.source, f"coordinates {self.coordinates!r}, expected 'joint' or 'actuator'"
             )
-        position = np.asarray(self.position)
+        position = floats("position", self.position)
         shape = (position.shape[0] if position.ndim else 0, len(self.joints))
         for name in (*QUANTITIES, "direction"):
             value = getattr(self, name)
             if value is None and name != "position":
                 continue
-            array = _frozen(value)
+            array = _frozen(name, value)
             if array.shape != shape:
                 raise ShapeError(name, array.shape, f"(N, n) = {shape}")
             object.__setattr__(self, name, array)
@@ -120,7 +134,7 @@ class Recording:
     def _check_time(self, count: int) -> None:
         if self.time is None:
             return
-        time = _frozen(self.time)
+        time = _frozen("time", self.time)
         object.__setattr__(self, "time", time)
         if time.shape != (count,):
             raise ShapeError("time", time.shape, f"(N,) = ({count},)")
@@ -180,6 +194,16 @@ class Recording:
         from dvrk_gravity.recording.stream import save_recording
 
         save_recording([self], path, storage, topic)
+
+    def __repr__(self) -> str:
+        """Say what it holds, in short."""
+        if self.time is None:
+            what = f"{len(self)} static poses"
+        else:
+            what = f"{len(self)} samples, {self.time[-1] - self.time[0]:.4g} s"
+        number = len(self.joints)
+        joints = f"{number} joints" if number > 1 else self.joints[0]
+        return f"<Recording {self.source}: {what}, {joints}, {self.coordinates} coordinates>"
 
     def __len__(self) -> int:
         """Return the number of samples N."""

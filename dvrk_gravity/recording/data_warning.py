@@ -14,6 +14,7 @@ Kind = Literal[
     "read_jitter",
     "time_jitter",
     "gaps",
+    "samples_discarded",
     "velocity_mismatch",
     "effort_saturation",
     "position_quantisation",
@@ -27,6 +28,7 @@ Kind = Literal[
     "time_unit",
     "coordinates",
     "arm_limits",
+    "other_hand",
 ]
 
 

@@ -10,7 +10,8 @@ from dvrk_gravity.recording.checks import check
 from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.filters import ORDER, LowPass, derivative
-from dvrk_gravity.recording.grid import resample, split_at_gaps, stale
+from dvrk_gravity.recording.gaps import Gaps
+from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
 from dvrk_gravity.recording.velocity import compare_velocity
 
 DEFAULT_CUTOFF = 5.65  # Hz; the published evaluations of these arms use it
@@ -59,21 +60,24 @@ def prepare(
     cutoff: float = DEFAULT_CUTOFF,
     order: int = ORDER,
     effort_limits: Mapping[str, float] | None = None,
+    band: float | None = None,
 ) -> Prepared:
     """Check a recording and turn it into filtered, uniformly sampled parts.
 
     Static poses are passed on as they are. In a trajectory, stale samples are taken out; it is
-    split at gaps; every part is interpolated onto a uniform grid at the nominal rate (where it is
-    not on one already); position, velocity and effort go through one zero-phase low-pass. The
-    velocity of a joint whose column is missing or worse than the differentiated position is
-    replaced by that derivative, and so is one that is late, as filtered ones are. The
-    acceleration is the derivative of the resulting velocity.
+    split at gaps that are too long to interpolate over; every part is interpolated onto a uniform
+    grid at the nominal rate (where it is not on one already); position, velocity and effort go
+    through one zero-phase low-pass. The velocity of a joint whose column is missing or worse than
+    the differentiated position is replaced by that derivative, and so is one that is late, as
+    filtered ones are. The acceleration is the derivative of the resulting velocity.
 
     Args:
         recording: What was recorded.
         cutoff: Of the low-pass, Hz.
         order: Of one of its two runs.
         effort_limits: See ``check``.
+        band: Frequency below which the signals will be used, Hz; default: the cut-off. Gaps that
+            are short against it are interpolated over, see ``longest_bridged``.
 
     Raises:
         RecordingError: If a check finds the recording unusable, if it is too short to filter, or
@@ -97,7 +101,9 @@ def prepare(
     derived = derived_joints(recording, warnings)
     if derived:
         handling.append(f"velocity differentiated from position: {', '.join(derived)}")
-    parts = split_at_gaps(recording)
+    gaps = Gaps(low, longest_bridged(rate, band or cutoff))
+    gaps.count(recording.time)
+    parts = split_at_gaps(recording, gaps.longest)
     segments: list[Segment] = []
     first, gridded = 0, False
     for part in parts:
@@ -114,11 +120,10 @@ def prepare(
             f"has no {SHORTEST * low.edge} samples in a row without a gap, "
             f"as a {cutoff:g} Hz filter needs",
         )
-    if len(parts) > 1:
-        lost = sum(len(part) for part in parts if len(part) < SHORTEST * low.edge)
-        handling.append(
-            f"split at gaps into {len(segments)} parts, {lost} samples of short ones left out"
-        )
+    gaps.lost = sum(len(part) for part in parts if len(part) < SHORTEST * low.edge)
+    gaps.parts = len(segments)
+    handling += gaps.handling()
+    warnings += gaps.warnings(len(recording))
     if gridded:
         handling.append(f"interpolated (Akima) onto a uniform grid at {rate:.6g} Hz")
     handling.append(f"{low}, over position, velocity and effort")

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.arguments import path_of
+from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.recording.bag import SUFFIXES
 from dvrk_gravity.recording.bag_writer import write_bag
 from dvrk_gravity.recording.csv_file import iterate_csv, write_csv
 from dvrk_gravity.recording.data import CHUNK, Array, Coordinates, Recording, Storage, TimeBase
 from dvrk_gravity.recording.joint_states import iterate_bag
 
+A_PATH = "the path of a .csv file or a rosbag2"
 # Names that would promise something else than the folder of a bag.
 FOREIGN_SUFFIXES = (".json", ".yaml", ".yml", ".txt", ".bag")
 
@@ -34,7 +37,7 @@ def iterate_recording(
     Raises:
         RecordingError: When the part that cannot be used is reached.
     """
-    path = Path(path)
+    path = path_of("recording", path, A_PATH)
     if not path.exists():
         raise RecordingError(path, "no such file or folder")
     if path.is_dir() or path.suffix in SUFFIXES:
@@ -61,6 +64,10 @@ class RecordingFile:
         self._path, self._topic, self._time_base = path, topic, time_base
         self.head = next(self.parts())
 
+    def __repr__(self) -> str:
+        """Say which file it is."""
+        return f"<RecordingFile {self._path}>"
+
     def parts(self) -> Iterator[Recording]:
         """Yield consecutive parts."""
         return iterate_recording(self._path, self._topic, time_base=self._time_base)
@@ -68,6 +75,28 @@ class RecordingFile:
     def load(self) -> Recording:
         """Return the whole."""
         return join(list(self.parts()))
+
+
+Given = Recording | RecordingFile | str | os.PathLike[str]
+
+
+def opened(given: Given | Iterable[Given]) -> list[Recording | RecordingFile]:
+    """Return one or several recordings as a list, paths as the files that they name.
+
+    Raises:
+        ArgumentError: What is neither a recording nor a path.
+        RecordingError: A file that cannot be used.
+    """
+    if isinstance(given, Recording | RecordingFile | str | os.PathLike):
+        given = [given]
+    elif not isinstance(given, Iterable):
+        raise ArgumentError("recordings", given, f"a Recording, {A_PATH}, or several of them")
+    return [
+        one
+        if isinstance(one, Recording | RecordingFile)
+        else RecordingFile(path_of("recordings", one, f"a Recording or {A_PATH}"))
+        for one in given
+    ]
 
 
 def load_recording(

@@ -17,7 +17,8 @@ from dvrk_gravity.recording.checks import check_signals
 from dvrk_gravity.recording.data import Array, Coordinates, Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.filters import LowPass, derivative
-from dvrk_gravity.recording.grid import resample, split_at_gaps, stale
+from dvrk_gravity.recording.gaps import Gaps
+from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
 from dvrk_gravity.recording.pieces import Findings, Piece, blocks, with_margins
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF, SHORTEST, derived_joints, low_pass
 from dvrk_gravity.recording.sample_times import SLOWEST
@@ -119,6 +120,7 @@ def read_trajectory(
     warnings = findings.merged(first)
     derived = derived_joints(first, warnings)
     stretches = work.stretches(first, derived)
+    warnings += work.warnings()
     return Trajectory(first.source, first.joints, stretches, warnings, work.handling(derived))
 
 
@@ -150,21 +152,25 @@ class _Work:
         self._low, self._wide = low, wide
         self._stride = max(1, int(low.rate / (OVERSAMPLING * wide.cutoff)))
         self._runs: list[_Run] = []
-        self._stale = self._lost = self._gaps = 0
+        self._gaps = Gaps(low, longest_bridged(low.rate, low.cutoff))
+        self._stale = self._samples = 0
         self._gridded = False
 
     def add(self, piece: Piece) -> None:
         """Filter a piece, and keep a part of the samples of its block."""
         old = stale(piece.recording)
         self._stale += int(old[piece.first : piece.stop].sum())
+        self._samples += piece.stop - piece.first
+        assert piece.recording.time is not None
+        # The interval from the block before belongs to this one.
+        self._gaps.count(piece.recording.time[max(piece.first - 1, 0) : piece.stop])
         begin = 0
-        for part in split_at_gaps(piece.recording):
+        for part in split_at_gaps(piece.recording, self._gaps.longest):
             end = begin + len(part)
             inside = min(end, piece.stop) - max(begin, piece.first)
             if inside > 0:
-                self._gaps += piece.first <= begin and begin > 0
                 if len(part) < SHORTEST * self._low.edge:
-                    self._lost += inside
+                    self._gaps.lost += inside
                 else:
                     self._extend(part.rows(~old[begin:end]), begin < piece.first,
                                  self._last_time(piece, end))  # fmt: skip
@@ -181,6 +187,7 @@ class _Work:
         rate = self._low.rate
         if not continued:
             self._runs.append(_Run())
+            self._gaps.parts += 1
         run = self._runs[-1]
         uniform = resample(part, rate, run.origin if continued else None)
         self._gridded |= uniform is not part
@@ -238,6 +245,10 @@ class _Work:
             )  # fmt: skip
         return tuple(found)
 
+    def warnings(self) -> tuple[DataWarning, ...]:
+        """Return what was found on the way."""
+        return self._gaps.warnings(self._samples)
+
     def handling(self, derived: tuple[str, ...]) -> tuple[str, ...]:
         """Return what was done, one sentence each."""
         lines = []
@@ -245,11 +256,7 @@ class _Work:
             lines.append(f"{self._stale} stale samples replaced by interpolation")
         if derived:
             lines.append(f"velocity differentiated from position: {', '.join(derived)}")
-        if self._gaps:
-            lines.append(
-                f"split at gaps into {len(self._runs)} parts, "
-                f"{self._lost} samples of short ones left out"
-            )
+        lines += self._gaps.handling()
         if self._gridded:
             lines.append(f"interpolated (Akima) onto a uniform grid at {self._low.rate:.6g} Hz")
         lines.append(f"efforts: {self._low}")

@@ -8,7 +8,7 @@ import numpy as np
 
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.filters import LowPass, derivative
-from dvrk_gravity.recording.grid import quantum, resample, split_at_gaps, stale
+from dvrk_gravity.recording.grid import longest_bridged, quantum, resample, split_at_gaps, stale
 
 COMPARISON_CUTOFF = 10.0  # Hz, both signals; less for slow recordings
 SLOPE_TOLERANCE = 0.03
@@ -86,9 +86,10 @@ def compare_velocity(recording: Recording) -> tuple[VelocityFit | None, ...]:
     nominal = recording.rate
     if recording.velocity is None or nominal is None:
         return nothing
-    longest = max(split_at_gaps(recording), key=len)
-    fresh = longest.rows(~stale(longest))
     low = LowPass(min(COMPARISON_CUTOFF, nominal / 20.0), nominal)
+    parts = split_at_gaps(recording, longest_bridged(nominal, low.cutoff))
+    longest = max(parts, key=len)
+    fresh = longest.rows(~stale(longest))
     if len(fresh) < 6 * low.edge:
         return nothing
     grid = resample(replace(fresh, effort=None, direction=None), nominal)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from dvrk_gravity.identification.result import Fit
+from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.report.fit_pictures import residual_picture, torque_picture
 
 _TEMPLATE = """<!doctype html>
@@ -15,20 +14,26 @@ h1{font-size:1.5rem;line-height:1.3}h2{font-size:1.15rem;margin-top:2.2rem}h3{fo
 table{border-collapse:collapse;margin:.6rem 0}
 td,th{padding:.2rem .8rem;text-align:left;border-bottom:1px solid #ddd;vertical-align:top}
 td.n,th.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
-tr.open td{color:#999}.small{color:#666;font-size:.9rem}img{max-width:100%;display:block}
+tr.open td{color:#999}.small{color:#666;font-size:.9rem}.bad{color:#b00020}
+img{max-width:100%;display:block}
 </style></head><body>
-<h1>{{ arm }}: {{ headline }}</h1>
+<h1{% if poor %} class="bad"{% endif %}>{{ arm }}: {{ headline }}</h1>
+{% if fit.verdict.reason %}<ul>{% for name, one in fit.verdict.joints.items() if one.record %}
+<li>{{ name }}: {{ one.words }}: {{ one.reason }}. Record instead: {{ one.record }}.</li>
+{% endfor %}</ul>{% endif %}
+{% if poor %}<p>The compensator refuses this model unless <code>allow_poor_model</code> is true.</p>
+{% endif %}
 <p class="small">{{ sources }}; {{ fit.samples }} samples; errors and pictures in
 {{ fit.coordinates }} coordinates. Held out: {{ fit.validation }}.</p>
 
 <h2>Error by joint</h2>
 <table><tr><th>joint</th><th class="n">held-out RMSE, mN·m</th><th class="n">|e|/|&tau;|</th>
-<th class="n">R&sup2;</th><th class="n">|e|/|&tau;| on the data fitted</th></tr>
+<th class="n">R&sup2;</th><th class="n">|e|/|&tau;| on the data fitted</th><th>verdict</th></tr>
 {% for name, error in fit.held_out.items() %}
 <tr><td>{{ name }}</td><td class="n">{{ "%.2f"|format(1000 * error.rmse) }}</td>
 <td class="n">{{ "%.3f"|format(error.nrmse) }}</td><td class="n">{{ "%.3f"|format(error.r2) }}</td>
 <td class="n">{% if name in fit.training %}{{ "%.3f"|format(fit.training[name].nrmse) }}{% endif %}
-</td></tr>{% endfor %}</table>
+</td><td>{{ fit.verdict.joints[name].words }}</td></tr>{% endfor %}</table>
 
 <h2>Joint by joint</h2>
 {% for name, torque, residual in pictures %}<h3>{{ name }}</h3>
@@ -86,16 +91,19 @@ def render(fit: Fit, sources: str) -> str:
         (joint, torque_picture(longest, k), residual_picture(fit.traces, k))
         for k, joint in enumerate(longest.joints)
     ]
-    explained = [1.0 - error.nrmse**2 for error in fit.held_out.values()]
-    headline = (
-        f"the model explains {100 * float(np.min(explained)):.0f} to "
-        f"{100 * float(np.max(explained)):.0f} % of each joint's torque that it had not seen"
-    )
+    poor = fit.verdict.level == VERDICTS[-1]
+    headline = fit.verdict.words
+    if not poor:
+        explained = [100 * (1.0 - error.nrmse**2) for error in fit.held_out.values()]
+        headline += (
+            f": explains {min(explained):.0f} to {max(explained):.0f} % of each joint's torque "
+            "that it had not seen"
+        )
     others = [
         ("Taken out again", [one for one in fit.choices if one.kept and not one.added]),
         ("Tried, and does not pay", [one for one in fit.choices if not one.kept]),
     ]
     return template.render(
-        arm=fit.model.arm.name, fit=fit, headline=headline, sources=sources, pictures=pictures,
-        others=others,
+        arm=fit.model.arm.name, fit=fit, headline=headline, poor=poor, sources=sources,
+        pictures=pictures, others=others,
     )  # fmt: skip

@@ -10,6 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dvrk_gravity.arguments import floats
 from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
@@ -49,13 +50,14 @@ class State:
 
         Raises:
             ShapeError: ``q`` is not (…, 7), or another array's shape differs from it.
+            ArgumentError: What holds no numbers.
         """
-        position = np.asarray(q, dtype=float)
+        position = floats("q", q)
         if position.ndim == 0 or position.shape[-1] != N_JOINTS:
             raise ShapeError("q", position.shape, f"(…, {N_JOINTS})")
         rest: dict[str, Array | None] = {}
         for name, given in (("qd", qd), ("qdd", qdd), ("direction", direction)):
-            array = None if given is None else np.asarray(given, dtype=float)
+            array = None if given is None else floats(name, given)
             if array is not None and array.shape != position.shape:
                 raise ShapeError(name, array.shape, f"{position.shape}, as q")
             rest[name] = array

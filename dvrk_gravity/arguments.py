@@ -1,0 +1,37 @@
+"""Arguments of the Python surface: paths and arrays, or a sentence saying what was expected."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.errors import ArgumentError
+
+PATH = (str, os.PathLike)
+
+
+def path_of(name: str, value: Any, expected: str = "the path of a file") -> Path:
+    """Return an argument that is a path.
+
+    Raises:
+        ArgumentError: Anything else than text or a path.
+    """
+    if not isinstance(value, PATH):
+        raise ArgumentError(name, value, expected)
+    return Path(value)
+
+
+def floats(name: str, value: Any) -> NDArray[np.float64]:
+    """Return an argument as an array of float64; one that is such an array as it is.
+
+    Raises:
+        ArgumentError: What holds no numbers, or rows of different lengths.
+    """
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(name, value, f"an array of numbers ({error})") from error

@@ -1,0 +1,92 @@
+"""Is a recording that of the other hand's arm? Joint limits and a weight's sign tell."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.gravity import BETA_NAMES
+from dvrk_gravity.identification.columns import MISPLACED
+from dvrk_gravity.identification.result import FittedParameter
+from dvrk_gravity.recording import DataWarning
+from dvrk_gravity.recording.data import Array
+
+OTHER = {"mtml": "mtmr", "mtmr": "mtml"}
+BEYOND = 0.35  # rad past a joint's limit; zeros of encoders are off by less
+# The platform's moment across the arm, N·m: about so on right arms, and less that on left ones
+# (sixteen console files of real arms; all but one, which carries the other hand's sign).
+PLATFORM = {"mtmr": 0.196, "mtml": -0.196}
+PLATFORM_NAME = "pitch_y"
+CLEAR = 0.5  # part of it from which on the other sign is no accident
+
+
+def beyond_limits(q: Array, arm: Arm) -> list[DataWarning]:
+    """Return warnings about joints that go where the arm cannot.
+
+    Args:
+        q: (N, 7) joint positions, rad.
+        arm: The arm that they are said to be of.
+    """
+    beyond = _beyond(q, arm)
+    hand = _by_limits(q, arm, beyond)
+    if hand is not None:
+        return [hand]
+    return [
+        DataWarning(
+            "arm_limits",
+            joint,
+            {"beyond_rad": float(far)},
+            f"goes {np.degrees(far):.0f} deg beyond the limits of {arm.name}: a recording of "
+            "another arm, or in other coordinates?",
+        )
+        for joint, far in zip(arm.joint_names, beyond, strict=True)
+        if far > BEYOND
+    ]
+
+
+def _beyond(q: Array, arm: Arm) -> Array:
+    """Return (7,) how far (N, 7) positions go beyond an arm's limits, rad; negative: within."""
+    return np.maximum(arm.lower - q.min(axis=0), q.max(axis=0) - arm.upper)
+
+
+def _by_limits(q: Array, arm: Arm, beyond: Array) -> DataWarning | None:
+    """Return a warning if the other hand's limits hold these positions, and this arm's do not.
+
+    A zero that is off by less than ``MISPLACED`` proves nothing.
+    """
+    if arm.name not in OTHER:
+        return None
+    other = _beyond(q, Arm.load(OTHER[arm.name]))
+    joint = int(np.argmax(beyond - other))
+    if beyond[joint] < MISPLACED or max(other.max(), 0.0) > beyond.max() - MISPLACED:
+        return None
+    name = arm.joint_names[joint]
+    low, high = np.degrees([q[:, joint].min(), q[:, joint].max()])
+    return DataWarning(
+        "other_hand",
+        None,
+        {"beyond_rad": float(beyond[joint]), "beyond_other_rad": float(other[joint])},
+        f"looks like a recording of {OTHER[arm.name]}, not {arm.name}: {name} goes from {low:.0f} "
+        f"to {high:.0f} deg, {np.degrees(beyond[joint]):.0f} deg beyond the limits of {arm.name}",
+    )
+
+
+def by_weight(parameters: tuple[FittedParameter, ...], arm: Arm) -> list[DataWarning]:
+    """Return a warning if the platform's moment surely has the sign of the other hand."""
+    expected = PLATFORM.get(arm.name)
+    found = [one for one in parameters if one.name.startswith("beta") and PLATFORM_NAME in one.name]
+    if expected is None or not found:
+        return []
+    value, (low, high) = found[0].value, found[0].ci95
+    name = f"beta{1 + BETA_NAMES.index(PLATFORM_NAME)}"
+    if value * expected > 0.0 or abs(value) < CLEAR * abs(expected) or low * high < 0.0:
+        return []
+    return [
+        DataWarning(
+            "other_hand",
+            None,
+            {"beta6_Nm": value},
+            f"looks like a recording of {OTHER[arm.name]}, not {arm.name}: {name} is "
+            f"{value:+.2f} N·m, about {expected:+.2f} on {arm.name}",
+        )
+    ]

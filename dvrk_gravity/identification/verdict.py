@@ -1,0 +1,184 @@
+"""Whether an arm may be compensated with an identified model: good, usable, or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.identification.holding import NARROW
+from dvrk_gravity.identification.result import Holding, JointError, JointVerdict, Verdict
+from dvrk_gravity.model import VERDICTS
+from dvrk_gravity.recording.data import Coordinates
+
+GOOD, USABLE, POOR = VERDICTS
+# What to record instead: of a motion, of static poses.
+CLEAN = (
+    "a motion with nothing touching the arm and commands as smooth as the motion (`diagnose` tells "
+    "what else acts)",
+    "poses with nothing touching the arm, each settled before it is read (`diagnose` tells what "
+    "else acts)",
+)
+MORE = (
+    "a longer motion of all joints at once over most of their ranges",
+    "more poses, all joints over most of their ranges in many combinations",
+)
+FURTHER = (
+    "a motion that goes nearer to the limits of all joints",
+    "poses nearer to the limits of all joints, and more positions of each",
+)
+THIS_JOINT = ("a motion of {joint}, too", "poses of {joint}, too")
+
+TINY = 1e-12  # N·m
+
+
+@dataclass(frozen=True)
+class VerdictSettings:
+    """Thresholds of the verdict.
+
+    Attributes:
+        good: Largest error of a good model by joint, as a part of the torque. The larger of the two
+            that careful fits of an MTM were published with, each predicting another motion than
+            the one fitted (weighted least squares and convex, by the authors of
+            WPI-AIM/dvrk_dynamics_identification).
+        usable: Error above which not to compensate, as a part of the torque: the dVRK console's own
+            test of a calibration warns from there.
+        usable_over_good: But never less than so many times ``good``, that is twice its square: the
+            published error of wrist_roll alone is more than ``usable``.
+        negligible: Error that moves no joint, as a part of its effort limit. The least dry friction
+            of any joint of a real MTM is about as much: 0.8 % at elbow_pitch, 9 % at wrist_platform
+            (half the difference between the directions of the poses in docs/static_poses.md).
+    """
+
+    good: Mapping[str, float] = field(
+        default_factory=lambda: {
+            "outer_yaw": 0.082,
+            "shoulder_pitch": 0.163,
+            "elbow_pitch": 0.191,
+            "wrist_platform": 0.223,
+            "wrist_pitch": 0.280,
+            "wrist_yaw": 0.235,
+            "wrist_roll": 0.340,
+        }
+    )
+    usable: float = 0.30
+    usable_over_good: float = 2.0**0.5
+    negligible: float = 0.01
+
+    def level(self, joint: str, share: float) -> str:
+        """Return the verdict on an error that is such a part of a joint's torque."""
+        good = self.good[joint]
+        if share <= good:
+            return GOOD
+        return USABLE if share <= max(self.usable, self.usable_over_good * good) else POOR
+
+
+def judge(
+    errors: Mapping[str, JointError],
+    training: Mapping[str, JointError],
+    holding: Mapping[str, Holding],
+    arm: Arm,
+    coordinates: Coordinates,
+    static: bool = False,
+    settings: VerdictSettings | None = None,
+) -> Verdict:
+    """Judge a fit by its error on data that it had not seen, and by what it leaves open.
+
+    A joint is judged by the worst of four: the held-out error; the standard error of the torque
+    that holds the arm still, where it was recorded; the same anywhere within the arm's limits, and
+    whether the joint moved at all, which cost no more than "good". Errors too small to move
+    the joint count as none.
+
+    Args:
+        errors: Held out, by joint.
+        training: On the data fitted, by joint.
+        holding: Certainty of the torque that holds the arm still, by joint.
+        arm: The arm.
+        coordinates: Of the errors.
+        static: Whether the recordings were poses.
+        settings: Thresholds; default: :class:`VerdictSettings`.
+    """
+    settings = settings or VerdictSettings()
+    at_motor = coordinates == "actuator"
+    joints = {}
+    for k, joint in enumerate(arm.joint_names):
+        limit = float((arm.actuator_effort_limit if at_motor else arm.effort_limit)[k])
+        found = [
+            _of_error(joint, errors[joint], training[joint], settings, limit, static),
+            *_of_holding(joint, holding[joint], settings, float(arm.effort_limit[k]), static),
+        ]
+        joints[joint] = max(found, key=lambda one: VERDICTS.index(one.level))
+    level = max((one.level for one in joints.values()), key=VERDICTS.index)
+    named = {} if level == GOOD else {n: one for n, one in joints.items() if one.level == level}
+    return Verdict(
+        level,
+        "; ".join(f"{name}: {one.reason}" for name, one in named.items()),
+        "; ".join(dict.fromkeys(one.record for one in named.values())),
+        joints,
+    )
+
+
+def _of_error(
+    joint: str,
+    error: JointError,
+    training: JointError,
+    settings: VerdictSettings,
+    limit: float,
+    static: bool,
+) -> JointVerdict:
+    reason = f"held-out error {_percent(error.nrmse)} of its torque ({_milli(error.rmse)})"
+    if error.rmse <= settings.negligible * limit:
+        return JointVerdict(GOOD, f"{reason}, which moves no joint")
+    level = settings.level(joint, error.nrmse)
+    if level == GOOD:
+        return JointVerdict(GOOD, reason)
+    fitted = _percent(training.nrmse)
+    if VERDICTS.index(settings.level(joint, training.nrmse)) >= VERDICTS.index(level):
+        reason += f", hardly less on what was fitted ({fitted}): something acts that no term is for"
+        return JointVerdict(level, reason, CLEAN[static])
+    reason += f", {fitted} on what was fitted: too little was recorded for what acts"
+    return JointVerdict(level, reason, MORE[static])
+
+
+def _of_holding(
+    joint: str, holding: Holding, settings: VerdictSettings, limit: float, static: bool
+) -> Iterator[JointVerdict]:
+    here, anywhere = (
+        GOOD
+        if error <= settings.negligible * limit
+        else settings.level(joint, error / max(torque, TINY))
+        for error, torque in (
+            (holding.error, holding.torque),
+            (holding.error_anywhere, holding.torque_anywhere),
+        )
+    )
+    if here != GOOD:
+        reason = "the torque that holds the arm still is known poorly"
+        yield JointVerdict(
+            here,
+            f"{reason}: {_milli(holding.torque)}, of which {_milli(holding.error)} are uncertain",
+            MORE[static],
+        )
+    elif anywhere == POOR:
+        error = _milli(holding.error_anywhere)
+        reason = "beyond what was recorded, the torque that holds the arm still is known poorly"
+        yield JointVerdict(USABLE, f"{reason} (to {error})", FURTHER[static])
+    if holding.upper - holding.lower < NARROW:
+        span = np.degrees(holding.upper - holding.lower)
+        reason = "what depends on its position is not known"
+        yield JointVerdict(
+            USABLE,
+            f"hardly moved (by {span:.2g} deg): {reason}",
+            THIS_JOINT[static].format(joint=joint),
+        )
+
+
+def _milli(torque: float) -> str:
+    """Return a torque in mN·m, with two digits or more."""
+    return f"{1e3 * torque:.2g} mN·m" if abs(torque) < 0.01 else f"{1e3 * torque:.0f} mN·m"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"

@@ -1,0 +1,166 @@
+"""The verdict on an identified model: good, usable, or not to be compensated with."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_identify import ARM, truth
+from test_static_fit import grid, record
+from test_static_fit import truth as posed
+
+from dvrk_gravity import cli
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.identification import identify
+from dvrk_gravity.identification.result import Holding, JointError, Verdict
+from dvrk_gravity.identification.verdict import VerdictSettings, judge
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import Recording
+
+KNOWN = Holding(1.0, 0.01, 1.0, 0.01, -1.0, 1.0)  # to 1 %, moved by 2 rad
+FEW = ["coulomb_friction"]
+
+
+def of(
+    joint: str = "outer_yaw",
+    share: float = 0.05,
+    rmse: float = 0.5,
+    training: float = 0.05,
+    **known: float,
+) -> Verdict:
+    """Return the verdict where one joint has this error or certainty, and all others are good."""
+    errors = {name: JointError(0.5, 0.05, 0.99) for name in JOINT_NAMES}
+    fitted = dict(errors) | {joint: JointError(rmse, training, 0.0)}
+    holding = dict.fromkeys(JOINT_NAMES, KNOWN) | {joint: replace(KNOWN, **known)}
+    errors[joint] = JointError(rmse, share, 0.0)
+    return judge(errors, fitted, holding, ARM, "joint")
+
+
+@pytest.mark.parametrize("joint", JOINT_NAMES)
+def test_a_joint_is_good_up_to_the_published_error_and_poor_from_the_consoles_limit(joint):
+    settings = VerdictSettings()
+    good = settings.good[joint]
+    poor = max(0.30, 2.0**0.5 * good)
+    for share, level in (
+        (good, "good"),
+        (1.01 * good, "usable"),
+        (0.99 * poor, "usable"),
+        (1.01 * poor, "do_not_compensate"),
+        (1.5, "do_not_compensate"),
+        (np.nan, "do_not_compensate"),
+        (np.inf, "do_not_compensate"),
+    ):
+        verdict = of(joint, share)
+        assert verdict.level == verdict.joints[joint].level == level
+        others = {one.level for name, one in verdict.joints.items() if name != joint}
+        assert others == {"good"}
+        assert (level == "good") == (verdict.reason == "") == (verdict.record == "")
+        assert level == "good" or verdict.reason.startswith(f"{joint}: held-out error")
+
+
+def test_an_error_that_moves_no_joint_counts_as_none():
+    limit = ARM.effort_limit[6]
+    assert of("wrist_roll", 1.0, 0.0099 * limit).level == "good"
+    assert of("wrist_roll", 1.0, 0.0101 * limit).level == "do_not_compensate"
+
+
+def test_gravity_that_the_data_leave_open_is_not_compensated():
+    poor = of("shoulder_pitch", error=0.4)
+    assert poor.level == "do_not_compensate"
+    assert "known poorly: 1000 mN·m, of which 400 mN·m are uncertain" in poor.reason
+    assert "all joints" in poor.record
+    assert of("shoulder_pitch", error=0.2).level == "usable"
+    assert of("shoulder_pitch", torque=0.0, error=0.001).level == "good"
+    assert of("shoulder_pitch", torque=0.0, error=0.1).level == "do_not_compensate"
+
+
+def test_a_range_that_was_not_recorded_costs_no_more_than_good():
+    beyond = of("elbow_pitch", error_anywhere=10.0)
+    assert beyond.level == "usable"
+    assert "beyond what was recorded" in beyond.reason
+    assert "nearer to the limits" in beyond.record
+    unmoved = of("elbow_pitch", lower=0.0, upper=0.1)
+    assert unmoved.level == "usable"
+    assert "elbow_pitch: hardly moved (by 5.7 deg)" in unmoved.reason
+
+
+def test_what_to_record_instead_follows_from_where_the_error_is():
+    assert "a longer motion" in of(share=0.5, training=0.05).record
+    unexplained = of(share=0.5, training=0.45)
+    assert "nothing touching the arm" in unexplained.record
+    assert "something acts" in unexplained.reason
+
+
+def wandering(recording: Recording) -> Recording:
+    """Return a recording in which something else acts on outer_yaw."""
+    effort = recording.effort.copy()
+    effort[:, 0] += 0.05 * np.random.default_rng(0).normal(size=len(effort)).cumsum()
+    return replace(recording, effort=effort)
+
+
+@pytest.fixture(scope="module")
+def poor():
+    return identify([wandering(truth(1, 12.0))], ARM, "joint", FEW)
+
+
+def test_a_simulated_arm_gives_a_good_model():
+    fit = identify([truth(1, 12.0)], ARM, "joint", ["coulomb_friction", "elastic_cable"])
+    assert fit.verdict.level == "good"
+    assert fit.model.verdict == "good"
+    Settings.from_parameters(fit.model.parameters())
+
+
+def test_recordings_kept_out_of_the_fit_judge_it(poor):
+    assert poor.verdict.joints["outer_yaw"].level == "do_not_compensate"
+    fit = identify([truth(1, 12.0)], ARM, "joint", FEW, validate=[wandering(truth(2, 12.0))])
+    assert fit.model.verdict == "do_not_compensate"
+    assert list(fit.verdict.joints) == list(JOINT_NAMES)
+
+
+def test_the_compensator_refuses_a_poor_model_unless_told_otherwise(poor, tmp_path):
+    poor.model.save(tmp_path / "poor.yaml")
+    loaded = TorqueModel.load(tmp_path / "poor.yaml")
+    assert loaded.parameters() == poor.model.parameters()
+    assert loaded.verdict == "do_not_compensate"
+    assert loaded.reason == poor.verdict.reason
+    with pytest.raises(ConfigError) as caught:
+        Settings.from_parameters(loaded.parameters())
+    assert "\n" not in str(caught.value)
+    assert "allow_poor_model: true (outer_yaw: held-out error" in str(caught.value)
+    settings = Settings.from_parameters(loaded.parameters() | {"allow_poor_model": True})
+    assert settings.model.verdict == "do_not_compensate"
+
+
+def test_a_poor_model_is_written_and_told_everywhere_with_status_1(tmp_path, capsys):
+    wandering(truth(1, 12.0)).save(tmp_path / "run.csv")
+    out = tmp_path / "model.yaml"
+    arguments = [str(tmp_path / "run.csv"), "--arm", "mtmr", "--out", str(out), "--terms", FEW[0],
+                 "--json", str(tmp_path / "fit.json")]  # fmt: skip
+    assert cli.run("dvrk_gravity.commands.identify", arguments) == 1
+    shown = capsys.readouterr().out
+    assert "verdict: do not compensate with this" in shown
+    assert "outer_yaw: do not compensate with this: held-out error" in shown
+    assert "record instead: a motion with nothing touching the arm" in shown
+    told = json.loads((tmp_path / "fit.json").read_text())["verdict"]
+    assert told["overall"] == told["joints"]["outer_yaw"]["verdict"] == "do_not_compensate"
+    assert told["joints"]["outer_yaw"]["reason"] in told["reason"]
+    assert told["record"]
+    page = (tmp_path / "model.html").read_text()
+    assert "mtmr: do not compensate with this</h1>" in page
+    assert "explains" not in page.split("</h1>")[0]
+    assert TorqueModel.load(out).verdict == "do_not_compensate"
+
+
+def test_poses_that_never_moved_the_shoulder_do_not_tell_its_gravity():
+    q = grid(3)
+    q[:, 1] = 0.3
+    verdict = identify(record(posed(), q), ARM).verdict
+    assert verdict.joints["shoulder_pitch"].level == "do_not_compensate"
+    assert "known poorly" in verdict.joints["shoulder_pitch"].reason
+    assert "more poses" in verdict.joints["shoulder_pitch"].record
+    moved = identify(record(posed(), grid(3)), ARM).verdict
+    assert moved.joints["shoulder_pitch"].level != "do_not_compensate"
