@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+from dvrk_gravity import cli
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.recording import Recording, iterate_recording, save_recording
 
@@ -104,3 +105,8 @@ def _convert_recording(arguments: argparse.Namespace) -> int:
     note = f", {left_out} invalid or repeated ones left out" if left_out else ""
     print(f"{arguments.output}: {samples} samples of {', '.join(joints)}{note}")
     return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of ``ros2 run dvrk_gravity convert``."""
+    return cli.run(__name__, argv)
