@@ -107,7 +107,10 @@ def _fill(section: dict[str, Any], beta: Array, cable: DirectionalCable) -> None
     blend = (cable.dead_band, cable.saturation_velocity, cable.ratio)
     for field, row in zip(BLEND_FIELDS[2], blend, strict=True):
         section[field] = _kept(section.get(field, []), row)
-    for field, row in zip(RANGE_FIELDS, (cable.valid.lower, cable.valid.upper), strict=True):
+    # A range has to have a width: that of a joint that stood still gets a degree.
+    still = np.where(cable.valid.lower == cable.valid.upper, np.radians(0.5), 0.0)
+    edges = (cable.valid.lower - still, cable.valid.upper + still)
+    for field, row in zip(RANGE_FIELDS, edges, strict=True):
         if np.isfinite(row).all():
             section[field] = _kept(section.get(field, []), row, math.radians, math.degrees)
         else:
