@@ -39,6 +39,7 @@ LARGEST_SHARE = 0.25
 # … or by this part of its largest torque: dry friction holds so much anyway. A real MTM's, from
 # 30 s of motion, is 1.8 % (shoulder_pitch) to 16 % (wrist_platform) of a joint's largest torque.
 HELD_BY_FRICTION = 0.02
+NONSENSE = 10.0  # times a joint's largest torque: no model of the arm asks for so much
 # Findings of the check that say that a model is not of the arm that it is written for.
 _WRONG_ARM = ("other_hand", "range")
 
@@ -108,6 +109,7 @@ def convert_model(model: TorqueModel, serial: str = "") -> Conversion:
         ConfigError: The file would not be safe, by the rule that is named, or has no words for
             the model at all.
     """
+    _refuse_nonsense(model)
     compensated = tuple(term for term in model.terms if term.COMPENSATED)
     notes: tuple[str, ...] = ()
     form, exact = replace(model, terms=compensated), True
@@ -153,6 +155,18 @@ def cost(model: TorqueModel, form: TorqueModel, lower: Array, upper: Array) -> d
         found.append(np.maximum(inside.max(axis=0), outermost.max(axis=0)))
     rows = np.stack([torque, *found], axis=1).tolist()
     return {name: JointCost(*row) for name, row in zip(JOINT_NAMES, rows, strict=True)}
+
+
+def _refuse_nonsense(model: TorqueModel) -> None:
+    lower, upper = within_limits(model, calibrated_range(model))
+    with np.errstate(over="ignore", invalid="ignore"):
+        most = np.abs(sent(model, uniform_poses(lower, upper, 200, 3))).max(axis=0)
+    able = model.arm.effort_limit.tolist()
+    for name, value, largest in zip(JOINT_NAMES, most.tolist(), able, strict=True):
+        if not value <= NONSENSE * largest:
+            raise ConfigError(
+                name, f"{value:.3g} N·m within its range", f"at most {NONSENSE * largest:.3g}"
+            )
 
 
 def _refuse_what_costs_too_much(model: TorqueModel, joints: Mapping[str, JointCost]) -> None:

@@ -33,7 +33,7 @@ def written(files, folder):
 @pytest.fixture(scope="module")
 def from_motion(tmp_path_factory):
     folder = tmp_path_factory.mktemp("motion")
-    motion(1, 9.0).save(folder / "run.csv")
+    motion(1, 12.0, 50.0).save(folder / "run.csv")
     return written([folder / "run.csv"], folder)
 
 
