@@ -40,8 +40,7 @@ LARGEST_SHARE = 0.25
 # 30 s of motion, is 1.8 % (shoulder_pitch) to 16 % (wrist_platform) of a joint's largest torque.
 HELD_BY_FRICTION = 0.02
 NONSENSE = 10.0  # times a joint's largest torque: no model of the arm asks for so much
-# Findings of the check that say that a model is not of the arm that it is written for.
-_WRONG_ARM = ("other_hand", "range")
+OVERSHOOT = 20.0  # deg beyond the arm's limits; zeros of encoders are off by less
 
 
 @dataclass(frozen=True)
@@ -124,7 +123,7 @@ def convert_model(model: TorqueModel, serial: str = "") -> Conversion:
     _refuse_what_costs_too_much(model, joints)
     serious = tuple(one for one in check(file.document) if one.severity is Severity.SERIOUS)
     if not model.document:
-        _refuse_the_wrong_arm(serious)
+        _refuse_the_wrong_arm(model, serious)
     return Conversion(file, exact, joints, lower, upper, serious)
 
 
@@ -187,9 +186,16 @@ def _refuse_what_costs_too_much(model: TorqueModel, joints: Mapping[str, JointCo
             )
 
 
-def _refuse_the_wrong_arm(serious: tuple[Finding, ...]) -> None:
+def _refuse_the_wrong_arm(model: TorqueModel, serious: tuple[Finding, ...]) -> None:
+    limits = dict(zip(JOINT_NAMES, np.degrees([model.arm.lower, model.arm.upper]).T, strict=True))
     for finding in serious:
-        if finding.code in _WRONG_ARM:
+        if finding.code == "range":
+            low, high = limits[finding.subject]
+            beyond = max(low - finding.numbers["lower_deg"], finding.numbers["upper_deg"] - high)
+            wrong = beyond > OVERSHOOT
+        else:
+            wrong = finding.code == "other_hand"
+        if wrong:
             raise ConfigError(
                 finding.subject, finding.text, "a model of the arm that the file is for"
             )

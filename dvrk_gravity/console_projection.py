@@ -3,8 +3,8 @@
 The console has gravity with ten parameters on an upright base, and for each of joints 1 to 6 one
 polynomial of degree four while the joint moves up and one while it moves down. What a compensator
 does with a model at rest is fitted over the calibrated range by gravity and the mean of the two
-polynomials; what it adds in motion, by half their difference. :mod:`console_cost` says what is
-lost.
+polynomials; what it adds in motion, by half their difference. :mod:`console_conversion` says what
+is lost.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def project(model: TorqueModel) -> tuple[TorqueModel, tuple[str, ...]]:
     given = model.term(DirectionalCable.NAME)
     cable = given if isinstance(given, DirectionalCable) else _still_cable(model)
     beta, mean = _at_rest(model, lower, upper)
-    half = _quartics(0.5 * (cable.positive - cable.negative), lower, upper)
+    half = _quartics(0.5 * (cable.positive - cable.negative), model.joint_offset, lower, upper)
     level = _friction_level(model)
     ratio, notes = _ratio(model, cable, level, half)
     half[0] += level
@@ -89,13 +89,13 @@ def within_limits(model: TorqueModel, valid: Range) -> tuple[Array, Array]:
 
 
 def calibrated_range(model: TorqueModel) -> Range:
-    """Return the positions on which all of a model was fitted; the arm's limits where none is."""
+    """Return the measured positions on which all of a model was fitted, else the arm's limits."""
     lower, upper = np.full(N_JOINTS, -np.inf), np.full(N_JOINTS, np.inf)
     for term in model.terms:
         if isinstance(term, ElasticCable | DirectionalCable | HeldLoad):
-            # Beyond a full turn more than the joint has is how a file says "no edge".
-            lower = np.maximum(lower, term.valid.lower)
-            upper = np.minimum(upper, term.valid.upper)
+            lower = np.maximum(lower, term.valid.lower + model.joint_offset)
+            upper = np.minimum(upper, term.valid.upper + model.joint_offset)
+    # An edge a full turn beyond the joint's limits is none: model files have finite numbers.
     far = 2.0 * np.pi + np.abs([model.arm.lower, model.arm.upper]).max(axis=0)
     return Range(
         np.where(lower < -far, model.arm.lower, lower),
@@ -179,9 +179,10 @@ def _at_rest(model: TorqueModel, lower: Array, upper: Array) -> tuple[Array, Arr
         if isinstance(term, Gravity):
             beta += term.beta[:N_GRAVITY]
         elif isinstance(term, ElasticCable):
-            mean += _quartics(term.coefficients, lower, upper)
+            mean += _quartics(term.coefficients, model.joint_offset, lower, upper)
         elif isinstance(term, DirectionalCable):
-            mean += _quartics(0.5 * (term.positive + term.negative), lower, upper)
+            both = 0.5 * (term.positive + term.negative)
+            mean += _quartics(both, model.joint_offset, lower, upper)
     y = gravity.regressor(q, LEVEL, N_GRAVITY)
     rest = sent(model, q) - y @ beta - evaluate(mean, q)
     columns = [y / able[:, None]]
@@ -204,18 +205,22 @@ def _at_rest(model: TorqueModel, lower: Array, upper: Array) -> tuple[Array, Arr
     return beta + theta[:N_GRAVITY], _settled(mean, lower, upper)
 
 
-def _quartics(coefficients: Array, lower: Array, upper: Array) -> Array:
-    """Return (5, 7) coefficients nearest to (k, 7) ones, of joints 1 to 6."""
+def _quartics(coefficients: Array, offset: Array, lower: Array, upper: Array) -> Array:
+    """Return (5, 7) coefficients nearest to (k, 7) ones of true positions, of joints 1 to 6."""
     found = np.zeros((N_POWERS, N_JOINTS))
     nodes = np.cos(np.linspace(0.0, np.pi, 201))  # denser at the edges
     for joint in range(N_POLYNOMIALS):
-        if not coefficients[N_POWERS:, joint].any():
-            rows = min(N_POWERS, len(coefficients))
-            found[:rows, joint] = coefficients[:rows, joint]
+        true = np.polynomial.Polynomial([-offset[joint], 1.0])
+        powers = coefficients[:, joint]
+        if offset[joint]:
+            powers = np.atleast_1d(np.polynomial.Polynomial(powers)(true).coef)
+        if not powers[N_POWERS:].any():
+            rows = min(N_POWERS, len(powers))
+            found[:rows, joint] = powers[:rows]
             continue
         q = 0.5 * (lower[joint] + upper[joint]) + 0.5 * (upper[joint] - lower[joint]) * nodes
         x = _legendre(q, lower[joint], upper[joint])
-        value = np.polynomial.polynomial.polyval(q, coefficients[:, joint])
+        value = np.polynomial.polynomial.polyval(q, powers)
         found[:, joint] = _powers(lower[joint], upper[joint]) @ np.linalg.lstsq(x, value)[0]
     return _settled(found, lower, upper)
 

@@ -41,6 +41,13 @@ MODELS = {
     "twelve betas": {"beta": (*BETA, 0.002, -0.001)},
     "fourteen betas and a tilt": tilted(2.0),
     "zeros of joints": {"joint_offset": (0.0, 0.01, -0.01, 0.02, 0.03, -0.02, 0.0)},
+    "zeros of joints and cables in both directions": {
+        "joint_offset": (0.0, 0.01, -0.01, 0.02, 0.03, -0.02, 0.0),
+        "directional_cable.positive.wrist_pitch": (0.02, 0.01, -0.01, 0.002, 0.001),
+        "directional_cable.negative.wrist_pitch": (-0.01, 0.01, 0.01, -0.002, 0.0),
+        "directional_cable.valid_lower": LOWER,
+        "directional_cable.valid_upper": UPPER,
+    },
     "friction of joints": {"coulomb_friction.joint_positive": (0.03,) * 3 + (0.005,) * 4},
     "one-sided friction": {
         "coulomb_friction.joint_positive": (0.03,) * 3 + (0.005,) * 4,
@@ -195,6 +202,21 @@ def test_friction_that_is_the_joints_own_is_compensated_by_the_usual_part():
     assert section["fric_comp_ratio_vec"][:6] == [0.7] * 6
     assert section["gc_dynamic_params_pos"][10] == pytest.approx(0.01 + 0.03)
     assert section["gc_dynamic_params_neg"][10] == pytest.approx(0.01 - 0.03)
+
+
+def test_the_difference_between_the_directions_is_that_of_true_positions():
+    values = PLAIN | MODELS["zeros of joints and cables in both directions"]
+    section = convert_model(TorqueModel.from_parameters(values), "7").file.document["GC_controller"]
+    up, down = (np.array(section[f"gc_dynamic_params_{side}"])[30:35] for side in ("pos", "neg"))
+    q = np.linspace(LOWER[4], UPPER[4], 50)
+    expected = [
+        np.polynomial.polynomial.polyval(
+            q - values["joint_offset"][4], values[f"directional_cable.{side}.wrist_pitch"]
+        )
+        for side in ("positive", "negative")
+    ]
+    found = np.polynomial.polynomial.polyval(q, up - down)
+    np.testing.assert_allclose(found, np.subtract(*expected), atol=1e-8)
 
 
 def test_a_model_without_a_range_is_converted_over_the_arm_s_limits(tmp_path):
