@@ -37,6 +37,10 @@ SINE_MINUS_LINE = 0.0665
 _INITIAL_POSITION = [0, 0, 0, 0, 90, 0, 0]  # degrees; the pose where the console's own files start
 
 
+class FormError(ConfigError):
+    """A model that is not in the console's form, so that not every number has its place."""
+
+
 @dataclass(frozen=True)
 class Export:
     """A model in the console's words.
@@ -65,7 +69,8 @@ def export(model: TorqueModel, serial: str = "") -> Export:
         serial: Serial number of an arm whose model carries no console file.
 
     Raises:
-        ConfigError: The console has no words for a part of the model; it is named.
+        FormError: The console has no place for a part of the model; it is named.
+        ConfigError: The model cannot become a console file at all.
     """
     name = next((name for name, arm in ARMS.items() if arm == model.arm.name), None)
     if name is None:
@@ -102,7 +107,10 @@ def _fill(section: dict[str, Any], beta: Array, cable: DirectionalCable) -> None
     blend = (cable.dead_band, cable.saturation_velocity, cable.ratio)
     for field, row in zip(BLEND_FIELDS[2], blend, strict=True):
         section[field] = _kept(section.get(field, []), row)
-    for field, row in zip(RANGE_FIELDS, (cable.valid.lower, cable.valid.upper), strict=True):
+    # A range has to have a width: that of a joint that stood still gets a degree.
+    still = np.where(cable.valid.lower == cable.valid.upper, np.radians(0.5), 0.0)
+    edges = (cable.valid.lower - still, cable.valid.upper + still)
+    for field, row in zip(RANGE_FIELDS, edges, strict=True):
         if np.isfinite(row).all():
             section[field] = _kept(section.get(field, []), row, math.radians, math.degrees)
         else:
@@ -133,13 +141,13 @@ def _beta(model: TorqueModel) -> Array:
     if not term.enabled:
         raise ConfigError("gravity_enabled", False, "true: the console cannot leave gravity out")
     if not np.array_equal(term.vector, [0.0, 0.0, -GRAVITY]):
-        raise ConfigError(
+        raise FormError(
             "gravity_vector",
             term.vector.tolist(),
             f"[0, 0, -{GRAVITY}]: the console's arm is level",
         )
     for index in np.flatnonzero(term.beta[N_GRAVITY:]) + N_GRAVITY:
-        raise ConfigError(
+        raise FormError(
             f"beta[{index}]", float(term.beta[index]), "0: the console has ten gravity columns"
         )
     return term.beta[:N_GRAVITY]
@@ -149,10 +157,10 @@ def _cable(model: TorqueModel) -> DirectionalCable:
     """Return all that depends on a joint's own position, as two sets of quartics."""
     if model.joint_offset.any():
         offset = model.joint_offset.tolist()
-        raise ConfigError("joint_offset", offset, "zeros: the console has its own encoder offsets")
+        raise FormError("joint_offset", offset, "zeros: the console has its own encoder offsets")
     for term in model.terms:
         if not isinstance(term, Gravity | ElasticCable | DirectionalCable):
-            raise ConfigError(
+            raise FormError(
                 term.NAME,
                 "a term of the model",
                 "gravity, elastic_cable and directional_cable only: the console has no other",
@@ -177,7 +185,7 @@ def _cable(model: TorqueModel) -> DirectionalCable:
     if isinstance(elastic, ElasticCable):
         edges = ((elastic.valid.lower, cable.valid.lower), (elastic.valid.upper, cable.valid.upper))
         if not all(np.array_equal(*pair) for pair in edges):
-            raise ConfigError(
+            raise FormError(
                 "elastic_cable.valid_lower",
                 elastic.valid.lower.tolist(),
                 "the range of directional_cable: the console has one for both",
@@ -185,7 +193,7 @@ def _cable(model: TorqueModel) -> DirectionalCable:
         both = _quartic(elastic.NAME, elastic.coefficients)
         cable = replace(cable, positive=cable.positive + both, negative=cable.negative + both)
     if np.isfinite(cable.valid.lower).all() != np.isfinite(cable.valid.upper).all():
-        raise ConfigError("directional_cable.valid_lower", None, "both edges of the range, or none")
+        raise FormError("directional_cable.valid_lower", None, "both edges of the range, or none")
     return cable
 
 
@@ -195,9 +203,9 @@ def _quartic(prefix: str, coefficients: Array) -> Array:
         field = f"{prefix}.{JOINT_NAMES[column]}[{power}]"
         value = float(coefficients[power, column])
         if power >= N_POWERS:
-            raise ConfigError(field, value, f"degree {N_POWERS - 1} at most: the console's limit")
+            raise FormError(field, value, f"degree {N_POWERS - 1} at most: the console's limit")
         if column >= N_POLYNOMIALS:
-            raise ConfigError(field, value, "0: the console has no polynomial for that joint")
+            raise FormError(field, value, "0: the console has no polynomial for that joint")
     result = np.zeros((N_POWERS, N_JOINTS))
     rows = min(N_POWERS, len(coefficients))
     result[:rows] = coefficients[:rows]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import time
 from collections.abc import Iterator
@@ -13,6 +14,16 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[1]
 CONFIG = REPOSITORY / "config"
 MODEL_FILE = CONFIG / "mtmr_28002.yaml"
+
+
+def executables() -> dict[str, str]:
+    """Return what setup.py installs: verb -> module below ``dvrk_gravity``."""
+    tree = ast.parse((REPOSITORY / "setup.py").read_text())
+    return next(
+        ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and node.targets[0].id == "EXECUTABLES"
+    )
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ import pytest
 from dvrk_gravity import cli
 from dvrk_gravity.console import ConsoleFile
 from dvrk_gravity.console_check import check_file
-from dvrk_gravity.console_export import export
+from dvrk_gravity.console_export import FormError, export
 from dvrk_gravity.console_finding import Severity
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
@@ -336,13 +336,24 @@ def test_version_1_is_written_as_version_2_and_the_note_bounds_the_change():
         ),
         ({"directional_cable.positive.wrist_roll": (0.1,)}, "wrist_roll"),
         ({"beta": (0.1,) * 12}, "beta[10]"),
-        ({"gravity_enabled": False}, "gravity_enabled"),
         ({"gravity_vector": (0.0, 1.0, -9.7)}, "gravity_vector"),
         ({"elastic_cable.outer_yaw": (0.1,)}, "elastic_cable.valid_lower"),
-        ({"console.document": "{}"}, "console.document"),
     ],
 )  # fmt: skip
-def test_what_the_console_cannot_say_is_refused_by_name(change, named, tmp_path, capsys):
+def test_what_has_no_place_in_the_console_s_form_is_named(change, named):
+    with pytest.raises(FormError) as error:
+        export(TorqueModel.from_parameters(own_model() | change), "1")
+    assert named in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"gravity_enabled": False}, "gravity_enabled"),
+        ({"console.document": "{}"}, "console.document"),
+    ],
+)
+def test_what_cannot_become_a_console_file_is_refused(change, named, tmp_path, capsys):
     TorqueModel.from_parameters(own_model() | change).save(tmp_path / "m.yaml")
     assert convert(tmp_path / "m.yaml", tmp_path / "gc-MTMR-1.json") == 2
     error = capsys.readouterr().err

@@ -9,7 +9,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 
 import pytest
-from conftest import REPOSITORY
+from conftest import REPOSITORY, executables
 
 from dvrk_gravity.cli import VERBS
 
@@ -24,13 +24,7 @@ def test_the_readme_s_table_of_parameters_is_that_of_the_declarations():
 
 
 def test_every_verb_is_an_executable_and_the_other_way_round():
-    tree = ast.parse((REPOSITORY / "setup.py").read_text())
-    executables = next(
-        ast.literal_eval(node.value)
-        for node in tree.body
-        if isinstance(node, ast.Assign) and node.targets[0].id == "EXECUTABLES"
-    )
-    assert {verb: f"dvrk_gravity.{module}" for verb, module in executables.items()} == {
+    assert {verb: f"dvrk_gravity.{module}" for verb, module in executables().items()} == {
         verb: module for verb, (module, _) in VERBS.items()
     }
 

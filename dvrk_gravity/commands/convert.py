@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+from dvrk_gravity import cli
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.recording import Recording, iterate_recording, save_recording
 
@@ -41,7 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="instead: tell what is wrong with the console's files (status 1: something serious)",
     )
     parser.add_argument(
-        "--json", metavar="REPORT", type=Path, help="with --check: also write the findings there"
+        "--json",
+        metavar="REPORT",
+        type=Path,
+        help="also write there: the findings of --check; what a model loses in a console's .json",
     )
     parser.add_argument(
         "--topic", help=f"JointState topic of the bag (default: found; written: {DEFAULT_TOPIC})"
@@ -65,8 +69,6 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.input is not None:
             raise ConfigError("--check", str(arguments.input), "no IN or OUT beside it")
         return convert_console.check(arguments.check, arguments.json)
-    if arguments.json is not None:
-        raise ConfigError("--json", str(arguments.json), "--check beside it")
     if arguments.output is None:
         raise ConfigError("OUT", None, "IN and OUT, or --check FILE…")
     return _converter(arguments.input)(arguments)
@@ -78,7 +80,9 @@ def _converter(path: Path) -> Callable[[argparse.Namespace], int]:
     if path.suffix.lower() in CONSOLE_SUFFIXES:
         from dvrk_gravity.commands import convert_console  # with Pinocchio: not for --help
 
-        return lambda arguments: convert_console.convert(arguments.input, arguments.output)
+        return lambda arguments: convert_console.convert(
+            arguments.input, arguments.output, arguments.json
+        )
     raise RecordingError(
         path,
         "expected a recording (a .csv file, a rosbag2 folder, a .db3 or .mcap file), "
@@ -87,6 +91,8 @@ def _converter(path: Path) -> Callable[[argparse.Namespace], int]:
 
 
 def _convert_recording(arguments: argparse.Namespace) -> int:
+    if arguments.json is not None:
+        raise ConfigError("--json", str(arguments.json), "--check or a model beside it")
     samples, left_out = 0, 0
     joints: tuple[str, ...] = ()
 
@@ -104,3 +110,8 @@ def _convert_recording(arguments: argparse.Namespace) -> int:
     note = f", {left_out} invalid or repeated ones left out" if left_out else ""
     print(f"{arguments.output}: {samples} samples of {', '.join(joints)}{note}")
     return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of ``ros2 run dvrk_gravity convert``."""
+    return cli.run(__name__, argv)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
+
+import numpy as np
 
 from dvrk_gravity import text_file
 from dvrk_gravity.cli import one_line
 from dvrk_gravity.console import ConsoleFile
 from dvrk_gravity.console_check import FILE_NAME, check_file
-from dvrk_gravity.console_export import export
+from dvrk_gravity.console_conversion import Conversion, convert_model
 from dvrk_gravity.console_finding import Finding, Severity
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
@@ -25,8 +27,13 @@ Units: rad, rad/s, N·m; g is inside beta. Outside valid_lower … valid_upper p
 the edge. The console's safe torque limits are in console.document only: nothing applies them."""
 
 
-def convert(source: Path, target: Path) -> int:
+def convert(source: Path, target: Path, report: Path | None = None) -> int:
     """Convert a console file to a model file, or the other way round; return 0.
+
+    Args:
+        source: Console's .json or model's .yaml.
+        target: The other kind.
+        report: JSON file to write to what a console file costs.
 
     Raises:
         ConfigError: Wrong kinds of files, or content that the other format cannot say.
@@ -34,6 +41,8 @@ def convert(source: Path, target: Path) -> int:
     """
     if source.suffix.lower() == JSON_SUFFIX:
         _expect_suffix(target, MODEL_SUFFIXES)
+        if report is not None:
+            raise ConfigError("--json", str(report), "a model to convert to a console file")
         console = ConsoleFile.load(source)
         try:
             model = console.model()
@@ -46,14 +55,38 @@ def convert(source: Path, target: Path) -> int:
         model = TorqueModel.load(source)
         match = FILE_NAME.fullmatch(target.name)
         try:
-            result = export(model, match["serial"] if match else "")
+            result = convert_model(model, match["serial"] if match else "")
         except ConfigError as error:
             raise error.in_file(source) from None
-        text_file.write(target, result.text())
-        for note in result.notes:
+        text_file.write(target, result.file.text())
+        if report is not None:
+            content = json.dumps(result.to_json(), indent=1, ensure_ascii=False)
+            text_file.write(report, content + "\n")
+        for note in result.file.notes:
             print(f"{target}: {note}", file=sys.stderr)
-        print(f"{target}: {result.document['ARM_NAME']}, version 2.0")
+        for finding in result.findings:
+            print(f"{target}: serious: {finding.subject}: {finding.text}", file=sys.stderr)
+        print(f"{target}: {result.file.document['ARM_NAME']}, version 2.0")
+        for line in _cost_table(result):
+            print(line)
     return 0
+
+
+def _cost_table(result: Conversion) -> Iterator[str]:
+    """Yield the lines that say how far the console is from what the compensator commands."""
+    if result.exact:
+        yield "in the console's form already; differences are rounding and the blend's:"
+    else:
+        yield "brought into the console's form by least squares; what that costs, mN·m:"
+    yield f"{'':<16}{'torque':>9}{'at rest':>18}{'moving':>18}{'range':>14}"
+    yield f"{'joint':<16}{'RMS':>9}{'RMS':>9}{'max':>9}{'RMS':>9}{'max':>9}{'deg':>14}"
+    edges = zip(np.degrees(result.lower), np.degrees(result.upper), strict=True)
+    for (name, one), (low, high) in zip(result.joints.items(), edges, strict=True):
+        numbers = (one.torque, one.rest_rms, one.rest_max, one.moving_rms, one.moving_max)
+        yield (
+            f"{name:<16}" + "".join(f"{1e3 * number:>9.2f}" for number in numbers)
+            + f"{low:>9.0f}{high:>5.0f}"
+        )  # fmt: skip
 
 
 def check(paths: Sequence[Path], report: Path | None = None) -> int:

@@ -39,6 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_at(parser)
     parser.add_argument("--physical", action="store_true",
                         help="links that can exist: pseudo-inertias positive definite")  # fmt: skip
+    parser.add_argument("--for-console", action="store_true",
+                        help="what `convert` can write to the console's file")  # fmt: skip
     parser.add_argument("--topic", help="topic of bags, if they have several with JointStates")
 
 
@@ -74,6 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.physical,
         lambda stage, share: progress.update(round(100 * share)),
         still,
+        arguments.for_console,
     )
     progress.done()
     sources = ", ".join(str(path) for path in arguments.recordings)

@@ -21,6 +21,7 @@ from dvrk_gravity.terms import (
     PreslidingHysteresis,
     RotorInertia,
     State,
+    Term,
     ViscousFriction,
     rigid_body,
 )
@@ -158,6 +159,10 @@ class Columns:
         """(p,) mask of the columns that must not be negative."""
         return np.array([column.positive for column in self.columns])
 
+    def offers(self, column: Column) -> bool:
+        """Tell whether a fit may use a column; the noise is judged by all of them."""
+        return True
+
     def select(self, **wanted: object) -> list[int]:
         """Return the indices of the columns whose fields have the wanted values."""
         return [
@@ -250,7 +255,7 @@ class Columns:
                 tilt[column.index] += value
         return Posture(offset, tilt, self.base @ theta[:rigid], theta[rigid : rigid + SPRINGS])
 
-    def terms(self, theta: Array, links: Array | None = None) -> tuple[LinearTerm, ...]:
+    def terms(self, theta: Array, links: Array | None = None) -> tuple[Term, ...]:
         """Return the model's terms for (p,) coefficients; those that are zero are left out.
 
         Args:
@@ -261,7 +266,7 @@ class Columns:
 
         rigid = theta[: self.base.shape[1]]
         springs = theta[len(rigid) : len(rigid) + SPRINGS]
-        built: list[LinearTerm] = []
+        built: list[Term] = []
         if links is None:
             links = self.base @ rigid
         if links.any() or springs.any():
@@ -323,17 +328,22 @@ def prior_scale() -> Array:
 
 
 @lru_cache(maxsize=8)
-def base_directions(arm: Arm) -> Array:
+def base_directions(arm: Arm, absent: tuple[int, ...] = ()) -> Array:
     """Return (90, b): the b combinations of link parameters that torque can depend on at all.
 
     Columns are scaled so that a Gaussian of unit variance on each is, as far as torque can
     tell, the prior of independent link parameters of the plausible sizes above: what the
     data leave open stays near "no mass" and in proportion to those sizes. The number b comes
     from a rank-revealing QR with column pivoting (Gautier 1991) of the regressor at random motion.
+
+    Args:
+        arm: The arm.
+        absent: Link parameters that are zero.
     """
     from scipy.linalg import qr
 
     scale = prior_scale()
+    scale[list(absent)] = 0.0
     full = rigid_body.regressor(arm, *_samples(arm), arm.gravity).reshape(-1, len(scale)) * scale
     diagonal = np.abs(np.diag(qr(full, mode="r", pivoting=True)[0]))
     rank = int(np.sum(diagonal > 1e-9 * diagonal[0]))

@@ -76,6 +76,7 @@ def fit_dynamic(
     cutoff: float = DEFAULT_CUTOFF,
     physical: bool = False,
     report: Report = lambda stage, share: None,
+    form: type[Columns] = Columns,
 ) -> Fit:
     """Fit a model to trajectories and say how far it can be trusted.
 
@@ -87,12 +88,13 @@ def fit_dynamic(
         cutoff: Of the low-pass, Hz.
         physical: Ask for links that can exist: every pseudo-inertia positive definite.
         report: Called with the stage and the share of it that is done.
+        form: Which columns there are.
 
     Raises:
         RecordingError: A recording that cannot serve.
     """
     motions = read_motions(recordings, arm, coordinates, cutoff)
-    problem = pose(motions.parts, arm, effects, lambda share: report("regressor", share))
+    problem = pose(motions.parts, arm, effects, lambda share: report("regressor", share), form=form)
     problem, chosen = choose(
         problem, starts(problem.design.columns, effects),
         lambda share: report("choice of terms", share),

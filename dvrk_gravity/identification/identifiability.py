@@ -103,12 +103,16 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
     springs = {columns.columns[i].index: index[i] for i in columns.select(effect="gravity")}
     if rigid:
         for k, line in enumerate(beta_map(columns.mounted) @ columns.base):
+            if not _is_there(line):
+                continue
             values = dict(zip(rigid, line, strict=True))
             if k in springs:
                 values[springs[k]] = 1.0
             found.append(_Quantity(f"beta[{k}] ({BETA_NAMES[k]})", "N·m", row(values), -1))
         for name, unit, combination in base_parameters(columns.mounted):
             line = combination @ columns.base
+            if not _is_there(line):
+                continue
             found.append(_Quantity(name, unit, row(dict(zip(rigid, line, strict=True))), -1))
     for j, joint in enumerate(JOINT_NAMES):
         powers = [i for i in columns.select(effect="elastic_cable", joint=j) if i in index]
@@ -142,6 +146,11 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
             around = posture.tilt[column.index] if tilt else posture.offset[column.joint]
             found.append(_Quantity(posture_name(column), "rad", one, column.joint, around))
     return found
+
+
+def _is_there(line: Array) -> bool:
+    """Tell whether the columns leave a combination of the links' parameters open at all."""
+    return bool(np.abs(line).max() > 1e-9)
 
 
 def posture_name(column: Column) -> str:

@@ -79,6 +79,7 @@ def pose(
     effects: Sequence[str] | None = None,
     progress: Callable[[float], None] = lambda share: None,
     posture: Posture | None = None,
+    form: type[Columns] = Columns,
 ) -> Problem:
     """Return the least-squares problem of some motions, before any term is chosen.
 
@@ -88,9 +89,10 @@ def pose(
         effects: Effects that may be used besides the rigid body; ``None``: all.
         progress: Called with the share of the regressor that is done.
         posture: Where joints and base are; with links, its slopes are columns too.
+        form: Which columns there are.
     """
     q = np.concatenate([motion.state.q for motion in motions])
-    columns = Columns(arm, q.min(axis=0), q.max(axis=0), posture)
+    columns = form(arm, q.min(axis=0), q.max(axis=0), posture)
     design = build_design(columns, motions, progress)
     folds = make_folds(design)
     weighting = weigh(design)

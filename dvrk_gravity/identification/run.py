@@ -10,6 +10,12 @@ import numpy as np
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.errors import ArgumentError, ConfigError, RecordingError
+from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.console_columns import (
+    CONSOLE_EFFECTS,
+    ConsoleColumns,
+    require_console_arm,
+)
 from dvrk_gravity.identification.coordinates import detect_coordinates, doubt
 from dvrk_gravity.identification.dynamic_fit import fit_dynamic
 from dvrk_gravity.identification.evaluation import all_static, evaluate
@@ -45,6 +51,11 @@ _ELSEWHERE = {
     "contact": _BY_DIAGNOSIS,
 }
 
+_FOR_CONSOLE = (
+    "fitted for the dVRK console: at rest nothing but gravity of ten parameters, and of joints 1 "
+    "to 6 polynomials of degree four; what `convert` cannot write acts in motion only"
+)
+
 
 def identify(
     recordings: Given | Iterable[Given],
@@ -55,6 +66,7 @@ def identify(
     physical: bool = False,
     report: Report = lambda stage, share: None,
     still: Mapping[str, float] | None = None,
+    for_console: bool = False,
 ) -> Fit:
     """Fit a torque model to recordings, choosing its terms by held-out error.
 
@@ -70,6 +82,7 @@ def identify(
         physical: Ask for links that can exist: every pseudo-inertia positive definite.
         report: Called with the stage and the share of it that is done.
         still: Where joints stood that some recording does not hold: joint position, rad.
+        for_console: Fit a model whose compensation the dVRK console can hold.
 
     Raises:
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
@@ -84,17 +97,29 @@ def identify(
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
     given = _each(coordinates, len(recordings))
+    if for_console:
+        _check_for_console(arm, effects, physical)
     if all_static(recordings):
-        fit = _static(recordings, arm, given, effects, physical, report)
+        fit = _static(recordings, arm, given, effects, physical, report, for_console)
     else:
         for effect in effects or ():
             if effect not in IDENTIFIED:
                 why = f" ({_ELSEWHERE[effect]})" if effect in _ELSEWHERE else ""
                 raise ConfigError("--terms", effect, f"some of {', '.join(IDENTIFIED)}{why}")
-        fit = _dynamic(recordings, arm, given, effects, physical, report, still)
+        fit = _dynamic(recordings, arm, given, effects, physical, report, still or {}, for_console)
     if not any(warning.kind == "other_hand" for warning in fit.warnings):
         fit = replace(fit, warnings=(*fit.warnings, *by_weight(fit.parameters, arm)))
+    if for_console:
+        fit = replace(fit, handling=(*fit.handling, _FOR_CONSOLE))
     return _validated(fit, validate) if validate else fit
+
+
+def _check_for_console(arm: Arm, effects: Sequence[str] | None, physical: bool) -> None:
+    require_console_arm(arm)
+    if effects is not None:
+        raise ConfigError("--terms", ",".join(effects), "no --terms beside --for-console")
+    if physical:
+        raise ConfigError("--physical", True, "no --physical beside --for-console")
 
 
 def _each(
@@ -120,6 +145,7 @@ def _static(
     effects: Sequence[str] | None,
     physical: bool,
     report: Report,
+    for_console: bool,
 ) -> Fit:
     from dvrk_gravity.identification.static_fit import fit_static
 
@@ -140,7 +166,7 @@ def _static(
     for recording in recordings:
         require_all(head(recording), arm)
     poses = [whole(recording) for recording in recordings]
-    return fit_static(poses, arm, coordinates[0] or "joint", report)
+    return fit_static(poses, arm, coordinates[0] or "joint", report, for_console)
 
 
 def _dynamic(
@@ -151,6 +177,7 @@ def _dynamic(
     physical: bool,
     report: Report,
     still: Mapping[str, float],
+    for_console: bool,
 ) -> Fit:
     for recording in recordings:
         require_all(head(recording), arm, still)
@@ -180,7 +207,9 @@ def _dynamic(
         readable.append(replace(trajectory, coordinates=one, still={} if full else still))
     shown = readable[complete.index(True)].coordinates
     assert shown is not None
-    fit = fit_dynamic(readable, arm, shown, effects, physical=physical, report=report)
+    form = ConsoleColumns if for_console else Columns
+    allowed = CONSOLE_EFFECTS if for_console else effects
+    fit = fit_dynamic(readable, arm, shown, allowed, physical=physical, report=report, form=form)
     return replace(fit, handling=(*reasons, *fit.handling), warnings=(*warnings, *fit.warnings))
 
 

@@ -237,7 +237,8 @@ class Selection:
     def _moves(self, chosen: list[int]) -> Iterator[Move]:
         """Yield every change of the model that is worth a try, once each."""
         for move in self._all_moves(set(chosen)):
-            if all(self.allowed(self.columns.columns[i].effect) for i in move.add):
+            added = [self.columns.columns[i] for i in move.add]
+            if all(self.allowed(one.effect) and self.columns.offers(one) for one in added):
                 yield move
 
     def _all_moves(self, inside: set[int]) -> Iterator[Move]:
@@ -319,11 +320,12 @@ def starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[
         for index in columns.select(effect="presliding_hysteresis", place=place, joint=j)
     ]
     plain = start_columns(columns)
-    found = [plain, sorted(plain + everywhere)]
-    if effects is None:
-        return found
-    permitted = {*RIGID, *effects}
-    found = [[i for i in one if columns.columns[i].effect in permitted] for one in found]
+    permitted = {
+        i
+        for i, column in enumerate(columns.columns)
+        if columns.offers(column) and (effects is None or column.effect in (*RIGID, *effects))
+    }
+    found = [[i for i in one if i in permitted] for one in (plain, sorted(plain + everywhere))]
     return found if found[0] != found[1] else found[:1]
 
 

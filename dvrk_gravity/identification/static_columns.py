@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.console import N_POLYNOMIALS
 from dvrk_gravity.identification.static_poses import Poses
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.terms.held_load import pose_functions
@@ -83,16 +84,28 @@ class JointColumns:
         return np.where(np.isnan(self.absolute), scale, self.absolute)
 
 
-def joint_columns(joint: int, poses: Poses) -> JointColumns:
+def joint_columns(joint: int, poses: Poses, for_console: bool = False) -> JointColumns:
     """Return the columns that may explain one joint's torque at some poses.
 
     The joint's own position to order four, with sine and cosine where there is a spring; every
     other joint's; every pair's products.
+
+    Args:
+        joint: The joint.
+        poses: The poses.
+        for_console: Only what the dVRK console has as well: polynomials of degree four of the own
+            position (of sine and cosine what these can follow), nothing for joint 7.
     """
     moving, directed = poses.moving, poses.directed[joint]
-    series, rows = _own_columns(joint, poses)
     groups: list[Group] = [(joint,)]
-    if joint in moving:
+    if for_console and joint >= N_POLYNOMIALS:
+        none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
+        return JointColumns(
+            joint, tuple(groups), none, none.reshape(0, N_JOINTS),
+            nothing.reshape(0, 1 + MAX_DEGREE), none.astype(bool), nothing, nothing,
+        )  # fmt: skip
+    series, rows = _own_columns(joint, poses, ORDER if for_console else MAX_DEGREE)
+    if joint in moving and not for_console:
         groups += [(other,) for other in moving if other != joint]
         groups += list(combinations(moving, 2))
     for number, group in enumerate(groups[1:], start=1):
@@ -113,9 +126,12 @@ def joint_columns(joint: int, poses: Poses) -> JointColumns:
 
 
 def _own_columns(
-    joint: int, poses: Poses
+    joint: int, poses: Poses, degree: int
 ) -> tuple[Array, list[tuple[int, NDArray[np.int64], bool, float, float]]]:
-    """Return the Chebyshev series and the rows of functions of the joint's own position."""
+    """Return the Chebyshev series and the rows of functions of the joint's own position.
+
+    Sine and cosine are followed to a degree.
+    """
     directed = poses.directed[joint]
     none = np.zeros(N_JOINTS, dtype=np.int64)
     unit = np.eye(1 + MAX_DEGREE)
@@ -133,7 +149,8 @@ def _own_columns(
         half = 0.5 * (poses.upper[joint] - poses.lower[joint])
         nodes = chebyshev.chebpts1(1 + MAX_DEGREE)
         for wave in (np.sin, np.cos):
-            series.append(chebyshev.chebfit(nodes, wave(centre + half * nodes), MAX_DEGREE))
+            found = chebyshev.chebfit(nodes, wave(centre + half * nodes), degree)
+            series.append(np.pad(found, (0, MAX_DEGREE - degree)))
             rows.append((0, none, False, 1.0, SPRINGS[joint]))
     return np.array(series), rows
 

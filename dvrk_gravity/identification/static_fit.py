@@ -31,6 +31,7 @@ def fit_static(
     arm: Arm,
     coordinates: Coordinates = "joint",
     report: Report = lambda stage, share: None,
+    for_console: bool = False,
 ) -> Fit:
     """Fit gravity, cables and what stiction holds to static poses.
 
@@ -43,15 +44,18 @@ def fit_static(
         arm: The arm.
         coordinates: Of the recordings; the direction of approach is each joint's own.
         report: Called with the stage and the share of it that is done.
+        for_console: Fit what the dVRK console has, and nothing else.
 
     Raises:
         RecordingError: A joint or the efforts missing, too few poses, or nothing that moves.
     """
     poses, warnings = read_poses(recordings, arm, coordinates)
-    held_out, predicted = _held_out(poses, arm, lambda share: report("held-out error", share))
+    held_out, predicted = _held_out(
+        poses, arm, lambda share: report("held-out error", share), for_console
+    )
     report("fit", 0.0)
     tried: list[result.Choice] = []
-    table = Table.of(poses, arm)
+    table = Table.of(poses, arm, for_console)
     model, solution, _, weight = fit_poses(table, choose(table, tried.append), arm)
     spread = static_report.uncertainty(table, solution, weight)
     fitted = model.torque(poses.q, direction=poses.direction)
@@ -90,27 +94,29 @@ def fit_static(
     )
 
 
-def predict_unseen(poses: Poses, unseen: NDArray[np.bool_], arm: Arm) -> Array:
+def predict_unseen(
+    poses: Poses, unseen: NDArray[np.bool_], arm: Arm, for_console: bool = False
+) -> Array:
     """Return (n, 7) torques at the unseen poses, all choices made on the others, N·m."""
-    model = fit_model(poses.rows(~unseen), arm)
+    model = fit_model(poses.rows(~unseen), arm, for_console)
     return model.torque(poses.q[unseen], direction=poses.direction[unseen])
 
 
-def fit_model(poses: Poses, arm: Arm) -> TorqueModel:
+def fit_model(poses: Poses, arm: Arm, for_console: bool = False) -> TorqueModel:
     """Return the model that :func:`fit_static` would choose for some poses."""
-    table = Table.of(poses, arm)
+    table = Table.of(poses, arm, for_console)
     return fit_poses(table, choose(table), arm)[0]
 
 
 def _held_out(
-    poses: Poses, arm: Arm, progress: Callable[[float], None]
+    poses: Poses, arm: Arm, progress: Callable[[float], None], for_console: bool
 ) -> tuple[NDArray[np.int64], Array]:
     """Return rows of held-out poses and their (n, 7) predictions by fits that never saw them."""
     masks = middle_slabs(poses)
     predicted = []
     for number, mask in enumerate(masks):
         progress(number / len(masks))
-        predicted.append(predict_unseen(poses, mask, arm))
+        predicted.append(predict_unseen(poses, mask, arm, for_console))
     return np.concatenate([np.flatnonzero(mask) for mask in masks]), np.concatenate(predicted)
 
 

@@ -103,6 +103,8 @@ def _statements(table: Table, solution: Solution, spread: Uncertainty) -> Iterat
         first = f"beta{k + 1} ({BETA_NAMES[k]})"
         for joint, power in product(poses.moving, (0, 1)):
             second = f"directional_cable.positive.{JOINT_NAMES[joint]}[{power}]"
+            if second not in quantities:
+                continue
             together = spread.correlation(quantities[first], quantities[second])
             if abs(together) > INSEPARABLE:
                 low, high = np.degrees([poses.lower[joint], poses.upper[joint]])

@@ -63,10 +63,10 @@ class Table:
     matrices: tuple[Array, ...]
 
     @classmethod
-    def of(cls, poses: Poses, arm: Arm) -> Table:
-        """Evaluate all columns at the poses."""
+    def of(cls, poses: Poses, arm: Arm, for_console: bool = False) -> Table:
+        """Evaluate all columns at the poses, or those that the dVRK console has as well."""
         valid = Range(poses.lower, poses.upper)
-        joints = tuple(joint_columns(joint, poses) for joint in range(N_JOINTS))
+        joints = tuple(joint_columns(joint, poses, for_console) for joint in range(N_JOINTS))
         matrices = tuple(columns.matrix(poses, valid) for columns in joints)
         return cls(poses, valid, gravity_rows(poses, arm), joints, matrices)
 
