@@ -9,6 +9,7 @@ from array import array
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Empty
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.nodes.client import Client
@@ -36,6 +37,8 @@ class RoundTrip:
         node.create_subscription(
             JointState, f"{namespace}/servo_jf", self._on_answer, 1000, raw=True
         )
+        # No compensator commands an arm that could not be held.
+        node.create_subscription(Empty, f"{namespace}/hold", lambda _: None, 10)
         self._message = JointState(name=JOINT_NAMES, effort=array("d", bytes(8 * N_JOINTS)))
 
     def _on_answer(self, data: bytes) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -81,7 +82,7 @@ def test_default_passes_its_own_check_and_is_documented(entry):
     assert entry.lower <= entry.upper
     # An arm under a person's hand: no number goes without a unit by oversight.
     if entry.kind.startswith("double") and not entry.unit:
-        assert entry.name.endswith(("ratio", "depth"))
+        assert entry.name.endswith(("ratio", "depth", "tolerance"))
 
 
 @pytest.mark.parametrize("entry", by_name(NUMBERS))
@@ -228,16 +229,16 @@ def test_settings_that_are_not_given_are_the_table_s_and_the_arm_s():
     assert settings.limits.joint.tolist() == [1.861, 3.217, 1.96, 0.309, 0.097, 0.097, 0.023]
     assert settings.limits.actuator.tolist() == [1.861, 1.464, 1.753, 0.309, 0.097, 0.097, 0.023]
     assert settings.slew_limit.tolist() == [20, 20, 20, 5, 2, 2, 1]
-    assert (settings.ramp_time, settings.timeout, settings.max_stamp_age) == (1.0, 0.1, 0.0)
+    assert (settings.ramp_time, settings.timeout, settings.max_stamp_age) == (1.0, 0.1, 1.0)
     assert settings.enabled
     assert not settings.resume_automatically
     assert not settings.disable_builtin
 
 
-def test_a_slew_limit_of_zero_is_switched_off():
+def test_a_slew_limit_of_zero_is_the_arm_s_greatest():
     slew = [0.0, 1, 1, 1, 1, 1, 1]
     settings = Settings.from_parameters({"beta": [0.1] * 10, "slew_limit": slew})
-    assert settings.slew_limit.tolist() == [math.inf, 1, 1, 1, 1, 1, 1]
+    np.testing.assert_allclose(settings.slew_limit, [1.861 / 0.02, 1, 1, 1, 1, 1, 1.0])
 
 
 def test_model_and_node_parameters_are_apart():
