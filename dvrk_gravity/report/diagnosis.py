@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.findings import FLOORS, Ambiguity, Diagnosis, Finding, Picture
-from dvrk_gravity.diagnosis.words import shown
+from dvrk_gravity.diagnosis.findings import (
+    FLOORS,
+    Ambiguity,
+    Diagnosis,
+    Estimate,
+    Finding,
+    Picture,
+)
+from dvrk_gravity.diagnosis.words import rows as parameter_rows
+from dvrk_gravity.diagnosis.words import told
 from dvrk_gravity.report import html
 from dvrk_gravity.report.in_simulation import section
 
@@ -88,15 +96,10 @@ def _overview(findings: Sequence[Finding]) -> str:
 
 def _finding(number: int, finding: Finding) -> str:
     where = ", ".join(finding.joints) or "the arm"
-    seconds = finding.effect in ("thermal_drift", "contact")
     head = f"{number}. {finding.effect.replace('_', ' ')} at {where}"
     parts = [f"<h2>{escape(head)}</h2>", f"<p>{escape(finding.sentence)}.</p>"]
     gain = finding.gain
-    rows = [
-        (name.replace("_", " "), shown(one, seconds))
-        for name, one in finding.parameters.items()
-        if not ("lowest" in finding.parameters and name[1:].isdigit())  # a curve's coefficients
-    ]
+    rows = parameter_rows(finding)
     rows.append(
         (
             "error removed",
@@ -160,8 +163,8 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
                 (
                     contender.effect.replace("_", " "),
                     ", ".join(contender.joints) or "the arm",
-                    ", ".join(f"{name} {shown(e)}" for name, e in contender.alone.items()),
-                    ", ".join(f"{name} {shown(e)}" for name, e in contender.together.items()),
+                    _numbers(contender.effect, contender.alone),
+                    _numbers(contender.effect, contender.together),
                     f"{contender.gain:+.0f}",
                     f"{100 * contender.removed:.1f} % at {contender.at}",
                 )
@@ -175,6 +178,10 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
         "<h2>What this recording cannot tell apart, were it there</h2>"
         f"{sign}<ul>{sentences}</ul>" + html.table(head, rows)
     )
+
+
+def _numbers(effect: str, parameters: Mapping[str, Estimate]) -> str:
+    return ", ".join(f"{name} {told(effect, name, one)}" for name, one in parameters.items())
 
 
 def _list(title: str, items: Sequence[str], nothing: str) -> str:
