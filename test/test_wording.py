@@ -3,20 +3,34 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from test_report import Page
 
+from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis import columns_search
 from dvrk_gravity.diagnosis.bench import Bench
 from dvrk_gravity.diagnosis.columns_body import ALL_INERTIA
-from dvrk_gravity.diagnosis.findings import Estimate, Finding, Gain, ordered
+from dvrk_gravity.diagnosis.findings import (
+    Alternative,
+    Ambiguity,
+    Contender,
+    Diagnosis,
+    Estimate,
+    Finding,
+    Gain,
+    Rejected,
+    ordered,
+)
 from dvrk_gravity.diagnosis.hypothesis import RANK, Hypothesis, unit_of
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.run import hypotheses
 from dvrk_gravity.diagnosis.words import rows, sentence_of, told
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.quantity import quantity
+from dvrk_gravity.report.diagnosis import render
 from dvrk_gravity.simulate.world import World
 
 CLEAR = Gain(0.4, 0.3, 0.5, 0.001)
@@ -152,6 +166,9 @@ def test_what_may_be_nothing_is_told_as_perhaps(every):
     weak = case.sentence(gain=Gain(0.1, -0.05, 0.2, 0.04))
 
     assert "has perhaps 20 ± 30 mN·m·s/rad more" in case.sentence(spread=1.5)
+    assert "builds up to perhaps 20 ± 30 mN·m" in of(every, "presliding_hysteresis").sentence(
+        spread=1.5
+    )
     assert weak.endswith("(not certain: 95 % interval of what it removes -5 to 20 %)")
 
 
@@ -187,3 +204,35 @@ def test_every_parameter_of_every_effect_has_a_unit_or_is_a_part(every):
     for case in every:
         for name, value in case.estimates().items():
             assert value.unit or name == "factor", (case.hypothesis.effect, name)
+
+
+def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
+    offset = {"offset": Estimate(-0.02, -0.03, -0.01, "rad")}
+    contenders = [
+        Contender("joint_offset", (joint,), offset, offset, -2.0, joint, 0.01)
+        for joint in ("shoulder_pitch", "elbow_pitch")
+    ]
+    found = replace(
+        finding("coulomb_friction", Estimate(0.01, 0.005, 0.015, "N·m"), Gain(0.4, 0.3, 0.5, 1e-9),
+                "positive"),
+        alternatives=(Alternative("presliding_hysteresis", ("elbow_pitch",), "as well"),),
+        rejected=(Rejected("viscous_friction", ("elbow_pitch",), "joint", 143.0, 59.0),),
+        sentence="elbow_pitch has more",
+    )  # fmt: skip
+    by_joint = dict.fromkeys(JOINT_NAMES, 0.01)
+    text = render(
+        Diagnosis(
+            "ambiguous", (found,), by_joint, by_joint, dict.fromkeys(JOINT_NAMES, np.nan),
+            "nothing", 100, 30, (), (), (Ambiguity(*contenders, 0.9, "a and b", "a or b"),),
+            TorqueModel(Arm.load("mtmr"), ()),
+        ),
+        ["<run>.csv"],
+    )  # fmt: skip
+
+    assert Page(text).open == []
+    assert "&lt;run&gt;.csv" in text
+    assert "<td>moving up</td><td>10.0 ± 5.0 mN·m more</td>" in text
+    assert "p &lt; 0.001" in text
+    assert "<td>presliding hysteresis</td>" in text
+    assert "<td>viscous friction</td>" in text
+    assert "1.15 ± 0.57 deg too low" in text

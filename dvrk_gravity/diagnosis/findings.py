@@ -44,6 +44,10 @@ class Estimate:
     high: float
     unit: str
 
+    def doubtful(self, neutral: float | None) -> bool:
+        """Whether the interval holds the value that stands for no effect, if there is one."""
+        return neutral is not None and self.low <= neutral <= self.high
+
 
 @dataclass(frozen=True)
 class Gain:
@@ -210,9 +214,9 @@ class Finding:
         Of an effect of several sizes (two directions, three axes) one that is certain is enough.
         """
         sizes = [
-            not one.low <= neutral <= one.high
+            not one.doubtful(zero)
             for name, one in self.parameters.items()
-            if (neutral := _neutral(self.effect, name)) is not None
+            if (zero := neutral(self.effect, name)) is not None
         ]
         return self.gain.low > 0.0 and (any(sizes) or not sizes)
 
@@ -336,7 +340,7 @@ _SIZES = (
 )  # fmt: skip
 
 
-def _neutral(effect: str, name: str) -> float | None:
+def neutral(effect: str, name: str) -> float | None:
     """Return the value of a parameter at which the effect is not there; ``None``: it has none."""
     if name == "factor":
         return 1.0 if effect == "torque_scale" else 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from dvrk_gravity.diagnosis.findings import Estimate, Finding, Gain
+from dvrk_gravity.diagnosis.findings import Estimate, Finding, Gain, neutral
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.quantity import quantity
 
@@ -32,22 +32,17 @@ _SENSES: Mapping[tuple[str, str], tuple[str, str]] = {
     ("elastic_cable", "stiffness"): _MORE,
 }  # fmt: skip
 _LABELS: Mapping[tuple[str, str], str] = {
-    ("coulomb_friction", "positive"): "beside the model's, moving up",
-    ("coulomb_friction", "negative"): "beside the model's, moving down",
-    ("viscous_friction", "coefficient"): "beside the model's",
-    ("stribeck_friction", "level"): "level at rest",
+    ("coulomb_friction", "positive"): "moving up",
+    ("coulomb_friction", "negative"): "moving down",
+    ("stribeck_friction", "level"): "greater at rest by",
     ("stribeck_friction", "velocity"): "gone above about",
-    ("presliding_hysteresis", "level"): "level",
     ("presliding_hysteresis", "length"): "builds up over",
-    ("presliding_hysteresis", "coulomb"): "Coulomb friction beside the model's",
-    ("rotor_inertia", "inertia"): "beside the model's",
+    ("presliding_hysteresis", "coulomb"): "Coulomb friction beside it",
     ("link_com", "delta_beta"): "the model's weight moment is",
-    ("payload", "mass"): "mass",
     ("joint_offset", "offset"): "reads",
     ("torque_offset", "offset"): "reads",
     ("time_delay", "delay"): "efforts are",
     ("thermal_drift", "torque"): "drifts",
-    ("elastic_cable", "stiffness"): "beside the model's",
     ("joint_coupling", "factor"): "leaks",
     ("elastic_cable", "lowest"): "least torque",
     ("elastic_cable", "highest"): "greatest torque",
@@ -73,6 +68,7 @@ _CLAIMS: Mapping[str, str] = {
     "effort_saturation": "the effort of {joint} is clipped at {limit}",
     "cogging": "{where} has a ripple of {amplitude}, {cycles_per_revolution}",
 }
+_TITLES = {"coulomb_friction": "Coulomb friction", "link_com": "centre of mass"}
 _WHOLE = {"link_com": "weights", "link_inertia": "inertias"}
 
 
@@ -91,12 +87,20 @@ def told(effect: str, name: str, estimate: Estimate) -> str:
     if effect == "joint_coupling" and name == "factor":
         return _signed(_percent(estimate), ("", "with its sign turned round"))
     senses = _SENSES.get((effect, name), _ENTRY if name.startswith("delta_beta") else None)
-    return shown(estimate) if senses is None else _signed(estimate, senses)
+    if senses is not None:
+        return _signed(estimate, senses)
+    sure = name in ("lowest", "highest") or not estimate.doubtful(neutral(effect, name))
+    return shown(estimate) if sure else f"perhaps {shown(estimate)}"
 
 
 def _signed(estimate: Estimate, senses: tuple[str, str]) -> str:
     words = f"{shown(_sized(estimate))} {senses[estimate.value < 0.0]}".rstrip()
-    return words if estimate.low > 0.0 or estimate.high < 0.0 else f"perhaps {words}"
+    return f"perhaps {words}" if estimate.doubtful(0.0) else words
+
+
+def title(effect: str) -> str:
+    """Return an effect's name as a person writes it."""
+    return _TITLES.get(effect, effect.replace("_", " "))
 
 
 def label(effect: str, name: str) -> str:
@@ -194,6 +198,10 @@ def _coulomb(where: str, parameters: Mapping[str, Estimate], values: Mapping[str
     up, down = (parameters[name] for name in ("positive", "negative"))
     if up == down:
         return f"{where} has {values['positive']} Coulomb friction than the model"
+    if up.value * down.value > 0.0 and not (up.doubtful(0.0) or down.doubtful(0.0)):
+        way = _MORE[up.value < 0.0]
+        both = f"{shown(_sized(up))} moving up, {shown(_sized(down))} moving down"
+        return f"{where} has {way} Coulomb friction than the model: {both}"
     both = f"{values['positive']} moving up, {values['negative']} moving down"
     return f"{where} has another Coulomb friction than the model: {both}"
 

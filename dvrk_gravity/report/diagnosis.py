@@ -17,6 +17,7 @@ from dvrk_gravity.diagnosis.findings import (
     Picture,
 )
 from dvrk_gravity.diagnosis.words import rows as parameter_rows
+from dvrk_gravity.diagnosis.words import title as effect_title
 from dvrk_gravity.diagnosis.words import told
 from dvrk_gravity.report import html
 from dvrk_gravity.report.in_simulation import section
@@ -41,6 +42,7 @@ _VERDICTS = {
 }
 _BINS = 24
 _LEAST_IN_BIN = 3
+_LEAST_P = 0.001  # below, a figure of a p-value says nothing more
 
 
 def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
@@ -85,7 +87,7 @@ def _overview(findings: Sequence[Finding]) -> str:
         rows.append(
             (
                 str(number),
-                finding.effect.replace("_", " "),
+                effect_title(finding.effect),
                 ", ".join(finding.joints) or "the arm",
                 finding.place,
                 removed if gain.relative else "",
@@ -96,7 +98,7 @@ def _overview(findings: Sequence[Finding]) -> str:
 
 def _finding(number: int, finding: Finding) -> str:
     where = ", ".join(finding.joints) or "the arm"
-    head = f"{number}. {finding.effect.replace('_', ' ')} at {where}"
+    head = f"{number}. {effect_title(finding.effect)} at {where}"
     parts = [f"<h2>{escape(head)}</h2>", f"<p>{escape(finding.sentence)}.</p>"]
     gain = finding.gain
     rows = parameter_rows(finding)
@@ -104,7 +106,7 @@ def _finding(number: int, finding: Finding) -> str:
         (
             "error removed",
             f"{100 * gain.relative:.0f} % (95 %: {100 * gain.low:.0f} to {100 * gain.high:.0f}; "
-            f"p = {gain.p_value:.2g})",
+            f"{_p_value(gain.p_value)})",
         )
     )
     rows.append(("form", finding.place))
@@ -118,7 +120,10 @@ def _finding(number: int, finding: Finding) -> str:
         parts.append(
             html.table(
                 ("effect", "joint", "numbers"),
-                [(a.effect, ", ".join(a.joints) or "the arm", a.why) for a in finding.alternatives],
+                [
+                    (effect_title(a.effect), ", ".join(a.joints) or "the arm", a.why)
+                    for a in finding.alternatives
+                ],
             )
         )
     if finding.rejected:
@@ -127,13 +132,17 @@ def _finding(number: int, finding: Finding) -> str:
             html.table(
                 ("effect", "joint", "form", "log-likelihood gain", "behind"),
                 [
-                    (r.effect, ", ".join(r.joints) or "the arm", r.place,
+                    (effect_title(r.effect), ", ".join(r.joints) or "the arm", r.place,
                      f"{r.gain:.0f}", f"{r.behind:.0f}")
                     for r in finding.rejected
                 ],
             )
         )  # fmt: skip
     return "\n".join(parts)
+
+
+def _p_value(value: float) -> str:
+    return f"p = {value:.2g}" if value >= _LEAST_P else f"p < {_LEAST_P:g}"
 
 
 def _errors(diagnosis: Diagnosis) -> str:
@@ -161,7 +170,7 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
         for contender in (one.first, one.second):
             rows.append(
                 (
-                    contender.effect.replace("_", " "),
+                    effect_title(contender.effect),
                     ", ".join(contender.joints) or "the arm",
                     _numbers(contender.effect, contender.alone),
                     _numbers(contender.effect, contender.together),
