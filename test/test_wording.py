@@ -172,6 +172,10 @@ def test_what_may_be_nothing_is_told_as_perhaps(every):
     assert weak.endswith("(not certain: 95 % interval of what it removes -5 to 20 %)")
 
 
+def test_an_angle_known_to_no_better_than_a_turn_is_any_angle():
+    assert told("joint_offset", "offset", Estimate(228.0, -300.0, 750.0, "rad")) == "any angle"
+
+
 def finding(effect: str, value: Estimate, gain: Gain, name: str = "coefficient") -> Finding:
     """Return a finding of one parameter."""
     return Finding(

@@ -106,7 +106,7 @@ def _numbers(one: Contender) -> str:
     )
     return (
         f"{alone} alone ({together} beside the other; log-likelihood {one.gain:+.0f} on unseen "
-        f"blocks, {100 * one.removed:.1f} % of the held-out error at {one.at})"
+        f"blocks, {round(100 * one.removed, 1) + 0.0:.1f} % of the held-out error at {one.at})"
     )
 
 

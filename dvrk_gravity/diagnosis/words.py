@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from dvrk_gravity.diagnosis.findings import Estimate, Finding, Gain, neutral
@@ -69,6 +70,7 @@ _CLAIMS: Mapping[str, str] = {
     "cogging": "{where} has a ripple of {amplitude}, {cycles_per_revolution}",
 }
 _TITLES = {"coulomb_friction": "Coulomb friction", "link_com": "centre of mass"}
+_TURN = 2.0 * math.pi  # an interval as wide says nothing of an angle
 _WHOLE = {"link_com": "weights", "link_inertia": "inertias"}
 
 
@@ -86,6 +88,8 @@ def told(effect: str, name: str, estimate: Estimate) -> str:
         return _signed(_percent(estimate, 1.0), _READS)
     if effect == "joint_coupling" and name == "factor":
         return _signed(_percent(estimate), ("", "with its sign turned round"))
+    if estimate.unit == "rad" and estimate.high - estimate.low > _TURN:
+        return "any angle"
     senses = _SENSES.get((effect, name), _ENTRY if name.startswith("delta_beta") else None)
     if senses is not None:
         return _signed(estimate, senses)
