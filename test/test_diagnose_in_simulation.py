@@ -9,11 +9,13 @@ import pytest
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.diagnosis.in_simulation import let_go
+from dvrk_gravity.diagnosis.in_simulation import in_simulation, let_go
+from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.hidden import hide
-from dvrk_gravity.simulate.model_plant import model_plant
+from dvrk_gravity.simulate.model_plant import ModelArm
 from dvrk_gravity.simulate.world import World
-from dvrk_gravity.terms import LinkInertia, State
+from dvrk_gravity.terms import Gravity, LinkInertia, State
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +63,93 @@ def test_the_plant_of_identified_parameters_has_the_arm_s_mass_matrix():
     assert odd.links[:, 0].min() < 0.0
     terms = tuple(odd if isinstance(one, LinkInertia) else one for one in model.terms)
 
-    arm, found = world.plant(), model_plant(replace(model, terms=terms))
+    arm, found = world.plant(), ModelArm.of(replace(model, terms=terms)).plant()
 
     for q in random.uniform(model.arm.lower, model.arm.upper, (5, N_JOINTS)):
         arm.reset(q)
         found.reset(q)
         assert found.mass_matrix() == pytest.approx(arm.mass_matrix(), abs=1e-9)
+
+
+def with_links(model: TorqueModel, change) -> TorqueModel:
+    """Return a model with other link parameters, of (9, 10)."""
+    terms = (replace(t, links=change(t.links)) if isinstance(t, LinkInertia) else t
+             for t in model.terms)  # fmt: skip
+    return replace(model, terms=tuple(terms))
+
+
+def without_roll(links):
+    """Return what noise identifies of the last link: less than no inertia about its axis."""
+    changed = links.copy()
+    changed[8, 4:] *= -1.5
+    return changed
+
+
+@pytest.mark.parametrize("change", [without_roll, np.negative, np.zeros_like])
+def test_inertia_that_no_bodies_have_is_completed_to_an_arm_that_moves(change):
+    model = with_links(World.draw(6).model(), change)
+
+    plant = ModelArm.of(model).plant()
+
+    for q in np.random.default_rng(2).uniform(model.arm.lower, model.arm.upper, (20, N_JOINTS)):
+        plant.reset(q)
+        assert np.linalg.eigvalsh(plant.mass_matrix()).min() > 1e-6
+
+
+def test_the_completed_inertia_is_the_model_s_but_for_what_cannot_be():
+    model = with_links(World.draw(6).model(), without_roll)
+    found = ModelArm.of(model)
+
+    # The last link's inertia shows at the roll: there and only there another must be simulated.
+    assert found.off[:6].max() < 0.01
+    assert found.off[6] > 0.3
+    plant = found.plant()
+    inertia = [model.term("link_inertia"), model.term("rotor_inertia")]
+    for q in np.random.default_rng(2).uniform(model.arm.lower, model.arm.upper, (5, N_JOINTS)):
+        plant.reset(q)
+        still = State(np.tile(q, (N_JOINTS, 1)), np.zeros((N_JOINTS, N_JOINTS)), np.eye(N_JOINTS))
+        of_model = sum(term.torque(still) for term in inertia)
+        size = np.sqrt(np.diag(of_model)[:6])
+        difference = (plant.mass_matrix() - of_model)[:6, :6] / np.outer(size, size)
+        assert np.abs(difference).max() < 0.01
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """Return a model and a short motion of its arm."""
+    world = World.draw(6)
+    model = world.model()
+    return model, load([world.record(1, 2, 9.0, 100.0)], model).motion
+
+
+def test_a_comparison_with_completed_inertia_succeeds_and_says_so(recorded):
+    model, motion = recorded
+    result = in_simulation(model, with_links(model, without_roll), motion, [(3.0, 3.5)])
+
+    assert result.windows > 0
+    assert np.isfinite([result.before, result.after]).all()
+    assert len(result.drifts) == 2
+    (note,) = result.notes
+    assert note.startswith("the extended model has inertia that no bodies can have")
+    assert note.endswith("(wrist_roll)")
+
+
+def test_a_comparison_that_fails_says_why_in_words(recorded):
+    model, motion = recorded
+    spans = [(3.0, 3.5)]
+    stiff = {"contact.above": [1e6] * 7, "contact.above_position": [-3.0] * 7}
+    weightless = tuple(t for t in model.terms if not isinstance(t, Gravity))
+
+    absurd = in_simulation(model, with_links(model, lambda links: 1e85 * links), motion, spans)
+    wild = in_simulation(
+        model, TorqueModel.from_parameters(model.parameters() | stiff), motion, spans
+    )
+    bare = in_simulation(replace(model, terms=weightless), model, motion, spans)
+
+    assert (absurd.before, absurd.drifts) == (None, ())
+    assert "expected the inertia of an arm" in absurd.notes[0]
+    assert (wild.before, wild.drifts) == (None, ())
+    assert all("the arm runs away" in note for note in wild.notes)
+    assert bare.before is not None
+    assert bare.drifts == ()
+    assert "no weights (beta)" in bare.notes[0]

@@ -73,6 +73,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _summary(diagnosis: Diagnosis, out: Path) -> str:
+    import numpy as np
+
     from dvrk_gravity.diagnosis.findings import FLOORS
 
     lines = [f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}"]
@@ -97,7 +99,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     lines.append("held-out RMSE [mN·m]      before    after    floor")
     lines += [
         f"  {joint:<20}  {1e3 * diagnosis.before[joint]:8.3f} {1e3 * diagnosis.after[joint]:8.3f} "
-        f"{1e3 * diagnosis.floor[joint]:8.3f}"
+        + (f"{1e3 * floor:8.3f}" if np.isfinite(floor := diagnosis.floor[joint]) else " unknown")
         for joint in diagnosis.before
     ]
     lines.append(f"floor: {FLOORS[diagnosis.floor_from]}")

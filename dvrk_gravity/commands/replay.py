@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 NAME = "replay"
 EXAMPLE = "python -m dvrk_gravity replay my_bag --model config/mtmr_28002.yaml --out my_bag_answers"
 
-TOLERANCE = 1e-9  # N·m between the node's effort and the model's
+TOLERANCE = 1e-9  # N·m between the node's effort and what is due
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 # Messages on the way at once when answers set the pace: enough to keep both processes busy.
 _WINDOW = 20
@@ -49,7 +49,7 @@ class Result:
         valid: Messages that can be answered.
         answered: Answers that came.
         in_order: Every answer bears the stamp of the message it is due to, in order.
-        largest_difference: Largest |effort - model's torque|, N·m; ``None`` if not comparable.
+        largest_difference: Largest |effort - torque that is due|, N·m; ``None`` if not comparable.
         seconds: How long it took.
     """
 
@@ -74,10 +74,11 @@ class Result:
 def replay(
     bag: Path, model_file: Path, out: Path | None, topic: str | None = None, recorded: bool = False
 ) -> Result:
-    """Play a bag into a compensator of its own and compare its answers with the model.
+    """Play a bag into a compensator of its own and compare its answers with what is due.
 
-    The node is the compensator without its supervisor: the answers are the bare model's, and its
-    topics are none that an arm has.
+    The node is the compensator without its supervisor, on topics that no arm has. Due is what the
+    model compensates (:func:`~dvrk_gravity.commands.replay_reference.compensation`) with all of
+    its friction, and without limits.
 
     Args:
         bag: rosbag2 folder or file.
@@ -132,13 +133,22 @@ def _expected(bag: Path, topic: str | None, model: TorqueModel) -> list[Sample]:
 
 
 def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
-    """Return (N, 7) torques of the model, friction only where a velocity came along."""
+    """Return (N, 7) torques that are due, friction only where a velocity came along, N·m."""
+    from dvrk_gravity.commands.replay_reference import compensation
+    from dvrk_gravity.node_parameters import NODE_PARAMETERS
+
+    # As the node gets them: the model file's settings, and over them those of the replay.
+    settings = {**model.node, **_BARE}
+    ratio, dead_band = (
+        np.array(settings.get(name, NODE_PARAMETERS[name].default))
+        for name in ("friction_compensation.ratio", "friction_compensation.dead_band")
+    )
     position = np.array([sample.position for sample in samples])
-    torque = model.torque(position)
+    torque = compensation(model, position, None, ratio, dead_band)
     moving = [i for i, sample in enumerate(samples) if sample.velocity is not None]
     if moving:
         velocity = np.array([samples[i].velocity for i in moving])
-        torque[moving] = model.torque(position[moving], velocity)
+        torque[moving] = compensation(model, position[moving], velocity, ratio, dead_band)
     return torque
 
 
@@ -264,7 +274,7 @@ def run(arguments: argparse.Namespace) -> int:
             f"  {result.messages - result.valid} further messages are invalid: not to be answered"
         )
     print(f"  in order, each with its own stamp: {'yes' if result.in_order else 'NO'}")
-    print(f"  largest difference to the model offline: {shown} (allowed {TOLERANCE:g})")
+    print(f"  largest difference to the compensated terms offline: {shown} (allowed {TOLERANCE:g})")
     if arguments.json is not None:
         content = asdict(result) | {"passed": result.passed}
         text_file.write(arguments.json, json.dumps(content, indent=1) + "\n")

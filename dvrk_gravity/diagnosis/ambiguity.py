@@ -14,7 +14,8 @@ from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import Ambiguity, Contender
 from dvrk_gravity.diagnosis.judge import Judge, estimates
-from dvrk_gravity.diagnosis.words import shown
+from dvrk_gravity.diagnosis.words import told
+from dvrk_gravity.quantity import quantity
 
 Array = NDArray[np.float64]
 
@@ -99,11 +100,13 @@ def _name(one: Candidate) -> str:
 
 
 def _numbers(one: Contender) -> str:
-    alone = ", ".join(f"{name} {shown(value)}" for name, value in one.alone.items())
-    together = ", ".join(shown(value) for value in one.together.values())
+    alone, together = (
+        ", ".join(f"{name} {told(one.effect, name, value)}" for name, value in values.items())
+        for values in (one.alone, one.together)
+    )
     return (
         f"{alone} alone ({together} beside the other; log-likelihood {one.gain:+.0f} on unseen "
-        f"blocks, {100 * one.removed:.1f} % of the held-out error at {one.at})"
+        f"blocks, {round(100 * one.removed, 1) + 0.0:.1f} % of the held-out error at {one.at})"
     )
 
 
@@ -136,5 +139,5 @@ def _pose(contest: Contest, zero: Candidate, other: Candidate, theta: Array) -> 
     where = ", ".join(f"{np.degrees(value):.0f}" for value in q[pose])
     return (
         f"held still at [{where}] deg, a zero one degree off and what looks like it here differ by "
-        f"{1e3 * apart[pose, joint]:.3g} mN·m on {JOINT_NAMES[int(joint)]}"
+        f"{quantity(apart[pose, joint], 'N·m')} on {JOINT_NAMES[int(joint)]}"
     )

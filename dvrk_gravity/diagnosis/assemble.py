@@ -22,6 +22,7 @@ from dvrk_gravity.diagnosis.findings import (
     Rejected,
     Verdict,
     by_joint,
+    ordered,
 )
 from dvrk_gravity.diagnosis.judge import Judge, Unconfirmed, estimates, setting_columns
 from dvrk_gravity.diagnosis.load import Loaded
@@ -67,12 +68,15 @@ def assemble(
         score, before, alike = readings[0]
         first = as_read_before(before, bench, judge)
         findings.append(reading_finding(score, alike, first, judge.error([]), judge))
+    of_accepted = []
     for i, one in enumerate(accepted):
         rows = slices[i]
         parameters = estimates(
             one.tried.candidate.hypothesis, theta[rows], covariance[rows, rows], spreads[i]
         )
-        findings.append(_finding(judge, contest, accepted, i, parameters, theta[rows], carried[i]))
+        finding = _finding(judge, contest, accepted, i, parameters, theta[rows], carried[i])
+        of_accepted.append(finding)
+    findings += ordered(of_accepted)
     last = judge.error(named)
     for tried in unknown:
         findings.append(unknown_finding(judge, contest, named, tried, last))

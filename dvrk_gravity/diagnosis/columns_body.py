@@ -173,14 +173,12 @@ def _all_weights(arm: Arm) -> Hypothesis:
 
 
 def _all_inertia(motion: Motion) -> Hypothesis:
-    """Return the hypothesis that the links' inertia as a whole is another one, or missing."""
+    """Return the hypothesis that the links' inertia as a whole is another one, or missing.
 
-    def describe(theta: Array, setting: Setting) -> dict[str, float]:
-        del setting
-        return {"parameters": float(len(theta))}
-
+    Its many coefficients mean nothing one by one.
+    """
     return Hypothesis(
-        "link_inertia", (), ALL_INERTIA, lambda motion, _: motion.inertial[1], describe,
+        "link_inertia", (), ALL_INERTIA, lambda motion, _: motion.inertial[1], lambda *_: {},
         variable="acceleration",
         plausible_size=tuple(prior_scale()[motion.inertial[0]].tolist()),
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -43,6 +43,10 @@ class Estimate:
     low: float
     high: float
     unit: str
+
+    def doubtful(self, neutral: float | None) -> bool:
+        """Whether the interval holds the value that stands for no effect, if there is one."""
+        return neutral is not None and self.low <= neutral <= self.high
 
 
 @dataclass(frozen=True)
@@ -211,6 +215,19 @@ class Finding:
         """Name effect and joints."""
         return f"<Finding {self.effect} at {', '.join(self.joints) or 'the arm'}: {self.sentence}>"
 
+    @property
+    def certain(self) -> bool:
+        """Whether zero lies outside the intervals of its gain and of its size.
+
+        Of an effect of several sizes (two directions, three axes) one that is certain is enough.
+        """
+        sizes = [
+            not one.doubtful(zero)
+            for name, one in self.parameters.items()
+            if (zero := neutral(self.effect, name)) is not None
+        ]
+        return self.gain.low > 0.0 and (any(sizes) or not sizes)
+
     def to_dict(self) -> dict[str, Any]:
         """Return what findings.json holds of it."""
         return {
@@ -232,13 +249,19 @@ class Finding:
         }
 
 
+def ordered(findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings so that the first, a report's headline, may not well be nothing."""
+    return sorted(findings, key=lambda one: not one.certain)
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """The result of a diagnosis.
 
     Attributes:
         verdict: In one word.
-        findings: In the order in which they were accepted.
+        findings: In the order in which they were accepted, those that are not certain after
+            those that are, and what has no name last.
         before: RMSE of the given model by joint, held-out, N·m.
         after: RMSE with all findings that have a name.
         floor: RMSE that noise alone would leave; NaN where it cannot be told.
@@ -323,6 +346,20 @@ class Diagnosis:
     def to_json(self) -> str:
         """Return findings.json's text."""
         return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+_SIZES = (
+    "mass", "roll", "pitch", "offset", "positive", "negative", "coefficient", "level",
+    "lowest", "highest", "stiffness", "inertia", "inertia_xx", "inertia_yy", "inertia_zz",
+    "delta_beta", "delta_beta_x", "delta_beta_y", "delta_beta_z", "delay", "torque",
+)  # fmt: skip
+
+
+def neutral(effect: str, name: str) -> float | None:
+    """Return the value of a parameter at which the effect is not there; ``None``: it has none."""
+    if name == "factor":
+        return 1.0 if effect == "torque_scale" else 0.0
+    return 0.0 if name in _SIZES else None
 
 
 def _parameters(estimates: Mapping[str, Estimate]) -> dict[str, Any]:

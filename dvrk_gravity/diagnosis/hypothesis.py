@@ -34,11 +34,10 @@ OF_LINKS = ("payload", "link_com", "link_inertia")
 
 UNITS = {
     "mass": "kg", "first_moment_x": "kg·m", "first_moment_y": "kg·m", "first_moment_z": "kg·m",
-    "roll": "rad", "pitch": "rad", "delta_beta": "N·m", "delta_beta_x": "N·m",
-    "delta_beta_y": "N·m", "delta_beta_z": "N·m", "offset": "", "factor": "", "positive": "N·m",
+    "roll": "rad", "pitch": "rad", "offset": "", "factor": "", "positive": "N·m",
     "negative": "N·m", "coefficient": "N·m·s/rad", "level": "N·m",
     "coulomb": "N·m", "lowest": "N·m", "highest": "N·m", "velocity": "rad/s",
-    "length": "rad", "stiffness": "N·m/rad", "inertia": "kg·m^2", "delay": "s",
+    "length": "rad", "stiffness": "N·m/rad", "delay": "s",
     "torque": "N·m", "time_constant": "s", "limit": "N·m", "amplitude": "N·m",
     "cycles_per_revolution": "1/rev", "phase": "rad", "start": "s", "end": "s",
     "position": "rad", "side": "", "sign": "", "rms": "N·m",
@@ -105,6 +104,10 @@ def unit_of(effect: str, name: str) -> str:
         return "N·m/rad"
     if name.startswith("k") and name[1:].isdigit():
         return "N·m" if name == "k0" else f"N·m/rad^{name[1:]}"
+    if name.startswith("delta_beta"):
+        return "N·m"
+    if name.startswith("inertia"):
+        return "kg·m^2"
     return UNITS.get(name, "")
 
 

@@ -19,9 +19,9 @@ from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import SimulatedArm, simulate
-from dvrk_gravity.simulate.model_plant import model_plant
+from dvrk_gravity.simulate.model_plant import STAND_IN, ModelArm
 from dvrk_gravity.simulate.plant import Plant
-from dvrk_gravity.terms import TorqueOffset
+from dvrk_gravity.terms import Gravity, TorqueOffset
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,8 @@ DURATION = 3.0  # s of drift
 _WINDOWS = 60
 _POSES = 3
 _RATE = 50.0  # Hz of the drift's record
+_AWAY = f"steps of {1e3 * STEP:g} ms are too long for the model's torques, the arm runs away"
+_COMPLETED = 0.01  # of the usual torque, that an inertia may differ by without a word
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +109,11 @@ def in_simulation(
         motion: The recording.
         held_out: Beginnings and ends of the pieces of time that fit and choice have not seen, s.
     """
-    notes = []
+    try:
+        arms = [ModelArm.of(model) for model in (given, extended)]
+    except ConfigError as error:
+        return InSimulation(0, None, None, (), (f"nothing was simulated: {error}",))
+    notes = _inertia_notes(*arms)
     before = after = None
     starts = np.zeros(0, dtype=int)
     if motion.static:
@@ -116,16 +122,60 @@ def in_simulation(
         notes.append("the motion is predicted only where all joints' efforts are recorded")
     else:
         starts = _starts(motion, held_out)
+        with np.errstate(over="ignore", invalid="ignore"):  # told below
+            before, after = (
+                _missed(arm, model, motion, starts)
+                for arm, model in zip(arms, (given, extended), strict=True)
+            )
+        if not np.isfinite([before, after]).all():
+            before = after = None
+            notes.append(f"the motion is not predicted: {_AWAY}")
+    drifts, reason = _drifts(arms[1], given, extended, _poses(motion))
+    if reason:
+        notes.append(f"no drift is shown: {reason}")
+    return InSimulation(len(starts), before, after, drifts, tuple(notes))
+
+
+def _drifts(
+    arm: ModelArm, given: TorqueModel, extended: TorqueModel, poses: Array
+) -> tuple[tuple[Drift, ...], str]:
+    """Return the drift with each part of the arm's friction, or none and why."""
+    if given.term(Gravity.NAME) is None:
+        return (), "the given model has no weights (beta), and compensates nothing"
+    for name, model in (("given", given), ("extended", extended)):
         try:
-            before, after = (_missed(model, motion, starts) for model in (given, extended))
+            Settings.from_parameters(model.parameters())
         except ConfigError as error:
-            notes.append(f"the motion was not simulated: {error}")
-    drifts: list[Drift] = []
+            return (), f"the compensator refuses the {name} model ({error})"
     try:
-        drifts = [_drift(given, extended, _poses(motion), part) for part in FRICTION]
-    except ConfigError as error:
-        notes.append(f"the drift was not simulated: {error}")
-    return InSimulation(len(starts), before, after, tuple(drifts), tuple(notes))
+        with np.errstate(over="ignore", invalid="ignore"):
+            drifts = tuple(_drift(arm, given, extended, poses, part) for part in FRICTION)
+    except ConfigError:  # the simulated arm takes no effort that is not finite
+        return (), _AWAY
+    if not all(np.isfinite([one.before, one.after]).all() for one in drifts):
+        return (), _AWAY
+    return drifts, ""
+
+
+def _inertia_notes(given: ModelArm, extended: ModelArm) -> list[str]:
+    """Return in words where the simulated inertia is not the models' own."""
+    notes = {"given": _inertia_note(given), "extended": _inertia_note(extended)}
+    if notes["given"] == notes["extended"]:
+        notes = {"given and the extended": notes["given"]}
+    return [f"the {name} model has {note}" for name, note in notes.items() if note]
+
+
+def _inertia_note(arm: ModelArm) -> str:
+    if arm.off is None:
+        return f"no inertia: that of the plant {STAND_IN} stands in"
+    if arm.off.max() <= _COMPLETED:
+        return ""
+    joint, middle = int(np.argmax(arm.off)), float(np.median(arm.off))
+    return (
+        "inertia that no bodies can have: simulated are the nearest bodies, whose torque is "
+        f"another by {100 * middle:.0f} % (median joint) to {100 * arm.off[joint]:.0f} % "
+        f"({JOINT_NAMES[joint]})"
+    )
 
 
 def let_go(plant: Plant, model: TorqueModel, pose: Array, duration: float = DURATION) -> Array:
@@ -141,7 +191,7 @@ def let_go(plant: Plant, model: TorqueModel, pose: Array, duration: float = DURA
         (T, 7) way from the pose at 50 Hz, rad.
 
     Raises:
-        ConfigError: A model without beta, which no arm is commanded with.
+        ConfigError: A model that the compensator refuses.
     """
     settings = Settings.from_parameters(model.parameters() | {"allow_poor_model": True})
     arm_type, offset = plant.model.arm, plant.model.joint_offset
@@ -159,8 +209,10 @@ def let_go(plant: Plant, model: TorqueModel, pose: Array, duration: float = DURA
     return recording.position - start
 
 
-def _drift(given: TorqueModel, extended: TorqueModel, poses: Array, part: float) -> Drift:
-    plant = model_plant(extended, part)
+def _drift(
+    arm: ModelArm, given: TorqueModel, extended: TorqueModel, poses: Array, part: float
+) -> Drift:
+    plant = arm.plant(part)
     before, after = (
         np.array([let_go(plant, model, pose) for pose in poses]) for model in (given, extended)
     )
@@ -190,9 +242,11 @@ def _starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[
     return found[np.unique(np.linspace(0, len(found) - 1, min(_WINDOWS, len(found))).astype(int))]
 
 
-def _missed(model: TorqueModel, motion: Motion, starts: NDArray[np.int64]) -> Array:
+def _missed(
+    simulated: ModelArm, model: TorqueModel, motion: Motion, starts: NDArray[np.int64]
+) -> Array:
     """Return (7,) RMS error of the positions that a model predicts at the end of each piece."""
-    plant = model_plant(model)
+    plant = simulated.plant()
     arm, offset = model.arm, model.joint_offset
     bias = model.term(TorqueOffset.NAME)
     efforts = motion.effort - (bias.offset if isinstance(bias, TorqueOffset) else 0.0)

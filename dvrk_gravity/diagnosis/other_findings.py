@@ -25,6 +25,7 @@ from dvrk_gravity.diagnosis.judge import Judge
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import ReadingScore
 from dvrk_gravity.diagnosis.selection import Tried
+from dvrk_gravity.quantity import quantity
 
 Array = NDArray[np.float64]
 
@@ -49,7 +50,7 @@ def unknown_finding(
         alternatives=(),
         rejected=(),
         sentence=(
-            f"{hypothesis.names[0]} has structure of {1e3 * rms:.3g} mN·m that depends on "
+            f"{hypothesis.names[0]} has structure of {quantity(rms, 'N·m')} RMS that depends on "
             f"{hypothesis.place}, and no known effect explains it"
         ),
         picture=picture_of(contest.bench, judge, hypothesis, joint, before, after),
@@ -107,9 +108,9 @@ def picture_of(
         own = JOINT_NAMES.index(hypothesis.place.split(" of ")[1])
     name = JOINT_NAMES[own]
     values, label = {
-        "position": (motion.q[:, own], f"position of {name} [rad]"),
-        "velocity": (motion.qd[:, own], f"velocity of {name} [rad/s]"),
-        "acceleration": (motion.qdd[:, own], f"acceleration of {name} [rad/s²]"),
+        "position": (np.degrees(motion.q[:, own]), f"position of {name} [deg]"),
+        "velocity": (np.degrees(motion.qd[:, own]), f"velocity of {name} [deg/s]"),
+        "acceleration": (np.degrees(motion.qdd[:, own]), f"acceleration of {name} [deg/s²]"),
         "time": (motion.time, "time [s]"),
     }[variable]
     x = bench.reduce_state(values[:, None])[judge.rows, 0]
@@ -133,8 +134,8 @@ def shapeless_finding(joint: int, after: float, floor: float, source: FloorFrom)
         alternatives=(),
         rejected=(),
         sentence=(
-            f"{name} is off by {1e3 * after:.3g} mN·m, {after / floor:.2g} times {FLOORS[source]}, "
-            "and it depends on nothing that was tried"
+            f"{name} is off by {quantity(after, 'N·m')} RMS, {after / floor:.2g} times "
+            f"{FLOORS[source]}, and it depends on nothing that was tried"
         ),
         picture=None,
         in_model=False,

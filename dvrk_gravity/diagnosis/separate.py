@@ -10,6 +10,7 @@ import numpy as np
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
+from dvrk_gravity.quantity import quantity
 
 _POSES = 400
 _PATH = ("presliding_hysteresis", "thermal_drift", "contact", "time_delay", "unknown")
@@ -56,8 +57,8 @@ def separation(
         torques.append(columns @ theta[-one.size :])
     apart = np.abs(torques[0] - torques[1]) * contest.weight
     pose, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
-    difference = 1e3 * abs(torques[0][pose, joint] - torques[1][pose, joint])
+    difference = quantity(abs(torques[0][pose, joint] - torques[1][pose, joint]), "N·m")
     if apart[pose, joint] < 2.0:
         return "they hardly differ anywhere within the joints' limits"
     where = ", ".join(f"{np.degrees(value):.0f}" for value in q[pose])
-    return f"at [{where}] deg they differ by {difference:.3g} mN·m on {JOINT_NAMES[int(joint)]}"
+    return f"at [{where}] deg they differ by {difference} on {JOINT_NAMES[int(joint)]}"

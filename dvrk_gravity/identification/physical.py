@@ -4,6 +4,8 @@ A link's ten parameters belong to a body with positive density exactly if the 4 
 matrix [[Sigma, m c], [m c', m]], Sigma its second moments, is positive definite
 (Wensing, Kim, Slotine 2018). Written as L L' with a positive diagonal of L it always
 is; L is then searched by least squares, together with the coefficients that stay linear.
+An identification asks for such bodies when told to; the simulator, which cannot move others,
+completes the inertia of every model to the nearest of them.
 """
 
 from __future__ import annotations
@@ -36,49 +38,72 @@ def physical_links(
     Returns:
         (p,) coefficients and (90,) link parameters that belong to them.
     """
-    from scipy.optimize import least_squares
-
     index = list(chosen)
     bodies = len(columns.select(effect="link_inertia"))
     scale = prior_scale()
     # (b, 90): what torque sees of the links; see base_directions.
     seen = columns.base.T / scale**2
     others = np.arange(bodies, len(index))
-    start, lower = _start()
     # |factor (theta - best)|^2 is what the data have against a theta.
     prior = solution.precision - solution.data
     prior[:bodies, :bodies] = 0.0
     hessian = solution.data + prior
     hessian[np.diag_indices_from(hessian)] += 1e-9 * np.diag(hessian).max()
     factor = np.linalg.cholesky(hessian).T
-    right = solution.precision @ solution.theta
-    best = np.linalg.solve(hessian, right)
+    best = np.linalg.solve(hessian, solution.precision @ solution.theta)
     size = columns.scale[index][others]
-    free = solution.free[others]
+    positive = columns.positive[index][others] | ~solution.free[others]
+    links, found = nearest_bodies(
+        factor[:, :bodies] @ seen, factor[:, bodies:] * size, factor @ best,
+        np.zeros(len(scale)), 1.0 / scale,
+        solution.theta[others] / size, np.where(positive, 0.0, -np.inf),
+    )  # fmt: skip
+    return np.concatenate([seen @ links, found * size]), links
 
-    def split(unknown: Array) -> tuple[Array, Array]:
-        links = _links(unknown[: len(start)])
-        return np.concatenate([seen @ links, unknown[len(start) :] * size]), links
+
+def nearest_bodies(
+    of_links: Array, of_others: Array, right: Array, middle: Array, hold: Array, first: Array,
+    least: Array, evaluations: int = 300,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return the bodies and other coefficients that solve linear equations best.
+
+    Minimises |of_links links + of_others others - right|^2 + |hold (links - middle)|^2.
+
+    Args:
+        of_links: (r, 90) what the equations see of the links.
+        of_others: (r, p) what they see of the other coefficients, of order one each.
+        right: (r,) right-hand side.
+        middle: (90,) link parameters that are held to, as far as the equations leave it open.
+        hold: (90,) how firmly.
+        first: (p,) other coefficients to begin with.
+        least: (p,) their least values, -inf where there are none.
+        evaluations: At most so many of the equations.
+
+    Returns:
+        (90,) link parameters and (p,) other coefficients.
+    """
+    from scipy.optimize import least_squares
+
+    start, lower = _start()
+    bodies = len(start)
+    still = np.zeros((bodies, len(first)))
 
     def residual(unknown: Array) -> Array:
-        theta, links = split(unknown)
-        return np.concatenate([factor @ (theta - best), links / scale])
+        links = _links(unknown[:bodies])
+        missed = of_links @ links + of_others @ unknown[bodies:] - right
+        return np.concatenate([missed, hold * (links - middle)])
 
     def jacobian(unknown: Array) -> Array:
-        slope = _slope(unknown[: len(start)])
-        top = np.hstack([factor[:, :bodies] @ seen @ slope, factor[:, bodies:] * size])
-        bottom = np.hstack([slope / scale[:, None], np.zeros((len(scale), len(others)))])
-        return np.vstack([top, bottom])
+        slope = _slope(unknown[:bodies])
+        return np.block([[of_links @ slope, of_others], [hold[:, None] * slope, still]])
 
-    positive = columns.positive[index][others] | ~free
-    bounds = np.concatenate([lower, np.where(positive, 0.0, -np.inf)])
-    first = np.concatenate([start, np.maximum(solution.theta[others] / size, bounds[len(start) :])])
+    bounds = np.concatenate([lower, least])
+    begin = np.concatenate([start, np.maximum(first, least)])
     found = least_squares(
-        residual, np.maximum(first, bounds + 1e-12), jacobian, (bounds, np.inf), x_scale="jac",
-        max_nfev=300,
+        residual, np.maximum(begin, bounds + 1e-12), jacobian, (bounds, np.inf), x_scale="jac",
+        max_nfev=evaluations,
     )  # fmt: skip
-    theta, links = split(found.x)
-    return theta, links
+    return _links(found.x[:bodies]), found.x[bodies:]
 
 
 def certificate(links: Array) -> dict[str, float]:

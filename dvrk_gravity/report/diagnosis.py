@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.findings import FLOORS, Ambiguity, Diagnosis, Finding, Picture
-from dvrk_gravity.diagnosis.words import shown
+from dvrk_gravity.diagnosis.findings import (
+    FLOORS,
+    Ambiguity,
+    Diagnosis,
+    Estimate,
+    Finding,
+    Picture,
+)
+from dvrk_gravity.diagnosis.words import rows as parameter_rows
+from dvrk_gravity.diagnosis.words import title as effect_title
+from dvrk_gravity.diagnosis.words import told
 from dvrk_gravity.report import html
 from dvrk_gravity.report.in_simulation import section
 
@@ -33,6 +42,7 @@ _VERDICTS = {
 }
 _BINS = 24
 _LEAST_IN_BIN = 3
+_LEAST_P = 0.001  # below, a figure of a p-value says nothing more
 
 
 def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
@@ -77,7 +87,7 @@ def _overview(findings: Sequence[Finding]) -> str:
         rows.append(
             (
                 str(number),
-                finding.effect.replace("_", " "),
+                effect_title(finding.effect),
                 ", ".join(finding.joints) or "the arm",
                 finding.place,
                 removed if gain.relative else "",
@@ -88,20 +98,15 @@ def _overview(findings: Sequence[Finding]) -> str:
 
 def _finding(number: int, finding: Finding) -> str:
     where = ", ".join(finding.joints) or "the arm"
-    seconds = finding.effect in ("thermal_drift", "contact")
-    head = f"{number}. {finding.effect.replace('_', ' ')} at {where}"
+    head = f"{number}. {effect_title(finding.effect)} at {where}"
     parts = [f"<h2>{escape(head)}</h2>", f"<p>{escape(finding.sentence)}.</p>"]
     gain = finding.gain
-    rows = [
-        (name.replace("_", " "), shown(one, seconds))
-        for name, one in finding.parameters.items()
-        if not ("lowest" in finding.parameters and name[1:].isdigit())  # a curve's coefficients
-    ]
+    rows = parameter_rows(finding)
     rows.append(
         (
             "error removed",
             f"{100 * gain.relative:.0f} % (95 %: {100 * gain.low:.0f} to {100 * gain.high:.0f}; "
-            f"p = {gain.p_value:.2g})",
+            f"{_p_value(gain.p_value)})",
         )
     )
     rows.append(("form", finding.place))
@@ -115,7 +120,10 @@ def _finding(number: int, finding: Finding) -> str:
         parts.append(
             html.table(
                 ("effect", "joint", "numbers"),
-                [(a.effect, ", ".join(a.joints) or "the arm", a.why) for a in finding.alternatives],
+                [
+                    (effect_title(a.effect), ", ".join(a.joints) or "the arm", a.why)
+                    for a in finding.alternatives
+                ],
             )
         )
     if finding.rejected:
@@ -124,13 +132,17 @@ def _finding(number: int, finding: Finding) -> str:
             html.table(
                 ("effect", "joint", "form", "log-likelihood gain", "behind"),
                 [
-                    (r.effect, ", ".join(r.joints) or "the arm", r.place,
+                    (effect_title(r.effect), ", ".join(r.joints) or "the arm", r.place,
                      f"{r.gain:.0f}", f"{r.behind:.0f}")
                     for r in finding.rejected
                 ],
             )
         )  # fmt: skip
     return "\n".join(parts)
+
+
+def _p_value(value: float) -> str:
+    return f"p = {value:.2g}" if value >= _LEAST_P else f"p < {_LEAST_P:g}"
 
 
 def _errors(diagnosis: Diagnosis) -> str:
@@ -158,10 +170,10 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
         for contender in (one.first, one.second):
             rows.append(
                 (
-                    contender.effect.replace("_", " "),
+                    effect_title(contender.effect),
                     ", ".join(contender.joints) or "the arm",
-                    ", ".join(f"{name} {shown(e)}" for name, e in contender.alone.items()),
-                    ", ".join(f"{name} {shown(e)}" for name, e in contender.together.items()),
+                    _numbers(contender.effect, contender.alone),
+                    _numbers(contender.effect, contender.together),
                     f"{contender.gain:+.0f}",
                     f"{100 * contender.removed:.1f} % at {contender.at}",
                 )
@@ -175,6 +187,10 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
         "<h2>What this recording cannot tell apart, were it there</h2>"
         f"{sign}<ul>{sentences}</ul>" + html.table(head, rows)
     )
+
+
+def _numbers(effect: str, parameters: Mapping[str, Estimate]) -> str:
+    return ", ".join(f"{name} {told(effect, name, one)}" for name, one in parameters.items())
 
 
 def _list(title: str, items: Sequence[str], nothing: str) -> str:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.identification.columns import prior_scale
+from dvrk_gravity.identification.physical import certificate, nearest_bodies
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.plant_file import PlantFile
@@ -21,53 +25,114 @@ STAND_IN = "mtmr_28002"
 """Plant file whose inertia stands in where a model has none."""
 
 _STATES = 60  # 7 torques each, for the 42 combinations of parameters that act
+_FASTEST = 2.0  # rad/s and rad/s^2 of these states
+_HOLD = 1e-4  # how firmly what no torque shows is held at the known arm's: enough to decide
+_EVALUATIONS = 120  # half a second; models of real arms end within a hundredth of where 500 do
 _RANK = 1e-9
+_ABSURD = 1e3  # times the known arm's torque: no arm's, and the search would overflow
 
 
-def model_plant(model: TorqueModel, friction_scale: float = 1.0) -> Plant:
-    """Return the arm as a model has it: its torques, and its inertia if it has one.
+@dataclass(frozen=True, eq=False)
+class ModelArm:
+    """What moves as a model says: its terms, and bodies that can exist.
 
-    A model without link inertia gets that of :data:`STAND_IN`: it balances the same, but does not
-    fall as fast.
-
-    Args:
-        model: The model.
-        friction_scale: Factor on every friction.
-
-    Raises:
-        ConfigError: Inertia whose mass matrix is not positive definite.
+    Attributes:
+        model: The terms that act on the arm, inertia apart.
+        links: Inertia of the links, each in its distal DH frame.
+        rotors: (7,) reflected inertia at the motors, kg·m^2.
+        off: (7,) RMS torque by which this inertia differs from the model's, as a part of the RMS
+            torque that a known arm's inertia takes in the same motion; ``None`` of a model that
+            has no inertia.
     """
-    links, rotors = model.term(LinkInertia.NAME), model.term(RotorInertia.NAME)
-    own = tuple(term for term in model.terms if not isinstance(term, LinkInertia | RotorInertia))
-    still = replace(model, terms=own).physical()
-    known = PlantFile.load(STAND_IN)
-    if not isinstance(links, LinkInertia):
-        return Plant(still, known.links, known.rotor_inertia, friction_scale)
-    motor = rotors.motor if isinstance(rotors, RotorInertia) else np.zeros(N_JOINTS)
-    return Plant(still, _bodies(links, known), motor, friction_scale)
+
+    model: TorqueModel
+    links: Mapping[str, pin.Inertia]
+    rotors: Array
+    off: Array | None
+
+    @classmethod
+    def of(cls, model: TorqueModel) -> ModelArm:
+        """Return the arm of a model.
+
+        Torque depends on 42 combinations of the 90 link parameters only, and identified ones need
+        be no bodies' at all. Of all bodies with positive density, and rotors that are not
+        negative, these have the torque that is nearest to the model's; what no torque shows is
+        near that of :data:`STAND_IN`. A model without link inertia gets all of that plant's
+        inertia: it balances the same, but does not fall as fast.
+
+        Raises:
+            ConfigError: Inertia that is not finite.
+        """
+        links, rotors = model.term(LinkInertia.NAME), model.term(RotorInertia.NAME)
+        own = tuple(t for t in model.terms if not isinstance(t, LinkInertia | RotorInertia))
+        still = replace(model, terms=own).physical()
+        known = PlantFile.load(STAND_IN)
+        if not isinstance(links, LinkInertia):
+            return cls(still, known.links, known.rotor_inertia, None)
+        motor = rotors.motor if isinstance(rotors, RotorInertia) else np.zeros(N_JOINTS)
+        return cls(still, *_completed(links, motor, known))
+
+    def plant(self, friction_scale: float = 1.0) -> Plant:
+        """Return it at zero position, at rest, with a factor on every friction."""
+        return Plant(self.model, self.links, self.rotors, friction_scale)
 
 
-def _bodies(links: LinkInertia, known: PlantFile) -> dict[str, pin.Inertia]:
-    """Return bodies that move as identified parameters do.
-
-    Torque depends on combinations of the parameters only, and identified ones may have links
-    of no mass. Of all that have the same torque these are nearest to an arm that is known.
-    """
-    frames = link_frames(links.arm)
+def _completed(
+    links: LinkInertia, motor: Array, known: PlantFile
+) -> tuple[dict[str, pin.Inertia], Array, Array]:
+    """Return links and rotors that can exist, and by what part their torque is another."""
+    arm, frames = links.arm, link_frames(links.arm)
     nothing = pin.Inertia.Zero()
-    nearest = np.array(
-        [
-            frames[name].act(known.links.get(name, nothing)).toDynamicParameters()
-            for name in TREE_LINKS
-        ]
+    middle = np.concatenate(
+        [frames[name].act(known.links.get(name, nothing)).toDynamicParameters()
+         for name in TREE_LINKS]
+    )  # fmt: skip
+    state, size = _states(arm), known.rotor_inertia
+    of_links = links.regressor(state)
+    of_rotors = RotorInertia(arm, size).regressor(state) * size
+    # Each joint's torque in proportion to what is usual there: the roll's counts as the yaw's.
+    usual = np.sqrt(np.mean((of_links @ middle + of_rotors.sum(axis=2)) ** 2, axis=0))
+    per_row = 1.0 / (usual[:, None] * np.sqrt(_STATES))
+    of_links, of_rotors = (
+        (columns * per_row).reshape(_STATES * N_JOINTS, -1) for columns in (of_links, of_rotors)
     )
-    random = np.random.default_rng(0)
-    q, qd, qdd = random.uniform(-2.0, 2.0, (3, _STATES, N_JOINTS))
-    regressor = links.regressor(State(q, qd, qdd)).reshape(_STATES * N_JOINTS, -1)
-    change = links.theta - nearest.ravel()
-    acts = np.linalg.pinv(regressor, rcond=_RANK) @ (regressor @ change)
-    rows = (nearest.ravel() + acts).reshape(nearest.shape)
-    return {
+    right = of_links @ links.theta + of_rotors @ (motor / size)
+    if not np.abs(right).max() < _ABSURD:
+        raise ConfigError(
+            "link_inertia",
+            f"{np.abs(right).max() * np.sqrt(_STATES):.2g} times the torque of {STAND_IN}'s links",
+            "the inertia of an arm",
+        )
+    # The same squares from fewer rows.
+    orthogonal, triangle = np.linalg.qr(np.column_stack([of_links, of_rotors, right]))
+    seen, goal = triangle[:, :-1], triangle[:, -1]
+    scale = prior_scale()
+    bodies = len(scale)
+    found, rotors = nearest_bodies(
+        seen[:, :bodies], seen[:, bodies:], goal, middle, _HOLD / scale, motor / size,
+        np.zeros(N_JOINTS), _EVALUATIONS,
+    )  # fmt: skip
+    theta = np.concatenate([found, rotors])
+    # What the search leaves, exactly, where bodies and rotors can have it.
+    unit = np.concatenate([scale, np.ones(N_JOINTS)])
+    left = goal - seen @ theta
+    exact = theta + unit * (np.linalg.pinv(seen * unit, rcond=_RANK) @ left)
+    if min(certificate(exact[:bodies]).values()) > 0.0 and exact[bodies:].min() >= 0.0:
+        theta = exact
+    missed = orthogonal @ (seen @ theta - goal)
+    off = np.sqrt(np.sum(missed.reshape(_STATES, N_JOINTS) ** 2, axis=0))
+    rows = theta[:bodies].reshape(len(TREE_LINKS), -1)
+    inertia = {
         name: frames[name].actInv(pin.Inertia.FromDynamicParameters(row))
         for name, row in zip(TREE_LINKS, rows, strict=True)
     }
+    return inertia, theta[bodies:] * size, off
+
+
+def _states(arm: Arm) -> State:
+    """Return states all over the joints' range, moving."""
+    random = np.random.default_rng(0)
+    q = random.uniform(
+        np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (_STATES, N_JOINTS)
+    )
+    return State(q, *random.uniform(-_FASTEST, _FASTEST, (2, _STATES, N_JOINTS)))

@@ -1,0 +1,47 @@
+"""What the compensator is to send for a model, from the terms themselves.
+
+It shares with the compensator the terms' formulae, and none of the code by which the compensator
+evaluates them: each term is asked for all samples at once, through its own ``torque``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.terms import Payload, State
+from dvrk_gravity.terms.base import Array
+
+
+def compensation(
+    model: TorqueModel, position: Array, velocity: Array | None, ratio: Array, dead_band: Array
+) -> Array:
+    """Return the torque that compensates an arm, before any limit.
+
+    Weights and elastic torques; of friction the part that is asked for. Not inertia, neither a
+    link's nor a payload's, not what needs the past of the motion, not what only a sensor reads.
+
+    Args:
+        model: The model.
+        position: (N, 7) measured positions, rad.
+        velocity: (N, 7) rad/s; ``None`` where it is not known: friction is then left out.
+        ratio: (7,) part of friction that is compensated, at each joint and motor.
+        dead_band: (7,) rad/s below which a joint's velocity counts as zero in friction.
+
+    Returns:
+        (N, 7) N·m.
+    """
+    q = position - model.joint_offset
+    moving = State(q, velocity)
+    sliding = None if velocity is None else np.where(np.abs(velocity) < dead_band, 0.0, velocity)
+    torque = np.zeros_like(q)
+    for term in model.terms:
+        if not term.COMPENSATED:
+            continue
+        if term.FRICTION:
+            torque += term.scaled(ratio).torque(State(q, sliding))
+        elif isinstance(term, Payload):
+            torque += term.torque(State(q))  # at rest: its weight
+        else:
+            torque += term.torque(moving)
+    return torque

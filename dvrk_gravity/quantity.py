@@ -1,0 +1,71 @@
+"""Quantities as a person writes them: from SI numbers to `12.3 ± 0.4 mN·m`.
+
+For sentences, tables and reports; files that programs read keep SI numbers.
+"""
+
+from __future__ import annotations
+
+import math
+
+# Of each SI unit, from small to large: the size from which a unit is used, its factor, its name.
+_UNITS: dict[str, tuple[tuple[float, float, str], ...]] = {
+    "N·m": ((0.0, 1e6, "µN·m"), (5e-5, 1e3, "mN·m"), (1.0, 1.0, "N·m")),
+    "N·m/rad": ((0.0, 1e3, "mN·m/rad"), (1.0, 1.0, "N·m/rad")),
+    "N·m·s/rad": ((0.0, 1e3, "mN·m·s/rad"), (1.0, 1.0, "N·m·s/rad")),
+    "kg": ((0.0, 1e3, "g"), (1.0, 1.0, "kg")),
+    "kg·m": ((0.0, 1e5, "g·cm"), (0.01, 1e2, "kg·cm")),
+    "kg·m^2": ((0.0, 1e7, "g·cm²"), (1e-4, 1e4, "kg·cm²"), (0.1, 1.0, "kg·m²")),
+    "s": ((0.0, 1e3, "ms"), (0.5, 1.0, "s")),
+    "rad": ((0.0, math.degrees(1.0), "deg"),),
+    "rad/s": ((0.0, math.degrees(1.0), "deg/s"),),
+    "1/rev": ((0.0, 1.0, "per turn"),),
+}
+_POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+_DIGITS = 3  # of a number without an interval
+_OF_HALF = 2  # of half an interval; the value gets as many decimals
+_MOST = 6  # digits of a value, however narrow its interval
+_READABLE = (1e-4, 1e6)  # beyond, digits are counted more easily in an exponent
+
+
+def quantity(value: float, unit: str, half: float = 0.0) -> str:
+    """Return a number, half its interval where there is one, and a unit that suits its size.
+
+    Args:
+        value: In SI units.
+        unit: SI unit as model files and findings have it (``N·m``, ``kg·m^2``), ``""`` if none.
+        half: Half of the interval; 0: none is shown.
+    """
+    size = max(abs(value), half)
+    factor, name = 1.0, _superscript(unit)
+    for least, larger, shown in _UNITS.get(unit, ()):
+        if size >= least or size == 0.0:
+            factor, name = larger, shown
+    number, width = value * factor, half * factor
+    decimals = _decimals(number, width)
+    if decimals is None:
+        text, spread = f"{number:.{_DIGITS}g}", f"{width:.{_OF_HALF}g}"
+    else:
+        # Adding zero makes 0 of -0.
+        text = f"{round(number, decimals) + 0.0:.{decimals}f}"
+        spread = f"{width:.{decimals}f}"
+    shown = text if float(spread) == 0.0 else f"{text} ± {spread}"
+    return f"{shown} {name}".rstrip()
+
+
+def _decimals(number: float, width: float) -> int | None:
+    """Return how many decimals a number has, ``None`` if it is better written with an exponent."""
+    size = max(abs(number), width)
+    if size == 0.0:
+        return 0
+    if not (math.isfinite(size) and _READABLE[0] <= size < _READABLE[1]):
+        return None
+    wanted = _DIGITS - 1 - math.floor(math.log10(size))
+    if width > 0.0:
+        narrow = _OF_HALF - 1 - math.floor(math.log10(width))
+        wanted = min(narrow, wanted + _MOST - _DIGITS)
+    return max(wanted, 0)
+
+
+def _superscript(unit: str) -> str:
+    base, _, exponent = unit.partition("^")
+    return base + ("" if exponent == "1" else exponent.translate(_POWERS))
