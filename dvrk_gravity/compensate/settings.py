@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.compensate.evaluator import Evaluator, prepare_sum
+from dvrk_gravity.compensate.evaluator import Parts, prepare_parts
 from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import ALL_PARAMETERS, TorqueModel
@@ -92,27 +92,21 @@ class Settings:
         It is the model's torque but for friction, of which only the asked part
         is compensated: pushing the whole of it makes an arm run away on its own.
         """
+        conservative, friction = self.parts(q, qd)
+        return conservative + friction
+
+    def parts(self, q: Array, qd: Array | None) -> tuple[Array, Array]:
+        """Return :meth:`torque` as its two parts, (7,) each: without friction, and friction."""
         if self._offset is not None:
             q = q - self._offset  # what the terms are functions of
-        torque = self._conservative(q, qd)
-        if self._friction is None:
-            return torque
-        if qd is not None:
-            qd = qd * (np.abs(qd) >= self.friction_dead_band)
-        return torque + self._friction(q, qd)
+        moving = None if qd is None else qd * (np.abs(qd) >= self.friction_dead_band)
+        return self._parts(q, qd, moving)
 
     @cached_property
     def _offset(self) -> Array | None:
         return self.model.joint_offset if self.model.joint_offset.any() else None
 
     @cached_property
-    def _conservative(self) -> Evaluator:
+    def _parts(self) -> Parts:
         terms = (term for term in self.model.terms if term.COMPENSATED)
-        return prepare_sum(term for term in terms if not term.FRICTION)
-
-    @cached_property
-    def _friction(self) -> Evaluator | None:
-        # Scaled where it lives: parts of a motor's friction that differ by joint would put
-        # more power into the arm than the friction takes out.
-        terms = [term for term in self.model.terms if term.FRICTION and term.COMPENSATED]
-        return prepare_sum(term.scaled(self.friction_ratio) for term in terms) if terms else None
+        return prepare_parts(terms, self.friction_ratio)
