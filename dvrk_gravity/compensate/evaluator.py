@@ -122,9 +122,7 @@ def _(term: DirectionalCable) -> Evaluator:
 def _cable_parts(elastic: ElasticCable, friction: DirectionalCable) -> Evaluator:
     """Return the evaluator of a directional cable's two parts, (2, 7): they share their powers."""
     if friction.shape != "linear":
-        return lambda q, qd: np.stack(
-            [elastic.torque(State(q)), friction.torque(State(q, qd))]
-        )
+        return lambda q, qd: np.stack([elastic.torque(State(q)), friction.torque(State(q, qd))])
     count = len(elastic.coefficients)
     slope = friction.ratio / (friction.saturation_velocity - friction.dead_band)
     both = np.vstack([elastic.coefficients, friction.positive * slope])

@@ -1,47 +1,49 @@
-"""A passivity observer for friction compensation: it pays back what it may have fed into the arm.
+"""A passivity observer for friction compensation: it takes back what it may have fed into the arm.
 
 Friction compensation pushes along the motion. Where it pushes with more than the arm's friction
-takes out, the arm runs away, and an arm held by a springy hand swings higher and higher. How much
-friction there really is, is what nobody knows; that it is at least half of what the model says
-(:data:`SURE`: a model that is wrong by up to 100 %) is supposed here.
+takes out, the arm runs away, and an arm in a springy hand swings higher and higher. How much
+friction there is, nobody knows; supposed is that it is at least half of what the model says
+(:data:`SURE`: a model that takes it to be up to 100 % more than it is).
 
-**What is observed.** Let f v be the power of the compensation at full factor (friction torque times
-velocity), and `part` the part of the modelled friction that f is. With a factor s applied,
+**What is observed.** Let f v be the power of the compensation at full factor, friction torque times
+velocity, and `part` the part of the modelled friction that f is. With a factor s applied,
 
     net power into arm and hand  <=  (s - SURE / part) f v,
 
-since friction takes out at least SURE / part times f v. Its integral is the energy that the
-compensation may have fed in; where it is negative it is the energy that was surely taken out. This
-is the passivity observer of Hannaford and Ryu (2002), "Time-domain passivity control of haptic
+since friction takes out at least SURE / part times f v. The integral of the right-hand side is the
+energy that the compensation may have fed in; where it falls, energy was surely taken out. It is
+the passivity observer of Hannaford and Ryu (2002), "Time-domain passivity control of haptic
 interfaces", IEEE Trans. Robotics and Automation 18:1, with a known loss on the device's side.
 
-Delay does not spoil it: f(v(t - d)) v(t) is at most |f| |v(t)| for dry friction, and for viscous
-friction its integral is, by the inequality of Cauchy and Schwarz, at most that without delay. So
-a compensation that is passive without delay is passive with it. (It is the *account* that is late
-by d; `SETTLING` waits for that.)
+Delay does not spoil the bound: f(v(t - d)) v(t) is at most |f| |v(t)| for dry friction, and for
+viscous friction its integral is at most that without delay (Cauchy and Schwarz). What is passive
+without delay is so with it. But the account runs on a late velocity: it misses some of what is fed
+while a joint accelerates, and books some payment too much while it slows down.
 
-**What is done.** A controller that pays back always would apply half the friction, whatever the
-model is worth, since a hand that works against residual friction and a hand that is being worked upon
-can show the same motion. It is growth that does harm, and growth can be told: the energy of a
-hand that is passive (springs, masses, dampers, of whatever size) and of the arm is kinetic at the
-top of a swing. So, joint by joint:
+**What is done.** A controller that takes all of it back at once would compensate half the friction,
+whatever the model is worth: a hand that works against the friction that is left and a hand that is
+being worked upon can show the same motion. But it is growth that does harm, and the growth of a
+passive hand's motion (springs, masses, dampers of any size) shows: at the top speed of a swing all
+of its energy and the arm's is kinetic. So, for each joint:
 
-1. The account starts anew at the top of each swing: `fed` is the energy since the last one.
-2. A joint that gets faster than `GROWTH` times its `base` speed (and than its `allowance`) may have
-   been driven to it, by no more than `fed`, since the last top was below that speed. It owes `fed`.
-3. While it owes, no friction is compensated, and what friction surely takes out pays the debt.
-4. With the debt paid, a passive hand and the arm have no more energy than at the last top. If the joint
-   is nevertheless still as fast, the hand has worked: that speed is the new base. If not, the
-   base stays as it is, and so does the bound.
-5. The base falls to the tops of slower swings, by a fifth a swing, and to zero after a rest.
+1. `fed` is the energy since the top of the last swing.
+2. A joint that is faster than its `allowance` and than GROWTH times its `base` speed owes `fed`:
+   the last top was below that speed, and nothing else but a hand can have driven it beyond.
+3. While it owes, no friction is compensated; what friction surely takes out pays.
+4. When that is paid, a passive hand and the arm have no more energy than that speed stands for. A
+   joint that SETTLING later is still faster is driven by a hand that works: its speed is the new
+   base. Any other keeps its base.
+5. The base falls towards the tops of slower swings, and to zero after a rest.
 
-So a passive hand and arm never exceed max(GROWTH * base, allowance), but for what they gain
-until the (delayed) measurement shows it: base does not rise without a hand's work. An active hand pays
-a few hundredths of a second without compensation each time it gets faster by `GROWTH`.
-No inertia enters. Joints that share motors have one factor, the least of theirs: parts of a
-motor's friction that differ by joint would feed energy of their own.
+So a passive hand and arm get no faster than GROWTH times the base, or the allowance, but for what a
+single swing feeds, what the delay hides and what coupled joints pass on: the base does not rise
+without a hand's work. A
+hand that works loses its compensation for about a tenth of a second each time that it moves a
+joint faster by GROWTH than it has been lately. No inertia enters. Joints that share motors
+have one factor, the least of theirs: parts of a motor's friction that differ by joint would feed
+energy of their own.
 
-The figures come from ``benchmark/passivity.py``.
+`benchmark/passivity.py` measures both; its cases have set the numbers below that name no source.
 """
 
 from __future__ import annotations
@@ -56,23 +58,24 @@ Array = NDArray[np.float64]
 SURE = 0.5
 """Part of the modelled friction that the arm surely has: 1 / (1 + 100 %)."""
 GROWTH = 1.3
-"""Growth of the top speed that passes. Less answers a hand's ordinary unevenness, more lets a
-passive hand's swing grow by more; 1.3 is the square root of 1.7 in energy."""
+"""Growth of a joint's top speed that passes unasked. A smaller one asks at the ordinary unevenness
+of a hand's motion."""
 ALLOWANCE = 0.1
-"""Part of a joint's speed limit below which nothing is done about growth."""
-SETTLING = 0.05
-"""s from payment to judgement: 30 ms of delay, a period, and the slewing of the command."""
-# The velocity that counts as motion, rad/s, is the default dead band: below it nothing is fed.
+"""Part of a joint's speed limit up to which growth passes unasked."""
+SETTLING = 0.08
+"""s from payment to judgement: 30 ms of delay, 20 ms until the factor is down, and as long again in
+which a joint that nobody drives slows down. With 0.05 s a delayed velocity passes for a hand's."""
+# Speed that counts as motion, rad/s: the default dead band, below which nothing is fed.
 _MOVES = 0.05
-# Energy of a hand's spring that is left in a joint at rest for so long, s, cannot overcome the
-# friction; the base is kept longer, so that a hand that moves in jerks is not asked every time.
+# A hand's spring that cannot move a joint for so long, s, has no energy to give back. The base is
+# kept longer, so that a hand that pauses between its moves is not asked at each.
 _REST, _FORGET = 0.5, 2.0
 _KEPT = 0.8  # of the base, at each slower swing
-# How much faster than the limit is certainly as fast: noise and steps of the velocity.
+# How much faster than the limit is certainly faster: steps of 0.05 rad/s and noise.
 _CERTAIN, _CERTAIN_BY = 1.02, 0.03
-# Motions of a hand are below 20 Hz: more often than this, s, is work for nothing.
-_PERIOD = 0.004
-# The factor goes from one end to the other in this time, s: no step is felt.
+# Motions of a hand are below 20 Hz: every fifth sample at 1 kHz, s, is often enough.
+_PERIOD = 0.0049
+# From one end of the factor to the other, s, so that it is no blow.
 _FADE = 0.02
 
 
@@ -159,28 +162,36 @@ class _Joint:
         if speed < _MOVES:
             self.resting += step
             if self.resting > _REST:
-                self._rest()
-                return self.factor
+                if self.resting - step <= _FORGET:
+                    self._rest()
+                return 1.0
         else:
             self.resting = 0.0
             if velocity * self.sign <= 0.0:
                 self._turn(velocity)
+        # Conditions rather than min and max: this runs seven times a sample.
         energy = (applied - self.sure) * power * step
-        self.fed = max(self.fed + energy, 0.0)
-        self.fed_since_top = max(self.fed_since_top + energy, 0.0)
+        self.fed += energy
+        if self.fed < 0.0:
+            self.fed = 0.0
         if speed > self.top:
             self.top, self.fed_since_top = speed, 0.0
-        limit = max(GROWTH * self.base, self.allowance)
+        else:
+            self.fed_since_top += energy
+            if self.fed_since_top < 0.0:
+                self.fed_since_top = 0.0
         if self.owes:
             self.debt += energy
             if self.debt <= 0.0:
                 self.paid_for += step
                 if self.paid_for > SETTLING:
-                    self._judge(speed, limit)
-        elif speed > limit:
-            self.owes, self.debt, self.paid_for = True, self.fed, 0.0
-        change = step / _FADE
-        self.factor = max(self.factor - change, 0.0) if self.owes else min(self.factor + change, 1.0)
+                    self._judge(speed)
+            self.factor = max(self.factor - step / _FADE, 0.0)
+        else:
+            if speed > self.allowance and speed > GROWTH * self.base:
+                self.owes, self.debt, self.paid_for = True, self.fed, 0.0
+            if self.factor < 1.0:
+                self.factor = min(self.factor + step / _FADE, 1.0)
         return self.factor
 
     def _turn(self, velocity: float) -> None:
@@ -189,8 +200,9 @@ class _Joint:
         self.base = min(self.base, max(self.top, _KEPT * self.base))
         self.top, self.fed = 0.0, self.fed_since_top
 
-    def _judge(self, speed: float, limit: float) -> None:
+    def _judge(self, speed: float) -> None:
         """Decide, the debt being paid, whether a hand keeps up the speed."""
+        limit = max(GROWTH * self.base, self.allowance)
         if speed > _CERTAIN * limit + _CERTAIN_BY:
             self.base = speed
         elif speed > limit:

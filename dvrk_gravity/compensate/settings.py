@@ -15,6 +15,7 @@ from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import ALL_PARAMETERS, TorqueModel
 from dvrk_gravity.parameter import check_all
+from dvrk_gravity.terms import DirectionalCable
 
 Array = NDArray[np.float64]
 
@@ -101,6 +102,19 @@ class Settings:
             q = q - self._offset  # what the terms are functions of
         moving = None if qd is None else qd * (np.abs(qd) >= self.friction_dead_band)
         return self._parts(q, qd, moving)
+
+    @cached_property
+    def friction_part(self) -> Array:
+        """(7,) largest part of any friction that is compensated at a joint, 0 to 1."""
+        part = np.zeros(len(self.friction_ratio))
+        for term in self.model.terms:
+            if isinstance(term, DirectionalCable):
+                part = np.maximum(part, term.scaled(self.friction_ratio).ratio)
+            elif term.FRICTION and term.COMPENSATED:
+                part = np.maximum(part, self.friction_ratio)
+        # What rubs at a motor is felt at each joint that it moves.
+        coupled = self.limits.coupled
+        return np.where(coupled, part[coupled].max(initial=0.0), part)
 
     @cached_property
     def _offset(self) -> Array | None:

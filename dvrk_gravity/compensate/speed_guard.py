@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 WINDOW = 0.1
-"""s for which all signs must point at the compensator. A flick of a hand's wrist is beyond the limit
-for less; an arm that runs away stays there."""
+"""s for which all signs must point at the compensator. A flick of a hand is beyond the limit for
+less; an arm that runs away stays there."""
 
 
 class SpeedGuard:
