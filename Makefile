@@ -55,13 +55,13 @@ story: $(VENV)/.done
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python docs/real_data/story.py
 
 # Each prints a table and leaves its figures in out/bench; the last line names what missed a target.
-BENCHMARKS ?= torque startup latency faults simulator gravity_regressor identify supervisor_properties fuzz soak
+BENCHMARKS ?= torque startup latency faults passivity simulator gravity_regressor identify supervisor_properties fuzz soak
 bench: $(VENV)/.done
 	@mkdir -p out/bench; missed=""; \
 	for name in $(BENCHMARKS); do \
 	  echo; echo "--- $$name"; \
 	  case $$name in supervisor_properties) flags="--cases 1500";; fuzz) flags="--cases 300";; \
-	    soak) flags="--minutes $(MINUTES)";; *) flags="";; esac; \
+	    soak) flags="--minutes $(MINUTES)";; passivity) flags="--quick";; *) flags="";; esac; \
 	  PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/$$name.py $$flags \
 	    --json out/bench/$$name.json || missed="$$missed $$name"; \
 	done; \

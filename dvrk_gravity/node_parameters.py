@@ -62,6 +62,11 @@ NODE_PARAMETERS: dict[str, Parameter] = {
             lower=0.0, upper=10.0, lengths=_SEVEN,
         ),
         Parameter(
+            "speed_limit", (4.0, 4.0, 4.0, 8.0, 8.0, 8.0, 25.0), "rad/s",
+            "hold where a joint is faster for 0.1 s while the command pushes it along",
+            lower=0.1, upper=25.0, lengths=_SEVEN,
+        ),
+        Parameter(
             "resume", "explicit", "",
             "after a fault: wait for ~/enable, or go on by itself when input is good again",
             choices=("explicit", "automatic"),

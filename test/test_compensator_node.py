@@ -380,12 +380,12 @@ def test_an_unexpected_exception_ends_it_with_a_hold_and_status_1(arm):
 import sys
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.compensate.settings import Settings
-whole = Settings.torque
-def torque(self, q, qd):
+whole = Settings.parts
+def parts(self, q, qd):
     if qd[6] > 1.0:
         raise RuntimeError("a defect")
     return whole(self, q, qd)
-Settings.torque = torque
+Settings.parts = parts
 sys.exit(main())
 """
     with NodeProcess(

@@ -14,7 +14,11 @@ from dvrk_gravity.compensate.evaluator import prepare, prepare_sum
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.terms import State
 
-BASE = TorqueModel.load(MODEL_FILE).parameters()
+# All of the friction is compensated: the torque to apply is the model's.
+BASE = TorqueModel.load(MODEL_FILE).parameters() | {
+    "friction_compensation.ratio": [1.0] * 7,
+    "friction_compensation.dead_band": [0.0] * 7,
+}
 FRICTION = {
     "coulomb_friction.joint_positive": [0.01 * (j + 1) for j in range(7)],
     "coulomb_friction.joint_negative": [0.02] * 7,
@@ -24,9 +28,6 @@ FRICTION = {
     "stribeck_friction.joint_velocity": [0.1] * 7,
     "viscous_friction.joint": [0.01] * 7,
     "viscous_friction.motor": [0.002 * j for j in range(7)],
-    # All of it is compensated: the torque to apply is the model's.
-    "friction_compensation.ratio": [1.0] * 7,
-    "friction_compensation.dead_band": [0.0] * 7,
 }
 MODELS = {
     "as shipped": BASE,

@@ -124,15 +124,15 @@ def test_a_compensator_without_memory_holds_ends_and_says_so(arm, start):
 import resource, sys
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.compensate.settings import Settings
-whole = Settings.torque
-def torque(self, q, qd):
+whole = Settings.parts
+def parts(self, q, qd):
     if qd[6] > 1.0:
         pages = int(open("/proc/self/statm").read().split()[0])
         size = pages * resource.getpagesize() + (1 << 20)
         resource.setrlimit(resource.RLIMIT_AS, (size, size))
         bytearray(1 << 30)
     return whole(self, q, qd)
-Settings.torque = torque
+Settings.parts = parts
 sys.exit(main())
 """
     node = start("compensator", *PATIENT, program=("-c", hungry))

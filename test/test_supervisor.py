@@ -641,7 +641,7 @@ def test_an_exception_in_the_model_is_an_error_of_our_own(monkeypatch):
     def broken(*_):
         raise ValueError("shapes do not fit")
 
-    monkeypatch.setattr(Settings, "torque", broken)
+    monkeypatch.setattr(Settings, "parts", broken)
     assert bench.send() is None
     assert (bench.status, bench.holds) == (Status.FAULT, 1)
     assert "shapes do not fit" in bench.reason

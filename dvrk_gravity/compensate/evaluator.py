@@ -33,6 +33,42 @@ from dvrk_gravity.tree import Tree, beta_tree
 Array = NDArray[np.float64]
 Evaluator = Callable[[Array, "Array | None"], Array]
 """Torque (7,) from positions (7,) and velocities (7,), ``None`` where these are unknown."""
+Parts = Callable[[Array, "Array | None", "Array | None"], tuple[Array, Array]]
+"""Torque without friction and friction, (7,) each, from positions, velocities, and the velocities
+at which friction is taken."""
+
+
+def prepare_parts(terms: Iterable[Term], part: Array) -> Parts:
+    """Return the evaluator of a sum of terms that keeps friction apart.
+
+    Args:
+        terms: The terms, friction whole.
+        part: (7,) part of friction to take, at each joint and motor.
+    """
+    terms = list(terms)
+    cables = [term for term in terms if isinstance(term, DirectionalCable)]
+    others = [term for term in terms if not isinstance(term, DirectionalCable)]
+    conservative = prepare_sum(term for term in others if not term.FRICTION)
+    # Scaled where it lives: parts of a motor's friction that differ by joint would put more
+    # power into the arm than the friction takes out.
+    friction = prepare_sum(term.scaled(part) for term in others if term.FRICTION)
+    if not cables:
+        return lambda q, qd, moving: (conservative(q, qd), friction(q, moving))
+    (cable,) = cables
+    both = _cable_parts(cable.elastic(), cable.scaled(part))
+    if friction is _zeros:
+
+        def without(q: Array, qd: Array | None, moving: Array | None) -> tuple[Array, Array]:
+            elastic, rubbing = both(q, moving)
+            return conservative(q, qd) + elastic, rubbing
+
+        return without
+
+    def evaluate(q: Array, qd: Array | None, moving: Array | None) -> tuple[Array, Array]:
+        elastic, rubbing = both(q, moving)
+        return conservative(q, qd) + elastic, friction(q, moving) + rubbing
+
+    return evaluate
 
 
 def prepare_sum(terms: Iterable[Term]) -> Evaluator:
@@ -79,16 +115,21 @@ def _(term: ElasticCable) -> Evaluator:
 
 @prepare.register
 def _(term: DirectionalCable) -> Evaluator:
-    if term.shape != "linear":
-        return lambda q, qd: term.torque(State(q, qd))
-    count = len(term.positive)
-    slope = term.ratio / (term.saturation_velocity - term.dead_band)
-    mean = 0.5 * (term.positive + term.negative)
-    both = np.vstack([mean, 0.5 * (term.positive - term.negative) * slope])
+    both, sum_up = _cable_parts(term.elastic(), term.scaled(term.ratio)), np.ones(2).dot
+    return lambda q, qd: sum_up(both(q, qd))
+
+
+def _cable_parts(elastic: ElasticCable, friction: DirectionalCable) -> Evaluator:
+    """Return the evaluator of a directional cable's two parts, (2, 7): they share their powers."""
+    if friction.shape != "linear":
+        return lambda q, qd: np.stack([elastic.torque(State(q)), friction.torque(State(q, qd))])
+    count = len(elastic.coefficients)
+    slope = friction.ratio / (friction.saturation_velocity - friction.dead_band)
+    both = np.vstack([elastic.coefficients, friction.positive * slope])
     # A velocity cut at the one less the same velocity cut at the other: the blend's ramp.
-    edges = np.array([term.saturation_velocity, term.dead_band])
+    edges = np.array([friction.saturation_velocity, friction.dead_band])
     lowest, full_less_dead = -edges, np.array([1.0, -1.0]).dot
-    powers, sum_up = _powers(term.valid, count), np.ones(2 * count).dot
+    powers, sum_up = _powers(elastic.valid, count), np.repeat(np.eye(2), count, axis=1).dot
     factors = np.zeros((2 * count, N_JOINTS))
     plain, blended = factors[:count], factors[count:]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.compensate.evaluator import Evaluator, prepare_sum
+from dvrk_gravity.compensate.evaluator import Parts, prepare_parts
 from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
@@ -21,7 +21,7 @@ from dvrk_gravity.model import (
     TorqueModel,
 )
 from dvrk_gravity.parameter import Value, check_all
-from dvrk_gravity.terms import Gravity
+from dvrk_gravity.terms import DirectionalCable, Gravity
 
 Array = NDArray[np.float64]
 
@@ -55,6 +55,7 @@ class Settings:
         max_stamp_age: Farthest stamp from the node's clock, s; 0 if not checked.
         friction_ratio: (7,) part of friction that is compensated, at each joint and motor.
         friction_dead_band: (7,) rad/s below which it is not.
+        speed_limit: (7,) speed beyond which a joint must not be driven, rad/s.
         enabled: Whether to command at all.
         resume_automatically: Go on by itself after a fault of the input.
         disable_builtin: Switch the arm's own compensation off when it is on.
@@ -70,6 +71,7 @@ class Settings:
     max_stamp_age: float
     friction_ratio: Array
     friction_dead_band: Array
+    speed_limit: Array
     enabled: bool
     resume_automatically: bool
     disable_builtin: bool
@@ -123,6 +125,7 @@ class Settings:
             value["max_stamp_age"],
             np.array(value["friction_compensation.ratio"]),
             np.array(value["friction_compensation.dead_band"]),
+            np.array(value["speed_limit"]),
             value["enabled"],
             value["resume"] == "automatic",
             value["disable_builtin"],
@@ -141,30 +144,37 @@ class Settings:
         It is the model's torque but for friction, of which only the asked part
         is compensated: pushing the whole of it makes an arm run away on its own.
         """
+        conservative, friction = self.parts(q, qd)
+        return conservative + friction
+
+    def parts(self, q: Array, qd: Array | None) -> tuple[Array, Array]:
+        """Return :meth:`torque` as its two parts, (7,) each: without friction, and friction."""
         if self._offset is not None:
             q = q - self._offset  # what the terms are functions of
-        torque = self._conservative(q, qd)
-        if self._friction is None:
-            return torque
-        if qd is not None:
-            qd = qd * (np.abs(qd) >= self.friction_dead_band)
-        return torque + self._friction(q, qd)
+        moving = None if qd is None else qd * (np.abs(qd) >= self.friction_dead_band)
+        return self._parts(q, qd, moving)
+
+    @cached_property
+    def friction_part(self) -> Array:
+        """(7,) largest part of any friction that is compensated at a joint, 0 to 1."""
+        part = np.zeros(len(self.friction_ratio))
+        for term in self.model.terms:
+            if isinstance(term, DirectionalCable):
+                part = np.maximum(part, term.scaled(self.friction_ratio).ratio)
+            elif term.FRICTION and term.COMPENSATED:
+                part = np.maximum(part, self.friction_ratio)
+        # What rubs at a motor is felt at each joint that it moves.
+        coupled = self.limits.coupled
+        return np.where(coupled, part[coupled].max(initial=0.0), part)
 
     @cached_property
     def _offset(self) -> Array | None:
         return self.model.joint_offset if self.model.joint_offset.any() else None
 
     @cached_property
-    def _conservative(self) -> Evaluator:
+    def _parts(self) -> Parts:
         terms = (term for term in self.model.terms if term.COMPENSATED)
-        return prepare_sum(term for term in terms if not term.FRICTION)
-
-    @cached_property
-    def _friction(self) -> Evaluator | None:
-        # Scaled where it lives: parts of a motor's friction that differ by joint would put
-        # more power into the arm than the friction takes out.
-        terms = [term for term in self.model.terms if term.FRICTION and term.COMPENSATED]
-        return prepare_sum(term.scaled(self.friction_ratio) for term in terms) if terms else None
+        return prepare_parts(terms, self.friction_ratio)
 
 
 def _of_model(checked: Mapping[str, Value]) -> dict[str, Value]:

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.compensate.freshness import Freshness
 from dvrk_gravity.compensate.limits import slew
+from dvrk_gravity.compensate.passivity import ALLOWANCE, PassivityObserver
 from dvrk_gravity.compensate.plausibility import MotionCheck
 from dvrk_gravity.compensate.ramp import Ramp
 from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, Sample
 from dvrk_gravity.compensate.settings import CONSIDERABLE, Settings
+from dvrk_gravity.compensate.speed_guard import SpeedGuard
 from dvrk_gravity.compensate.start import Start, StartRefusedError
 
 Array = NDArray[np.float64]
@@ -75,6 +77,7 @@ class Supervisor:
         self._start: Start | None = None
         self._ramp: Ramp | None = None
         self._command: Array | None = None
+        self._watch_energy()
         self._position = np.zeros(len(names))  # of the last command
         self._input_fault = False
         self.status = Status.DISABLED
@@ -111,6 +114,7 @@ class Supervisor:
         before, self.settings = self.settings, settings
         if self._command is not None:
             self.loss = self._support_lost(before, settings)
+            self._watch_energy()
             self._ramp = Ramp(self._command, now)
             self.status, self.reason = Status.RAMPING, "blending to the changed settings' torque"
         if settings.enabled and not before.enabled:
@@ -209,26 +213,45 @@ class Supervisor:
             self.fail(str(error))
             return
         self._start, self.loss = None, ""
+        self._watch_energy()
         self._ramp = Ramp(self._command, now)
         self.status, self.reason = Status.RAMPING, "blending to the model's torque"
 
-    def _wanted(self, sample: Sample) -> Array:
-        """Return the (n,) torque that the settings ask for, before limits, N·m."""
+    def _watch_energy(self) -> None:
+        """Know nothing of the arm's motion until now."""
+        settings, arm = self.settings, self.settings.model.arm
+        self._passivity = PassivityObserver(
+            settings.friction_part, ALLOWANCE * settings.speed_limit, settings.limits.coupled
+        )
+        self._guard = SpeedGuard(arm.joint_names, settings.speed_limit)
+
+    def _wanted(self, sample: Sample, now: float | None = None) -> Array:
+        """Return the (n,) torque that the settings ask for, before limits, N·m.
+
+        At a time ``now`` of an arm under our command, of friction no more than is passive.
+        """
         with np.errstate(over="ignore", invalid="ignore"):
-            torque = self.settings.torque(sample.position, sample.velocity)
+            torque, friction = self.settings.parts(sample.position, sample.velocity)
+            if now is not None:
+                friction = friction * self._passivity.update(sample.velocity, friction, now)
+            torque = torque + friction
         if np.count_nonzero(np.isfinite(torque)) < len(torque):
             joint = self.settings.model.arm.joint_names[int(np.argmin(np.isfinite(torque)))]
             raise ArithmeticError(f"the model's torque on {joint} is not a finite number")
         return torque
 
-    def _follow(self, sample: Sample, now: float, step: float) -> Array:
+    def _follow(self, sample: Sample, now: float, step: float) -> Array | None:
         settings = self.settings
-        target = self._wanted(sample)
+        previous = self._command
+        assert previous is not None  # set by _collect, before anything is active
+        runaway = self._guard.check(sample.velocity, previous, now)
+        if runaway:
+            self.fail(runaway)
+            return None
+        target = self._wanted(sample, now)
         with np.errstate(over="ignore"):
             within = settings.limits.clip(target)
         self.saturated = self._uncut if within is target else np.abs(within - target) > _CUT
-        previous = self._command
-        assert previous is not None  # set by _collect, before anything is active
         if self._ramp is not None:
             within = self._ramp.blend(within, now, settings)
             if self._ramp.over:

@@ -13,6 +13,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 from dvrk_gravity.terms import polynomial
 from dvrk_gravity.terms.base import Array, State, Term, as_array, as_value, joint_array
+from dvrk_gravity.terms.elastic_cable import ElasticCable
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +105,20 @@ class DirectionalCable(Term):
             f"{self.NAME}.ratio": as_value(self.ratio),
             f"{self.NAME}.blend": self.shape,
         }
+
+    def elastic(self) -> ElasticCable:
+        """Return the mean of both directions: what depends on the position alone."""
+        return ElasticCable(self._mean, self.valid)
+
+    def scaled(self, part: Array) -> DirectionalCable:
+        """Return the rest, which is friction, with at most (7,) parts of it left at each joint.
+
+        ``ratio`` is a part of the same friction: where it is the smaller, it stays. With
+        :meth:`elastic` and all parts at 1 it makes up the whole term.
+        """
+        half = self._half_difference
+        ratio = np.minimum(self.ratio, part)
+        return replace(self, positive=half, negative=-half, ratio=ratio)
 
     def with_full_ratio(self) -> DirectionalCable:
         """Return the term as physics rather than as a compensation: the whole difference."""

@@ -1,0 +1,218 @@
+"""A passivity observer for friction compensation: it takes back what it may have fed into the arm.
+
+Friction compensation pushes along the motion. Where it pushes with more than the arm's friction
+takes out, the arm runs away, and an arm in a springy hand swings higher and higher. How much
+friction there is, nobody knows; supposed is that it is at least half of what the model says
+(:data:`SURE`: a model that takes it to be up to 100 % more than it is).
+
+**What is observed.** Let f v be the power of the compensation at full factor, friction torque times
+velocity, and `part` the part of the modelled friction that f is. With a factor s applied,
+
+    net power into arm and hand  <=  (s - SURE / part) f v,
+
+since friction takes out at least SURE / part times f v. The integral of the right-hand side is the
+energy that the compensation may have fed in; where it falls, energy was surely taken out. It is
+the passivity observer of Hannaford and Ryu (2002), "Time-domain passivity control of haptic
+interfaces", IEEE Trans. Robotics and Automation 18:1, with a known loss on the device's side.
+
+Delay does not spoil the bound: f(v(t - d)) v(t) is at most |f| |v(t)| for dry friction, and for
+viscous friction its integral is at most that without delay (Cauchy and Schwarz). What is passive
+without delay is so with it. But the account runs on a late velocity: it misses some of what is fed
+while a joint accelerates, and books some payment too much while it slows down.
+
+**What is done.** A controller that takes all of it back at once would compensate half the friction,
+whatever the model is worth: a hand that works against the friction that is left and a hand that is
+being worked upon can show the same motion. But it is growth that does harm, and the growth of a
+passive hand's motion (springs, masses, dampers of any size) shows: at the top speed of a swing all
+of its energy and the arm's is kinetic. So, for each joint:
+
+1. `fed` is the energy since the top of the last swing.
+2. A joint that is faster than its `allowance` and than GROWTH times its `base` speed owes `fed`:
+   the last top was below that speed, and nothing else but a hand can have driven it beyond.
+3. While it owes, no friction is compensated; what friction surely takes out pays.
+4. When that is paid, a passive hand and the arm have no more energy than that speed stands for. A
+   joint that SETTLING later is still faster is driven by a hand that works: its speed is the new
+   base. Any other keeps its base.
+5. The base falls towards the tops of slower swings, and to zero after a rest.
+
+So a passive hand and arm get no faster than GROWTH times the base, or the allowance, but for what a
+single swing feeds, what the delay hides and what coupled joints pass on: the base does not rise
+without a hand's work. A
+hand that works loses its compensation for about a tenth of a second each time that it moves a
+joint faster by GROWTH than it has been lately. No inertia enters. Joints that share motors
+have one factor, the least of theirs: parts of a motor's friction that differ by joint would feed
+energy of their own.
+
+`benchmark/passivity.py` measures both; its cases have set the numbers below that name no source.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import N_JOINTS
+
+Array = NDArray[np.float64]
+
+SURE = 0.5
+"""Part of the modelled friction that the arm surely has: 1 / (1 + 100 %)."""
+GROWTH = 1.3
+"""Growth of a joint's top speed that passes unasked. A smaller one asks at the ordinary unevenness
+of a hand's motion."""
+ALLOWANCE = 0.1
+"""Part of a joint's speed limit up to which growth passes unasked."""
+SETTLING = 0.08
+"""s from payment to judgement: 30 ms of delay, 20 ms until the factor is down, and as long again in
+which a joint that nobody drives slows down. With 0.05 s a delayed velocity passes for a hand's."""
+# Speed that counts as motion, rad/s: the default dead band, below which nothing is fed.
+_MOVES = 0.05
+# A hand's spring that cannot move a joint for so long, s, has no energy to give back. The base is
+# kept longer, so that a hand that pauses between its moves is not asked at each.
+_REST, _FORGET = 0.5, 2.0
+_KEPT = 0.8  # of the base, at each slower swing
+# How much faster than the limit is certainly faster: steps of 0.05 rad/s and noise.
+_CERTAIN, _CERTAIN_BY = 1.02, 0.03
+# Motions of a hand are below 20 Hz: every fifth sample at 1 kHz, s, is often enough.
+_PERIOD = 0.0049
+# From one end of the factor to the other, s, so that it is no blow.
+_FADE = 0.02
+
+
+class PassivityObserver:
+    """Scales friction compensation down, joint by joint, where it may make the motion grow.
+
+    Attributes:
+        factor: (7,) part of the friction torque to apply, 0 to 1.
+    """
+
+    def __init__(self, part: Array, allowance: Array, coupled: NDArray[np.bool_]) -> None:
+        """Start with everything at rest.
+
+        Args:
+            part: (7,) part of the modelled friction that is compensated at full factor.
+            allowance: (7,) speeds below which growth does no harm, rad/s.
+            coupled: (7,) whether a joint shares a motor with others.
+        """
+        sure = SURE / np.maximum(part, 1e-9)
+        self._joints = [
+            _Joint(*given) for given in zip(sure.tolist(), allowance.tolist(), strict=True)
+        ]
+        self._coupled = np.flatnonzero(coupled).tolist()
+        self._full = np.ones(N_JOINTS)
+        self.factor = self._full
+        self._last = -np.inf
+
+    def update(self, velocity: Array | None, friction: Array, now: float) -> Array:
+        """Take a sample; return the (7,) factor to apply to its friction torque.
+
+        Args:
+            velocity: (7,) rad/s; ``None`` where unknown: then no friction is compensated either.
+            friction: (7,) torque of friction compensation at full factor, N·m.
+            now: Monotonic time, s.
+        """
+        step = now - self._last
+        if step < _PERIOD or velocity is None:
+            return self.factor
+        self._last = now
+        if step == np.inf:  # the first sample
+            return self.factor
+        applied = self.factor.tolist()
+        power = (friction * velocity).tolist()
+        factors = [
+            joint.go(v, p, s, step)
+            for joint, v, p, s in zip(self._joints, velocity.tolist(), power, applied, strict=True)
+        ]
+        if min(factors) == 1.0:
+            self.factor = self._full
+            return self._full
+        if self._coupled:
+            least = min(factors[joint] for joint in self._coupled)
+            for joint in self._coupled:
+                factors[joint] = least
+        self.factor = np.array(factors)
+        return self.factor
+
+
+class _Joint:
+    """The account of one joint; see the module's text for what each name stands for."""
+
+    __slots__ = (
+        "allowance", "base", "debt", "factor", "fed", "fed_since_top", "owes", "paid_for",
+        "resting", "sign", "sure", "top",
+    )  # fmt: skip
+
+    def __init__(self, sure: float, allowance: float) -> None:
+        self.sure = sure  # what friction surely takes out, over the power of the compensation
+        self.allowance = allowance  # rad/s
+        self.factor = 1.0
+        self.sign = 0.0  # of the present swing
+        self.base = 0.0  # rad/s
+        self.top = 0.0  # greatest speed of this swing, rad/s
+        self.fed = 0.0  # at most, since the last swing's top, J
+        self.fed_since_top = 0.0  # at most, since this swing's top, J
+        self.owes = False
+        self.debt = 0.0  # J
+        self.paid_for = 0.0  # s since the debt was paid
+        self.resting = 0.0  # s
+
+    def go(self, velocity: float, power: float, applied: float, step: float) -> float:
+        """Go one step on and return the factor that this joint asks for."""
+        speed = abs(velocity)
+        if speed < _MOVES:
+            self.resting += step
+            if self.resting > _REST:
+                if self.resting - step <= _FORGET:
+                    self._rest()
+                return 1.0
+        else:
+            self.resting = 0.0
+            if velocity * self.sign <= 0.0:
+                self._turn(velocity)
+        # Conditions rather than min and max: this runs seven times a sample.
+        energy = (applied - self.sure) * power * step
+        self.fed += energy
+        if self.fed < 0.0:
+            self.fed = 0.0
+        if speed > self.top:
+            self.top, self.fed_since_top = speed, 0.0
+        else:
+            self.fed_since_top += energy
+            if self.fed_since_top < 0.0:
+                self.fed_since_top = 0.0
+        if self.owes:
+            self.debt += energy
+            if self.debt <= 0.0:
+                self.paid_for += step
+                if self.paid_for > SETTLING:
+                    self._judge(speed)
+            self.factor = max(self.factor - step / _FADE, 0.0)
+        else:
+            if speed > self.allowance and speed > GROWTH * self.base:
+                self.owes, self.debt, self.paid_for = True, self.fed, 0.0
+            if self.factor < 1.0:
+                self.factor = min(self.factor + step / _FADE, 1.0)
+        return self.factor
+
+    def _turn(self, velocity: float) -> None:
+        """Begin a swing in the other direction."""
+        self.sign = 1.0 if velocity > 0.0 else -1.0
+        self.base = min(self.base, max(self.top, _KEPT * self.base))
+        self.top, self.fed = 0.0, self.fed_since_top
+
+    def _judge(self, speed: float) -> None:
+        """Decide, the debt being paid, whether a hand keeps up the speed."""
+        limit = max(GROWTH * self.base, self.allowance)
+        if speed > _CERTAIN * limit + _CERTAIN_BY:
+            self.base = speed
+        elif speed > limit:
+            return
+        self.owes = False
+        self.fed = self.fed_since_top = 0.0
+
+    def _rest(self) -> None:
+        self.owes = False
+        self.factor = 1.0
+        self.top = self.fed = self.fed_since_top = 0.0
+        if self.resting > _FORGET:
+            self.base = 0.0

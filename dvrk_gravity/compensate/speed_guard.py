@@ -1,0 +1,70 @@
+"""A speed that the compensator itself causes: beyond a joint's limit, it is a fault."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+WINDOW = 0.1
+"""s for which all signs must point at the compensator. A flick of a hand is beyond the limit for
+less; an arm that runs away stays there."""
+
+
+class SpeedGuard:
+    """Tells a joint that runs away from one that a hand throws.
+
+    A joint runs away if, beyond its speed limit, for :data:`WINDOW` without a break, the command
+    pushes along the motion (its power into the joint is positive) and the joint does not slow down.
+    What is thrown slows down as soon as the hand lets go, since only part of its friction is
+    compensated; and what falls is pushed against by the command that bears it. A hand that pushes
+    a joint beyond its limit for as long, along with the command, is stopped as well.
+    """
+
+    def __init__(self, joint_names: Sequence[str], speed_limit: Array) -> None:
+        """Begin to watch.
+
+        Args:
+            joint_names: Names of the joints, for the reason.
+            speed_limit: (7,) rad/s.
+        """
+        self._names = tuple(joint_names)
+        self._limit = np.array(speed_limit)
+        self._since: dict[int, tuple[float, float]] = {}  # by joint: time and speed at first
+
+    def check(self, velocity: Array | None, command: Array, now: float) -> str | None:
+        """Take a sample; return why the arm must be held, ``None`` if all is well.
+
+        Args:
+            velocity: (7,) rad/s; ``None`` where unknown.
+            command: (7,) the last command sent, N·m.
+            now: Monotonic time, s.
+        """
+        if velocity is None:
+            self._since.clear()
+            return None
+        beyond = np.abs(velocity) > self._limit
+        if not np.count_nonzero(beyond):
+            if self._since:
+                self._since.clear()
+            return None
+        driven = beyond & (velocity * command > 0.0)
+        for joint, runs in enumerate(driven.tolist()):
+            if not runs:
+                self._since.pop(joint, None)
+                continue
+            speed = abs(float(velocity[joint]))
+            start, first = self._since.setdefault(joint, (now, speed))
+            if now - start < WINDOW:
+                continue
+            if speed >= first:
+                return (
+                    f"{self._names[joint]} runs away: {speed:.3g} rad/s, at most "
+                    f"{self._limit[joint]:g}, and for {WINDOW:g} s the command has pushed along; "
+                    "is the model's gravity or friction too large, or the arm another one?"
+                )
+            self._since[joint] = (now, speed)  # it slows down: look on from here
+        return None
