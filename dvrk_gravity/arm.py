@@ -92,19 +92,28 @@ class Arm:
         Raises:
             ConfigError: Unknown name, or a file with a wrong, missing or unknown field.
         """
-        text = str(name_or_path)
-        path = Path(text) if text.endswith((".yaml", ".yml")) else None
-        if path is None:
-            try:
-                path = config_path(f"arms/{text}.yaml")
-            except (OSError, ValueError) as error:  # not there, or nothing a path can be
-                raise ConfigError(
-                    "arm", text, "mtml, mtmr, or the path of an arm's .yaml file"
-                ) from error
+        path = cls.file(name_or_path)
         try:
-            return replace(_parse(yaml_file.load(path)), source=text)
+            return replace(_parse(yaml_file.load(path)), source=str(name_or_path))
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
+
+    @staticmethod
+    def file(name_or_path: str | Path) -> Path:
+        """Return the file that :meth:`load` reads, which need not exist if it is given as a path.
+
+        Raises:
+            ConfigError: Unknown name.
+        """
+        text = str(name_or_path)
+        if text.endswith((".yaml", ".yml")):
+            return Path(text)
+        try:
+            return config_path(f"arms/{text}.yaml")
+        except (OSError, ValueError) as error:  # not there, or nothing a path can be
+            raise ConfigError(
+                "arm", text, "mtml, mtmr, or the path of an arm's .yaml file"
+            ) from error
 
     @cached_property
     def effort_limit(self) -> Array:

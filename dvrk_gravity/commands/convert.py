@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from dvrk_gravity import outputs
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.recording import Recording, iterate_recording, save_recording
 
@@ -87,6 +88,7 @@ def _converter(path: Path) -> Callable[[argparse.Namespace], int]:
 
 
 def _convert_recording(arguments: argparse.Namespace) -> int:
+    outputs.check({}, [arguments.input], {"OUT": arguments.output})
     samples, left_out = 0, 0
     joints: tuple[str, ...] = ()
 

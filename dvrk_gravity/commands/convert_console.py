@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from dvrk_gravity import text_file
+from dvrk_gravity import outputs, text_file
 from dvrk_gravity.cli import one_line
 from dvrk_gravity.console import ConsoleFile
 from dvrk_gravity.console_check import FILE_NAME, check_file
@@ -32,6 +32,7 @@ def convert(source: Path, target: Path) -> int:
         ConfigError: Wrong kinds of files, or content that the other format cannot say.
         OSError: The output cannot be written.
     """
+    outputs.check({"OUT": target}, [source])
     if source.suffix.lower() == JSON_SUFFIX:
         _expect_suffix(target, MODEL_SUFFIXES)
         console = ConsoleFile.load(source)
@@ -69,6 +70,7 @@ def check(paths: Sequence[Path], report: Path | None = None) -> int:
     Raises:
         OSError: The report cannot be written.
     """
+    outputs.check({"--json": report}, paths)
     status = 0
     findings: dict[str, tuple[Finding, ...]] = {}
     for path in paths:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dvrk_gravity import cli, text_file
+from dvrk_gravity import cli, outputs, text_file
 from dvrk_gravity.commands.still_joints import add_at, still_joints
 
 if TYPE_CHECKING:
@@ -18,6 +18,9 @@ NAME = "diagnose"
 EXAMPLE = (
     "python -m dvrk_gravity diagnose my_bag --model config/mtmr_28002.yaml --out out/diagnosis"
 )
+
+
+FINDINGS, EXTENDED, REPORT = WRITTEN = ("findings.json", "extended_model.yaml", "report.html")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from dvrk_gravity.recording import Recording
     from dvrk_gravity.report.diagnosis import render
 
+    outputs.check_folder("--out", args.out, WRITTEN, [*args.recordings, args.model])
     still = still_joints(args.at)
     model = TorqueModel.load(args.model)
     recordings = [
@@ -60,14 +64,12 @@ def run(args: argparse.Namespace) -> int:
     if shown:
         print("\r\033[K", end="", file=sys.stderr)
     args.out.mkdir(parents=True, exist_ok=True)
-    text_file.write(args.out / "findings.json", diagnosis.to_json())
+    text_file.write(args.out / FINDINGS, diagnosis.to_json())
     comment = f"Extended by: dvrk_gravity diagnose\nGiven model: {args.model}\n" + "\n".join(
         finding.sentence for finding in diagnosis.findings if finding.in_model
     )
-    diagnosis.model.save(args.out / "extended_model.yaml", comment)
-    text_file.write(
-        args.out / "report.html", render(diagnosis, [str(path) for path in args.recordings])
-    )
+    diagnosis.model.save(args.out / EXTENDED, comment)
+    text_file.write(args.out / REPORT, render(diagnosis, [str(path) for path in args.recordings]))
     print(diagnosis.to_json() if args.json else _summary(diagnosis, args.out))
     return 0
 

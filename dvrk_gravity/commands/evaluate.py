@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from dvrk_gravity import cli, text_file
+from dvrk_gravity import cli, outputs, text_file
 
 NAME = "evaluate"
 EXAMPLE = "python -m dvrk_gravity evaluate other.csv --model model.yaml"
@@ -33,6 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.recording import RecordingFile
 
+    outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
     model = TorqueModel.load(arguments.model)
     recordings = [RecordingFile(path, arguments.topic) for path in arguments.recordings]
     result = evaluate(model, recordings, arguments.coordinates)
