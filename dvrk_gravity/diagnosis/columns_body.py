@@ -60,8 +60,7 @@ def link_columns(motion: Motion, joint: int, directions: Array) -> Array:
         joint: Index of the link's joint.
         directions: (10, k) changes in Pinocchio's joint frame.
     """
-    start = 10 * TREE_LINKS.index(f"link{joint + 1}")
-    return motion.links_regressor[:, :, start : start + 10] @ directions
+    return motion.link_torque(TREE_LINKS.index(f"link{joint + 1}"), directions)
 
 
 def payload_directions(arm: Arm, joint: int, place: Array) -> Array:
@@ -179,10 +178,10 @@ def _all_inertia(motion: Motion) -> Hypothesis:
         del setting
         return {"parameters": float(len(theta))}
 
+    chosen = motion.inertial
     return Hypothesis(
-        "link_inertia", (), ALL_INERTIA, lambda motion, _: motion.inertial[1], describe,
-        variable="acceleration",
-        plausible_size=tuple(prior_scale()[motion.inertial[0]].tolist()),
+        "link_inertia", (), ALL_INERTIA, lambda motion, _: motion.inertial_torque(chosen), describe,
+        variable="acceleration", plausible_size=tuple(prior_scale()[chosen].tolist()),
     )  # fmt: skip
 
 

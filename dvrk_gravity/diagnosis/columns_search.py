@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 Setting = Mapping[str, float]
 
 _FREQUENCIES = 240
+_TOGETHER = 24  # frequencies that are built at a time
 _LEAST_CYCLES = 1.7  # in the joint's whole way: less is a cable's smooth torque
 _BIN = 0.25  # s
 _SHORTEST, _LONGEST = 0.75, 0.5  # s, and part of the recording
@@ -33,15 +34,16 @@ class RippleBasis:
         motor: Index of the motor.
         row: (7,) joint velocities -> the motor's.
         grid: (K,) rad of phase per rad.
-        cosine: (T, K) as the bench compares them.
+        cosine: (T, K) as the bench compares them, in single precision: they only show where to
+            look.
         sine: (T, K).
     """
 
     motor: int
     row: Array
     grid: Array
-    cosine: Array
-    sine: Array
+    cosine: NDArray[np.float32]
+    sine: NDArray[np.float32]
 
 
 def ripple_bases(bench: Bench) -> list[RippleBasis]:
@@ -57,8 +59,12 @@ def ripple_bases(bench: Bench) -> list[RippleBasis]:
             continue
         angle = motion.q @ row
         grid = (2.0 * _LEAST_CYCLES + 0.5 * np.arange(_FREQUENCIES)) * np.pi / np.ptp(angle)
-        waves = bench.reduce(np.exp(1j * angle[:, None] * grid).view(float))
-        bases.append(RippleBasis(motor, row, grid, waves[:, 0::2], waves[:, 1::2]))
+        waves: list[NDArray[np.float32]] = []
+        for some in np.split(grid, _FREQUENCIES // _TOGETHER):
+            reduced = bench.reduce(np.exp(1j * angle[:, None] * some).view(float))
+            waves.append(reduced.astype(np.float32))
+        cosine, sine = (np.hstack([wave[:, first::2] for wave in waves]) for first in (0, 1))
+        bases.append(RippleBasis(motor, row, grid, cosine, sine))
     return bases
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.diagnosis.bench import FOLDS, Bench
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
+from dvrk_gravity.diagnosis.columns_search import RippleBasis, ripple_bases
 from dvrk_gravity.diagnosis.hypothesis import RANK, Hypothesis
 
 Array = NDArray[np.float64]
@@ -93,17 +95,21 @@ class Contest:
         alike = np.where(both, mine * later, 0.0).sum(axis=0) / np.maximum(square, 1e-300)
         return np.clip(alike, 0.0, 1.0)
 
+    @cached_property
+    def ripple_bases(self) -> list[RippleBasis]:
+        """Sines of every motor's angle, to look for ripple in what is left."""
+        return ripple_bases(self.bench)
+
     def candidate(self, hypothesis: Hypothesis) -> Candidate:
         """Return a hypothesis with its columns, built once."""
         key = (*hypothesis.key, id(hypothesis.build), *sorted(hypothesis.setting.items()))
         found = self._cache.get(key)
         if found is None:
-            columns = hypothesis.build(self.bench.motion, hypothesis.setting)
-            found = self._cache[key] = Candidate(hypothesis, self.bench.reduce(columns))
+            found = self._cache[key] = self._build(hypothesis)
         return found
 
     def _design(self, candidates: Sequence[Candidate]) -> Array:
-        columns = [c.columns[self._rows].reshape(-1, c.size) for c in candidates]
+        columns = [c.columns(self._rows).reshape(-1, c.size) for c in candidates]
         weight = self._weights.reshape(-1)
         if not columns:
             return np.zeros((len(weight), 0))
@@ -161,7 +167,7 @@ class Contest:
         ratio = after.likelihood + candidate.cost - before.likelihood
         ratio /= self._correlation(after.error, candidate.acts)
         p_values = [float(stats.chi2.sf(max(2.0 * ratio, 0.0), candidate.size))]
-        square = (candidate.columns[self._rows] ** 2).sum(axis=2) * self.weight**2
+        square = (candidate.columns(self._rows) ** 2).sum(axis=2) * self.weight**2
         energy = np.bincount(self._block, square.sum(axis=1), minlength=self.bench.count)
         gain = (before.loss - after.loss)[energy > _ACTIVE * energy.max()]
         gain = gain[gain != 0.0]  # blocks in which friction holds the joint decide nothing
@@ -213,7 +219,7 @@ class Contest:
         left = self.bench.residual.copy()
         if candidates:
             theta = self.parameters(candidates)
-            left -= np.concatenate([one.columns for one in candidates], axis=2) @ theta
+            left -= np.concatenate([one.columns() for one in candidates], axis=2) @ theta
         return left
 
     def parameters(self, candidates: Sequence[Candidate]) -> Array:
@@ -346,7 +352,7 @@ class Contest:
 
     def _build(self, hypothesis: Hypothesis) -> Candidate:
         columns = hypothesis.build(self.bench.motion, hypothesis.setting)
-        return Candidate(hypothesis, self.bench.reduce(columns))
+        return Candidate.of(hypothesis, self.bench.reduce(columns))
 
 
 def _range(name: str, centre: float, bench: Bench) -> tuple[float, float]:

@@ -220,7 +220,7 @@ def _prepare(motion: Motion, say: Callable[[str], None]) -> tuple[Contest, list[
     say("building hypotheses")
     contest = Contest(Bench.of(motion))
     pool = [contest.candidate(one) for one in hypotheses(motion)]
-    return contest, [one for one in pool if np.isfinite(one.columns).all() and one.acts.any()]
+    return contest, [one for one in pool if np.isfinite(one.values).all() and one.acts.any()]
 
 
 def _nameless(
