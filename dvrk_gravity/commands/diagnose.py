@@ -45,14 +45,14 @@ def run(args: argparse.Namespace) -> int:
     # Here and not above: Pinocchio and SciPy are slow to load and --help needs none of it.
     from dvrk_gravity.diagnosis import diagnose
     from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.recording import Recording
+    from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report.diagnosis import render
 
     outputs.check_folder("--out", args.out, WRITTEN, [*args.recordings, args.model])
     still = still_joints(args.at)
     model = TorqueModel.load(args.model)
     recordings = [
-        Recording.load(path, args.topic, coordinates=args.coordinates) for path in args.recordings
+        RecordingFile(path, args.topic, coordinates=args.coordinates) for path in args.recordings
     ]
     shown = sys.stderr.isatty()
 

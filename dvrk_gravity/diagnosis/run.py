@@ -22,7 +22,7 @@ from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import ReadingScore, try_readings
 from dvrk_gravity.diagnosis.selection import LEAST_GAIN, Accepted, Selection, Tried
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Recording
+from dvrk_gravity.recording import Recording, RecordingFile
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class Outcome:
 
 
 def diagnose(
-    recordings: Recording | Sequence[Recording],
+    recordings: Recording | RecordingFile | Sequence[Recording | RecordingFile],
     model: TorqueModel,
     progress: Callable[[str], None] | None = None,
     simulated: bool = False,
@@ -71,7 +71,8 @@ def diagnose(
 
     Args:
         recordings: One or more trajectories, or sets of static poses; in joint or actuator
-            coordinates, as each says.
+            coordinates, as each says. Of trajectories longer than ten minutes together,
+            stretches are looked at; one in a file is not held in memory then.
         model: The model on trial.
         progress: Called with one line at every step.
         simulated: Also compare given and extended model in the simulator, which takes seconds.
@@ -83,7 +84,7 @@ def diagnose(
     Raises:
         RecordingError: Recordings that cannot tell: too short, no effort, no motion.
     """
-    if isinstance(recordings, Recording):
+    if isinstance(recordings, Recording | RecordingFile):
         recordings = [recordings]
     say = progress or _silent
     say("reading")
@@ -102,7 +103,7 @@ def diagnose(
 
 
 def investigate(
-    recordings: Sequence[Recording],
+    recordings: Sequence[Recording | RecordingFile],
     model: TorqueModel,
     say: Callable[[str], None],
     still: Mapping[str, float] | None = None,

@@ -5,6 +5,7 @@ from dvrk_gravity.recording.bag_writer import BagWriter
 from dvrk_gravity.recording.checks import check
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.excerpt import Excerpt, excerpt
 from dvrk_gravity.recording.filters import LowPass, derivative, lowpass
 from dvrk_gravity.recording.joint_states import JointStateSample, read_joint_states
 from dvrk_gravity.recording.prepare import Prepared, Segment, prepare
@@ -15,6 +16,7 @@ __all__ = [
     "BagReader",
     "BagWriter",
     "DataWarning",
+    "Excerpt",
     "JointStateSample",
     "LowPass",
     "Prepared",
@@ -25,6 +27,7 @@ __all__ = [
     "Trajectory",
     "check",
     "derivative",
+    "excerpt",
     "iterate_recording",
     "lowpass",
     "prepare",

@@ -27,6 +27,7 @@ Kind = Literal[
     "time_unit",
     "coordinates",
     "arm_limits",
+    "excerpt",
 ]
 
 

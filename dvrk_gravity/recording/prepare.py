@@ -59,6 +59,7 @@ def prepare(
     cutoff: float = DEFAULT_CUTOFF,
     order: int = ORDER,
     effort_limits: Mapping[str, float] | None = None,
+    warnings: tuple[DataWarning, ...] | None = None,
 ) -> Prepared:
     """Check a recording and turn it into filtered, uniformly sampled parts.
 
@@ -74,12 +75,13 @@ def prepare(
         cutoff: Of the low-pass, Hz.
         order: Of one of its two runs.
         effort_limits: See ``check``.
+        warnings: What was found in the recording that this is a part of; ``None``: it is checked.
 
     Raises:
         RecordingError: If a check finds the recording unusable, if it is too short to filter, or
             if the cut-off does not go with the sampling rate.
     """
-    warnings = check(recording, effort_limits)
+    warnings = check(recording, effort_limits) if warnings is None else warnings
     for warning in warnings:
         if warning.unusable:
             raise RecordingError(recording.source, str(warning))

@@ -55,15 +55,20 @@ class RecordingFile:
     """
 
     def __init__(
-        self, path: str | Path, topic: str | None = None, time_base: TimeBase = "stamp"
+        self,
+        path: str | Path,
+        topic: str | None = None,
+        time_base: TimeBase = "stamp",
+        coordinates: Coordinates = "joint",
     ) -> None:
         """Read the first part; arguments are those of ``Recording.load``."""
         self._path, self._topic, self._time_base = path, topic, time_base
+        self._coordinates = coordinates
         self.head = next(self.parts())
 
     def parts(self) -> Iterator[Recording]:
         """Yield consecutive parts."""
-        return iterate_recording(self._path, self._topic, time_base=self._time_base)
+        return iterate_recording(self._path, self._topic, self._coordinates, self._time_base)
 
     def load(self) -> Recording:
         """Return the whole."""
