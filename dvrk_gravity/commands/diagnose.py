@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from dvrk_gravity import cli, outputs, text_file
 from dvrk_gravity.commands.still_joints import add_at, still_joints
+from dvrk_gravity.errors import ConfigError
 
 if TYPE_CHECKING:
     from dvrk_gravity.diagnosis import Diagnosis
@@ -60,7 +61,10 @@ def run(args: argparse.Namespace) -> int:
         if shown:
             print(f"\r\033[K{line} …", end="", file=sys.stderr, flush=True)
 
-    diagnosis = diagnose(recordings, model, progress, simulated=True, still=still)
+    try:
+        diagnosis = diagnose(recordings, model, progress, simulated=True, still=still)
+    except ConfigError as error:
+        raise error.in_file(args.model) from None
     if shown:
         print("\r\033[K", end="", file=sys.stderr)
     args.out.mkdir(parents=True, exist_ok=True)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dvrk_gravity import cli, outputs, text_file
+from dvrk_gravity.errors import ConfigError
 
 NAME = "evaluate"
 EXAMPLE = "python -m dvrk_gravity evaluate other.csv --model model.yaml"
@@ -36,7 +37,10 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
     model = TorqueModel.load(arguments.model)
     recordings = [RecordingFile(path, arguments.topic) for path in arguments.recordings]
-    result = evaluate(model, recordings, arguments.coordinates)
+    try:
+        result = evaluate(model, recordings, arguments.coordinates)
+    except ConfigError as error:
+        raise error.in_file(arguments.model) from None
     for line in evaluation_text(result):
         print(line)
     if arguments.json is not None:

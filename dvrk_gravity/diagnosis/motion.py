@@ -78,7 +78,7 @@ class Motion:
     @cached_property
     def modelled(self) -> Array:
         """(N, 7) torque of the model, N·m."""
-        return self.torque_at(self.q)
+        return self.model.prediction(self._state(self.q))
 
     @cached_property
     def residual(self) -> Array:
@@ -87,13 +87,13 @@ class Motion:
 
     def torque_at(self, q: Array, model: TorqueModel | None = None) -> Array:
         """Return (N, 7) torques of a model at other positions in the same motion, N·m."""
-        direction = self.direction
+        return (model or self.model).torque_at(self._state(q))
+
+    def _state(self, q: Array) -> State:
         if self.static:
             # Half of friction is undone at rest: without a direction it is not modelled.
-            state = State(q, None, None, direction)
-        else:
-            state = State(q, self.qd, self.qdd, None)
-        return (model or self.model).torque_at(state)
+            return State(q, None, None, self.direction)
+        return State(q, self.qd, self.qdd, None)
 
     @cached_property
     def slope(self) -> Array:

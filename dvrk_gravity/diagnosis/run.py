@@ -83,6 +83,7 @@ def diagnose(
 
     Raises:
         RecordingError: Recordings that cannot tell: too short, no effort, no motion.
+        ConfigError: A model of absurd torques.
     """
     if isinstance(recordings, Recording | RecordingFile):
         recordings = [recordings]

@@ -16,6 +16,7 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning, Recording, RecordingFile, Trajectory, prepare
 from dvrk_gravity.recording.data import Coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
+from dvrk_gravity.terms import State
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +72,7 @@ def evaluate(
 
     Raises:
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
+        ConfigError: A model of absurd torques.
     """
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
@@ -132,7 +134,7 @@ def _evaluate_dynamic(
     traces = []
     for motion in motions.parts:
         core = slice(motion.filter.edge, len(motion) - motion.filter.edge)
-        predicted = motion.filter(arm.actuator_effort(model.torque_at(motion.state)))
+        predicted = motion.filter(arm.actuator_effort(model.prediction(motion.state)))
         q, qd = motion.state.q, motion.state.qd
         assert qd is not None
         measured = motion.effort
@@ -169,7 +171,7 @@ def _evaluate_static(
         q, measured = recording.position, recording.effort
         assert measured is not None
         joint = arm.joint_position(q) if coordinates == "actuator" else q
-        predicted = model.torque(joint, direction=recording.direction)
+        predicted = model.prediction(State.of(joint, direction=recording.direction))
         if coordinates == "actuator":
             predicted = arm.actuator_effort(predicted)
         traces.append(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dvrk_gravity import text_file
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import SUFFIXES
 from dvrk_gravity.recording.bag_writer import write_bag
@@ -37,6 +38,8 @@ def iterate_recording(
     path = Path(path)
     if not path.exists():
         raise RecordingError(path, "no such file or folder")
+    if not text_file.is_file(path):
+        raise RecordingError(path, "is a pipe or device, expected a file or a folder")
     if path.is_dir() or path.suffix in SUFFIXES:
         return iterate_bag(path, topic, coordinates, time_base, chunk)
     if path.suffix.lower() == ".csv":
