@@ -53,7 +53,6 @@ class Contest:
         self._residual = bench.residual[self._rows]
         self._usable = bench.usable[self._rows]
         self._counts = np.maximum(self._usable.sum(axis=0), 1)
-        self._cache: dict[tuple[object, ...], Candidate] = {}
         self._pairs = bench.pairs(self._rows)
         self._alike = np.zeros(N_JOINTS)  # (7,) correlation of what two copies leave
         self.weight = np.zeros(N_JOINTS)
@@ -100,13 +99,15 @@ class Contest:
         """Sines of every motor's angle, to look for ripple in what is left."""
         return ripple_bases(self.bench)
 
+    def release(self) -> None:
+        """Drop what is large and can be computed again: named effects have been searched for."""
+        self.__dict__.pop("ripple_bases", None)
+        self.bench.motion.release()
+
     def candidate(self, hypothesis: Hypothesis) -> Candidate:
-        """Return a hypothesis with its columns, built once."""
-        key = (*hypothesis.key, id(hypothesis.build), *sorted(hypothesis.setting.items()))
-        found = self._cache.get(key)
-        if found is None:
-            found = self._cache[key] = self._build(hypothesis)
-        return found
+        """Return a hypothesis with its columns."""
+        columns = hypothesis.build(self.bench.motion, hypothesis.setting)
+        return Candidate.of(hypothesis, self.bench.reduce(columns))
 
     def _design(self, candidates: Sequence[Candidate]) -> Array:
         columns = [c.columns(self._rows).reshape(-1, c.size) for c in candidates]
@@ -251,9 +252,8 @@ class Contest:
 
     def contains(self, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]) -> bool:
         """Tell whether a larger hypothesis is a smaller one with needless parameters."""
-        if larger.size <= smaller.size:
-            return False
-        return self.overlap(smaller, larger, rest) > 1.0 - _CONTAINED
+        needless = larger.size > smaller.size
+        return needless and self.overlap(smaller, larger, rest) > 1.0 - _CONTAINED
 
     def overlap(self, mine: Candidate, other: Candidate, rest: Sequence[Candidate]) -> float:
         """Return the part of a hypothesis' torque that another one's columns reproduce.
@@ -303,14 +303,14 @@ class Contest:
             named = hypothesis.describe(theta[-candidate.size :], hypothesis.setting)
             setting = dict(hypothesis.setting) | {n: named[n] for n in hypothesis.fixed_point}
             hypothesis = replace(hypothesis, setting=setting)
-            candidate = self._build(hypothesis)
+            candidate = self.candidate(hypothesis)
         for name in hypothesis.refine:
-            centre = hypothesis.setting[name]
             if name in EDGES:
                 middle = 0.5 * sum(self.plateau(candidate, others, name))
                 candidate = self.rebuilt(hypothesis, name, middle)
                 hypothesis = candidate.hypothesis
                 continue
+            centre = hypothesis.setting[name]
             low, high = _range(name, centre, self.bench)
 
             def cost(value: float, hypothesis: Hypothesis = hypothesis, name: str = name) -> float:
@@ -324,7 +324,7 @@ class Contest:
                 hypothesis = replace(
                     hypothesis, setting={**hypothesis.setting, name: float(best.x)}
                 )
-                candidate = self._build(hypothesis)
+                candidate = self.candidate(hypothesis)
         return candidate
 
     def plateau(
@@ -348,17 +348,12 @@ class Contest:
 
     def rebuilt(self, hypothesis: Hypothesis, name: str, value: float) -> Candidate:
         """Return a hypothesis with one setting changed."""
-        return self._build(replace(hypothesis, setting={**hypothesis.setting, name: value}))
-
-    def _build(self, hypothesis: Hypothesis) -> Candidate:
-        columns = hypothesis.build(self.bench.motion, hypothesis.setting)
-        return Candidate.of(hypothesis, self.bench.reduce(columns))
+        return self.candidate(replace(hypothesis, setting={**hypothesis.setting, name: value}))
 
 
 def _range(name: str, centre: float, bench: Bench) -> tuple[float, float]:
-    motion = bench.motion
     if name == "cycles_per_revolution":
-        way = float(np.max(motion.travel[1]))
+        way = float(np.max(bench.motion.travel[1]))
         return centre - 0.5 / way, centre + 0.5 / way
     if name == "position":
         return centre - 0.3, centre + 0.3

@@ -212,6 +212,10 @@ class Motion:
         """By link, (N, m, 10) its columns of the regressor at the joints that move it."""
         return {}
 
+    def release(self) -> None:
+        """Drop the links' columns; they are computed again if need be."""
+        self._links.clear()
+
     @cached_property
     def inertial(self) -> NDArray[np.int_]:
         """(k,) which of the links' inertial parameters this motion tells apart, gravity off."""

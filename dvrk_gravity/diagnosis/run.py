@@ -114,15 +114,14 @@ def investigate(
     readings: list[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]] = []
     contest, pool = _prepare(loaded.motion, say)
     tried = try_readings(loaded.motion)
-    if tried and tried[0].passes:
-        bare = contest.score([])
-        best = Selection(contest, pool, say).best([], bare)
-        if not best or tried[0].gain > _READING_SHARE * best[0].gain:
-            alike = tuple(s for s in tried[1:] if s.gain > 0.97 * tried[0].gain)
-            readings.append((tried[0], loaded.motion, alike))
-            say(f"wrong reading: {tried[0].reading.words}")
-            loaded = replace(loaded, motion=tried[0].reading.apply(loaded.motion))
-            contest, pool = _prepare(loaded.motion, say)
+    if tried and tried[0].passes and _misread(tried[0], Selection(contest, pool, say)):
+        alike = tuple(s for s in tried[1:] if s.gain > 0.97 * tried[0].gain)
+        readings.append((tried[0], loaded.motion, alike))
+        say(f"wrong reading: {tried[0].reading.words}")
+        contest.release()
+        del contest, pool  # of a long recording there is no room for two
+        loaded = replace(loaded, motion=tried[0].reading.apply(loaded.motion))
+        contest, pool = _prepare(loaded.motion, say)
     selection = Selection(contest, pool, say)
     say("weighing hypotheses")
     chosen = selection.run()
@@ -135,9 +134,16 @@ def investigate(
     accepted = selection.explained(chosen)
     say("looking for structure without a name")
     floor = contest.bench.floor(loaded.floor, contest.left(chosen))
+    contest.release()
     accepted, unknown = _nameless(contest, selection, accepted, floor)
     return Outcome(loaded, tuple(readings), contest, tuple(accepted), tuple(unknown),
                    tuple(unconfirmed), tuple(pool))  # fmt: skip
+
+
+def _misread(reading: ReadingScore, selection: Selection) -> bool:
+    """Tell whether another reading does about as well as the best hypothesis, or better."""
+    best = selection.best([], selection.contest.score([]))
+    return not best or reading.gain > _READING_SHARE * best[0].gain
 
 
 def _with_model_moving(
