@@ -10,6 +10,7 @@ import pytest
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis import load as loading
 from dvrk_gravity.diagnosis.bench import Bench
+from dvrk_gravity.diagnosis.columns_search import _window
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.run import hypotheses
@@ -143,3 +144,16 @@ def test_sines_are_built_a_few_frequencies_at_a_time():
     tracemalloc.stop()
     # All 240 frequencies at once took 115 kB a sample beyond what is kept.
     assert (peak - kept) / len(contest.bench.residual) < 20e3
+
+
+def test_a_push_is_looked_for_in_samples_and_not_in_the_time_between_them():
+    """Two recordings of a minute, a day apart: every pair of 350,000 bins would be tried."""
+    time = np.concatenate([np.arange(0.0, 60.0, 0.025), 86400.0 + np.arange(0.0, 60.0, 0.025)])
+    residual = 0.1 * np.random.default_rng(0).normal(size=len(time))
+    residual[(time > 86420.0) & (time < 86425.0)] += 1.0
+    tracemalloc.start()
+    begin, end = _window(time, residual)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (begin, end) == (pytest.approx(86420.0, abs=0.25), pytest.approx(86425.0, abs=0.25))
+    assert peak < 50e6
