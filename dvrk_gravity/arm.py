@@ -98,17 +98,9 @@ class Arm:
             ConfigError: Unknown name, another kind of file, or a file with a wrong, missing or
                 unknown field.
         """
-        if not isinstance(name_or_path, PATH):
-            raise ArgumentError("arm", name_or_path, SUPPORTED)
-        text = str(name_or_path)
-        path = Path(text) if text.endswith((".yaml", ".yml")) else None
-        if path is None:
-            try:
-                path = config_path(f"arms/{text}.yaml")
-            except (OSError, ValueError) as error:  # not there, or nothing a path can be
-                raise ConfigError("arm", text, SUPPORTED) from error
+        path = cls.file(name_or_path)
         try:
-            return replace(_parse(yaml_file.load(path)), source=text)
+            return replace(_parse(yaml_file.load(path)), source=str(name_or_path))
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
 
@@ -120,6 +112,24 @@ class Arm:
     def __repr__(self) -> str:
         """Return its name."""
         return f"<Arm {self.source or self.name}>"
+
+    @staticmethod
+    def file(name_or_path: str | Path) -> Path:
+        """Return the file that :meth:`load` reads, which need not exist if it is given as a path.
+
+        Raises:
+            ArgumentError: Neither a name nor a path.
+            ConfigError: Unknown name.
+        """
+        if not isinstance(name_or_path, PATH):
+            raise ArgumentError("arm", name_or_path, SUPPORTED)
+        text = str(name_or_path)
+        if text.endswith((".yaml", ".yml")):
+            return Path(text)
+        try:
+            return config_path(f"arms/{text}.yaml")
+        except (OSError, ValueError) as error:  # not there, or nothing a path can be
+            raise ConfigError("arm", text, SUPPORTED) from error
 
     @cached_property
     def effort_limit(self) -> Array:

@@ -20,6 +20,7 @@ from dvrk_gravity.terms import TERMS, DirectionalCable, State, Term
 
 Array = NDArray[np.float64]
 
+LARGEST_TORQUE = 1e12  # N·m; no arm's, and sums of squares stay finite
 ARM_PARAMETER = Parameter(
     "arm", "mtmr", "", "arm: mtml, mtmr, or the path of an MTM's .yaml file", read_only=True
 )
@@ -194,6 +195,24 @@ class TorqueModel:
         if self.joint_offset.any():
             state = replace(state, q=state.q - self.joint_offset)
         return sum((term.torque(state) for term in self.terms), start=np.zeros(state.q.shape))
+
+    def prediction(self, state: State) -> Array:
+        """Return what :meth:`torque_at` does, (N, 7) N·m, for comparison with what was measured.
+
+        Raises:
+            ConfigError: A torque that is not finite, or so large that sums of its squares are not.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            torque = self.torque_at(state)
+        absurd = ~(np.abs(torque) < LARGEST_TORQUE)
+        if absurd.any():
+            row, joint = np.argwhere(absurd)[0]
+            raise ConfigError(
+                f"torque of {self.arm.joint_names[joint]} at a recorded sample",
+                float(torque[row, joint]),
+                f"parameters by which it is below {LARGEST_TORQUE:g} N·m",
+            )
+        return torque
 
     def term(self, name: str) -> Term | None:
         """Return the term of that effect name, ``None`` if the model has none."""

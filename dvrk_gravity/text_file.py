@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 import tempfile
 from pathlib import Path
 
@@ -10,6 +11,16 @@ from dvrk_gravity.errors import ConfigError
 
 # Model, arm, mechanism and calibration files are a few kB; a file far larger is a mistake.
 MAX_BYTES = 1_000_000
+
+
+def is_file(path: str | Path) -> bool:
+    """Tell whether a path is no pipe and no device: opening one may wait for ever.
+
+    Raises:
+        OSError: It does not exist or cannot be looked at; a folder is left to whoever opens it.
+    """
+    mode = os.stat(path).st_mode
+    return stat.S_ISREG(mode) or stat.S_ISDIR(mode)
 
 
 def read(path: str | Path, kind: str) -> str:
@@ -23,8 +34,10 @@ def read(path: str | Path, kind: str) -> str:
         ConfigError: No such file, not readable, too large, or not text in UTF-8.
     """
     try:
+        if not is_file(path):
+            raise ConfigError("", "a pipe or device", f"a {kind} file", path)
         with open(path, "rb") as stream:
-            raw = stream.read(MAX_BYTES + 1)  # a pipe or device does not tell its size
+            raw = stream.read(MAX_BYTES + 1)
         if len(raw) > MAX_BYTES:
             raise ConfigError("", "a larger file", f"at most {MAX_BYTES} bytes of {kind}", path)
         return raw.decode("utf-8-sig")

@@ -52,6 +52,19 @@ _Loader.add_implicit_resolver(
 )
 
 
+def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float | str:
+    """Return a number; `1:30`, which is ninety in YAML 1.1, is a text as it is to ROS's reader."""
+    if ":" in node.value:
+        return str(node.value)
+    if node.tag.endswith(":int"):
+        return int(loader.construct_yaml_int(node))
+    return float(loader.construct_yaml_float(node))
+
+
+for _kind in ("int", "float"):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _number)
+
+
 def load(path: str | Path) -> dict[str, Any]:
     """Return the mapping in a YAML file.
 

@@ -120,7 +120,7 @@ def test_a_bag_that_is_none_is_refused_and_no_answer_is_written(tmp_path, bag, s
 
 def test_a_replay_does_not_touch_a_bag_that_exists(tmp_path):
     (tmp_path / "answers").mkdir()
-    line = refused("replay", str(tmp_path), "--model", str(MODEL_FILE), "--out",
+    line = refused("replay", str(tmp_path / "bag"), "--model", str(MODEL_FILE), "--out",
                    str(tmp_path / "answers"))  # fmt: skip
     assert "exists already" in line
 

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from dvrk_gravity import cli
+from dvrk_gravity import cli, outputs
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.recording import Recording, iterate_recording, save_recording
 
@@ -93,6 +93,7 @@ def _converter(path: Path) -> Callable[[argparse.Namespace], int]:
 def _convert_recording(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         raise ConfigError("--json", str(arguments.json), "--check or a model beside it")
+    outputs.check({}, [arguments.input], {"OUT": arguments.output})
     samples, left_out = 0, 0
     joints: tuple[str, ...] = ()
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity import text_file
+from dvrk_gravity import outputs, text_file
 from dvrk_gravity.cli import one_line
 from dvrk_gravity.console import ConsoleFile
 from dvrk_gravity.console_check import FILE_NAME, check_file
@@ -39,6 +39,7 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
         ConfigError: Wrong kinds of files, or content that the other format cannot say.
         OSError: The output cannot be written.
     """
+    outputs.check({"OUT": target}, [source])
     if source.suffix.lower() == JSON_SUFFIX:
         _expect_suffix(target, MODEL_SUFFIXES)
         if report is not None:
@@ -102,6 +103,7 @@ def check(paths: Sequence[Path], report: Path | None = None) -> int:
     Raises:
         OSError: The report cannot be written.
     """
+    outputs.check({"--json": report}, paths)
     status = 0
     findings: dict[str, tuple[Finding, ...]] = {}
     for path in paths:

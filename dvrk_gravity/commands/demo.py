@@ -8,12 +8,13 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from dvrk_gravity import cli
+from dvrk_gravity import cli, outputs
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.resources import config_path
 
 NAME = "demo"
 EXAMPLE = "python -m dvrk_gravity demo --out out/demo"
+PICTURE, BAG = "demo.png", "bag"  # in its folder
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,9 +35,10 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.processes import private_domain
 
     model = arguments.model or config_path("mtmr_28002.yaml")
+    outputs.check_folder("--out", arguments.out, [PICTURE], [model], [BAG])
     TorqueModel.load(model)  # tells what is wrong with it before anything starts
     arguments.out.mkdir(parents=True, exist_ok=True)
-    bag = arguments.out / "bag"
+    bag = arguments.out / BAG
     if bag.exists():
         if not (bag / "metadata.yaml").is_file():
             raise ConfigError("--out", str(bag), "no such folder, or a bag of an earlier demo")
@@ -60,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         kill = scenario.kill()
         _row(kill.after)
     print(f"\nthe watchdog's hold came {kill.hold_after * 1e3:.0f} ms after the kill")
-    target = arguments.out / "demo.png"
+    target = arguments.out / PICTURE
     picture.draw(target, fall, floats, pushed, rest, kill)
     print(f"picture: {target}\nbag:     {bag}\n{time.monotonic() - start:.0f} s in all")
     return 0

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dvrk_gravity import cli, text_file
+from dvrk_gravity import cli, outputs, text_file
 from dvrk_gravity.commands.still_joints import add_at, still_joints
+from dvrk_gravity.errors import ConfigError
 
 if TYPE_CHECKING:
     from dvrk_gravity.diagnosis import Diagnosis
@@ -18,6 +19,9 @@ NAME = "diagnose"
 EXAMPLE = (
     "python -m dvrk_gravity diagnose my_bag --model config/mtmr_28002.yaml --out out/diagnosis"
 )
+
+
+FINDINGS, EXTENDED, REPORT = WRITTEN = ("findings.json", "extended_model.yaml", "report.html")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,13 +46,14 @@ def run(args: argparse.Namespace) -> int:
     # Here and not above: Pinocchio and SciPy are slow to load and --help needs none of it.
     from dvrk_gravity.diagnosis import diagnose
     from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.recording import Recording
+    from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report.diagnosis import render
 
+    outputs.check_folder("--out", args.out, WRITTEN, [*args.recordings, args.model])
     still = still_joints(args.at)
     model = TorqueModel.load(args.model)
     recordings = [
-        Recording.load(path, args.topic, coordinates=args.coordinates) for path in args.recordings
+        RecordingFile(path, args.topic, coordinates=args.coordinates) for path in args.recordings
     ]
     shown = sys.stderr.isatty()
 
@@ -56,18 +61,19 @@ def run(args: argparse.Namespace) -> int:
         if shown:
             print(f"\r\033[K{line} …", end="", file=sys.stderr, flush=True)
 
-    diagnosis = diagnose(recordings, model, progress, simulated=True, still=still)
+    try:
+        diagnosis = diagnose(recordings, model, progress, simulated=True, still=still)
+    except ConfigError as error:
+        raise error.in_file(args.model) from None
     if shown:
         print("\r\033[K", end="", file=sys.stderr)
     args.out.mkdir(parents=True, exist_ok=True)
-    text_file.write(args.out / "findings.json", diagnosis.to_json())
+    text_file.write(args.out / FINDINGS, diagnosis.to_json())
     comment = f"Extended by: dvrk_gravity diagnose\nGiven model: {args.model}\n" + "\n".join(
         finding.sentence for finding in diagnosis.findings if finding.in_model
     )
-    diagnosis.model.save(args.out / "extended_model.yaml", comment)
-    text_file.write(
-        args.out / "report.html", render(diagnosis, [str(path) for path in args.recordings])
-    )
+    diagnosis.model.save(args.out / EXTENDED, comment)
+    text_file.write(args.out / REPORT, render(diagnosis, [str(path) for path in args.recordings]))
     print(diagnosis.to_json() if args.json else _summary(diagnosis, args.out))
     return 0
 

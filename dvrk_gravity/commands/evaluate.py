@@ -7,7 +7,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from dvrk_gravity import cli, text_file
+from dvrk_gravity import cli, outputs, text_file
+from dvrk_gravity.errors import ConfigError
 
 NAME = "evaluate"
 EXAMPLE = "python -m dvrk_gravity evaluate other.csv --model model.yaml"
@@ -33,9 +34,13 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.recording import RecordingFile
 
+    outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
     model = TorqueModel.load(arguments.model)
     recordings = [RecordingFile(path, arguments.topic) for path in arguments.recordings]
-    result = evaluate(model, recordings, arguments.coordinates)
+    try:
+        result = evaluate(model, recordings, arguments.coordinates)
+    except ConfigError as error:
+        raise error.in_file(arguments.model) from None
     for line in evaluation_text(result):
         print(line)
     if arguments.json is not None:

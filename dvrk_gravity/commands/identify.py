@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
-from dvrk_gravity import cli, text_file
+from dvrk_gravity import cli, outputs, text_file
 from dvrk_gravity.commands.still_joints import add_at, still_joints
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.recording.data import Coordinates
@@ -58,9 +58,10 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.report.identification import render
 
     report = arguments.report or arguments.out.with_suffix(".html")
-    for path in (arguments.out, report, arguments.json):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise ConfigError(str(path), str(path.parent), "an existing folder")
+    outputs.check(
+        {"--out": arguments.out, "--report": report, "--json": arguments.json},
+        [*arguments.recordings, *arguments.validate, Arm.file(arguments.arm)],
+    )
     arm = Arm.load(arguments.arm)
     coordinates = _coordinates(arguments.coordinates)
     still = still_joints(arguments.at)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity import cli, text_file
+from dvrk_gravity import cli, outputs, text_file
 from dvrk_gravity.errors import ConfigError
 
 NAME = "newton-euler"
@@ -43,6 +43,7 @@ def run(args: argparse.Namespace) -> int:
     # Here and not above: Pinocchio is slow to load and --help needs none of it.
     from dvrk_gravity.newton_euler import JointType, inverse_dynamics, read
 
+    outputs.check({"--json": args.json}, [args.mechanism])
     mechanism, motion = read(args.mechanism)
     try:
         loads = inverse_dynamics(mechanism, motion.q, motion.qd, motion.qdd)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dvrk_gravity import cli, text_file
+from dvrk_gravity import cli, outputs, text_file
 from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample, SampleReader
 from dvrk_gravity.errors import RecordingError
@@ -255,8 +255,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay, print what was found; status 1 if an answer is missing or wrong."""
-    if arguments.out is not None and arguments.out.exists():
-        raise RecordingError(arguments.out, "exists already, expected a new name for --out")
+    outputs.check(
+        {"--json": arguments.json},
+        [arguments.bag, arguments.model],
+        {"--out": arguments.out},
+    )
     result = replay(
         arguments.bag,
         arguments.model,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 
 Array = NDArray[np.float64]
@@ -21,16 +21,32 @@ class Candidate:
 
     Attributes:
         hypothesis: The claim.
-        columns: (T, 7, k) columns as the bench compares them.
+        joints: (m,) indices of the joints that its torque acts on.
+        values: (T, m, k) columns of torque at these, as the bench compares them. Most act on one
+            joint, and there are thousands of them.
     """
 
     hypothesis: Hypothesis
-    columns: Array
+    joints: NDArray[np.int_]
+    values: Array
+
+    @classmethod
+    def of(cls, hypothesis: Hypothesis, columns: Array) -> Candidate:
+        """Return a hypothesis with its (T, 7, k) reduced columns."""
+        joints = np.flatnonzero(np.any(columns != 0.0, axis=(0, 2)))
+        return cls(hypothesis, joints, columns[:, joints])
+
+    def columns(self, rows: NDArray[np.int_] | NDArray[np.bool_] | slice = slice(None)) -> Array:
+        """Return (R, 7, k) columns at some samples, by default at all."""
+        values = self.values[rows]
+        result = np.zeros((len(values), N_JOINTS, self.size))
+        result[:, self.joints] = values
+        return result
 
     @property
     def size(self) -> int:
         """Number of linear parameters."""
-        return self.columns.shape[2]
+        return self.values.shape[2]
 
     @property
     def ridge(self) -> Array:
@@ -45,10 +61,10 @@ class Candidate:
             np.log(self.hypothesis.prior_count)
         )
 
-    @cached_property
+    @property
     def acts(self) -> NDArray[np.bool_]:
         """(7,) joints that its torque acts on."""
-        return np.any(self.columns != 0.0, axis=(0, 2))
+        return np.isin(np.arange(N_JOINTS), self.joints)
 
 
 @dataclass(frozen=True, eq=False)

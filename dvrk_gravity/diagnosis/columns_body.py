@@ -60,8 +60,7 @@ def link_columns(motion: Motion, joint: int, directions: Array) -> Array:
         joint: Index of the link's joint.
         directions: (10, k) changes in Pinocchio's joint frame.
     """
-    start = 10 * TREE_LINKS.index(f"link{joint + 1}")
-    return motion.links_regressor[:, :, start : start + 10] @ directions
+    return motion.link_torque(TREE_LINKS.index(f"link{joint + 1}"), directions)
 
 
 def payload_directions(arm: Arm, joint: int, place: Array) -> Array:
@@ -177,10 +176,11 @@ def _all_inertia(motion: Motion) -> Hypothesis:
 
     Its many coefficients mean nothing one by one.
     """
+    chosen = motion.inertial
     return Hypothesis(
-        "link_inertia", (), ALL_INERTIA, lambda motion, _: motion.inertial[1], lambda *_: {},
-        variable="acceleration",
-        plausible_size=tuple(prior_scale()[motion.inertial[0]].tolist()),
+        "link_inertia", (), ALL_INERTIA, lambda motion, _: motion.inertial_torque(chosen),
+        lambda *_: {},
+        variable="acceleration", plausible_size=tuple(prior_scale()[chosen].tolist()),
     )  # fmt: skip
 
 

@@ -18,9 +18,11 @@ Array = NDArray[np.float64]
 Setting = Mapping[str, float]
 
 _FREQUENCIES = 240
+_TOGETHER = 24  # frequencies that are built at a time
 _LEAST_CYCLES = 1.7  # in the joint's whole way: less is a cable's smooth torque
 _BIN = 0.25  # s
 _SHORTEST, _LONGEST = 0.75, 0.5  # s, and part of the recording
+_LONGEST_GAP = 10.0  # s; twice a block that is held out of ten minutes, see bench.BLOCKS
 _EDGES = (55.0, 62.0, 69.0, 76.0, 83.0, 90.0)  # percentiles of the position
 _CENTRES = 7
 
@@ -33,15 +35,16 @@ class RippleBasis:
         motor: Index of the motor.
         row: (7,) joint velocities -> the motor's.
         grid: (K,) rad of phase per rad.
-        cosine: (T, K) as the bench compares them.
+        cosine: (T, K) as the bench compares them, in single precision: they only show where to
+            look.
         sine: (T, K).
     """
 
     motor: int
     row: Array
     grid: Array
-    cosine: Array
-    sine: Array
+    cosine: NDArray[np.float32]
+    sine: NDArray[np.float32]
 
 
 def ripple_bases(bench: Bench) -> list[RippleBasis]:
@@ -57,8 +60,12 @@ def ripple_bases(bench: Bench) -> list[RippleBasis]:
             continue
         angle = motion.q @ row
         grid = (2.0 * _LEAST_CYCLES + 0.5 * np.arange(_FREQUENCIES)) * np.pi / np.ptp(angle)
-        waves = bench.reduce(np.exp(1j * angle[:, None] * grid).view(float))
-        bases.append(RippleBasis(motor, row, grid, waves[:, 0::2], waves[:, 1::2]))
+        waves: list[NDArray[np.float32]] = []
+        for some in np.split(grid, _FREQUENCIES // _TOGETHER):
+            reduced = bench.reduce(np.exp(1j * angle[:, None] * some).view(float))
+            waves.append(reduced.astype(np.float32))
+        cosine, sine = (np.hstack([wave[:, first::2] for wave in waves]) for first in (0, 1))
+        bases.append(RippleBasis(motor, row, grid, cosine, sine))
     return bases
 
 
@@ -129,7 +136,12 @@ def contact(bench: Bench, residual: Array, allowed: NDArray[np.bool_]) -> Iterat
 
 
 def _window(time: Array, residual: Array) -> tuple[float, float] | None:
-    start, end = float(time.min()), float(time.max())
+    order = np.argsort(time, kind="stable")
+    time, residual = time[order], residual[order]
+    # All pairs of bins are tried: of a long time without a sample there are to be few.
+    cut = np.cumsum(np.maximum(np.diff(time, prepend=time[0]) - _LONGEST_GAP, 0.0))
+    time = time - cut
+    start, end = float(time[0]), float(time[-1])
     count = int((end - start) / _BIN)
     if count < 12:
         return None
@@ -143,7 +155,10 @@ def _window(time: Array, residual: Array) -> tuple[float, float] | None:
     usable = (inside > 0) & (last - first < _LONGEST * count)
     power = np.where(usable, (sums[last] - sums[first]) ** 2 / np.maximum(inside, 1), 0.0)
     best = int(np.argmax(power))
-    return start + _BIN * float(first[best]), start + _BIN * float(last[best])
+    begin, stop = (start + _BIN * float(edge[best]) for edge in (first, last))
+    inner = np.searchsorted(time, [begin, stop]) - [0, 1]  # its first and last sample
+    begin_cut, stop_cut = cut[np.clip(inner, 0, len(time) - 1)].tolist()
+    return begin + begin_cut, stop + stop_cut
 
 
 def _push(joint: int, start: float, end: float) -> Hypothesis:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.diagnosis.bench import FOLDS, Bench
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
+from dvrk_gravity.diagnosis.columns_search import RippleBasis, ripple_bases
 from dvrk_gravity.diagnosis.hypothesis import RANK, Hypothesis
 
 Array = NDArray[np.float64]
@@ -51,7 +53,6 @@ class Contest:
         self._residual = bench.residual[self._rows]
         self._usable = bench.usable[self._rows]
         self._counts = np.maximum(self._usable.sum(axis=0), 1)
-        self._cache: dict[tuple[object, ...], Candidate] = {}
         self._pairs = bench.pairs(self._rows)
         self._alike = np.zeros(N_JOINTS)  # (7,) correlation of what two copies leave
         self.weight = np.zeros(N_JOINTS)
@@ -93,17 +94,23 @@ class Contest:
         alike = np.where(both, mine * later, 0.0).sum(axis=0) / np.maximum(square, 1e-300)
         return np.clip(alike, 0.0, 1.0)
 
+    @cached_property
+    def ripple_bases(self) -> list[RippleBasis]:
+        """Sines of every motor's angle, to look for ripple in what is left."""
+        return ripple_bases(self.bench)
+
+    def release(self) -> None:
+        """Drop what is large and can be computed again: named effects have been searched for."""
+        self.__dict__.pop("ripple_bases", None)
+        self.bench.motion.release()
+
     def candidate(self, hypothesis: Hypothesis) -> Candidate:
-        """Return a hypothesis with its columns, built once."""
-        key = (*hypothesis.key, id(hypothesis.build), *sorted(hypothesis.setting.items()))
-        found = self._cache.get(key)
-        if found is None:
-            columns = hypothesis.build(self.bench.motion, hypothesis.setting)
-            found = self._cache[key] = Candidate(hypothesis, self.bench.reduce(columns))
-        return found
+        """Return a hypothesis with its columns."""
+        columns = hypothesis.build(self.bench.motion, hypothesis.setting)
+        return Candidate.of(hypothesis, self.bench.reduce(columns))
 
     def _design(self, candidates: Sequence[Candidate]) -> Array:
-        columns = [c.columns[self._rows].reshape(-1, c.size) for c in candidates]
+        columns = [c.columns(self._rows).reshape(-1, c.size) for c in candidates]
         weight = self._weights.reshape(-1)
         if not columns:
             return np.zeros((len(weight), 0))
@@ -161,7 +168,7 @@ class Contest:
         ratio = after.likelihood + candidate.cost - before.likelihood
         ratio /= self._correlation(after.error, candidate.acts)
         p_values = [float(stats.chi2.sf(max(2.0 * ratio, 0.0), candidate.size))]
-        square = (candidate.columns[self._rows] ** 2).sum(axis=2) * self.weight**2
+        square = (candidate.columns(self._rows) ** 2).sum(axis=2) * self.weight**2
         energy = np.bincount(self._block, square.sum(axis=1), minlength=self.bench.count)
         gain = (before.loss - after.loss)[energy > _ACTIVE * energy.max()]
         gain = gain[gain != 0.0]  # blocks in which friction holds the joint decide nothing
@@ -213,7 +220,7 @@ class Contest:
         left = self.bench.residual.copy()
         if candidates:
             theta = self.parameters(candidates)
-            left -= np.concatenate([one.columns for one in candidates], axis=2) @ theta
+            left -= np.concatenate([one.columns() for one in candidates], axis=2) @ theta
         return left
 
     def parameters(self, candidates: Sequence[Candidate]) -> Array:
@@ -245,9 +252,8 @@ class Contest:
 
     def contains(self, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]) -> bool:
         """Tell whether a larger hypothesis is a smaller one with needless parameters."""
-        if larger.size <= smaller.size:
-            return False
-        return self.overlap(smaller, larger, rest) > 1.0 - _CONTAINED
+        needless = larger.size > smaller.size
+        return needless and self.overlap(smaller, larger, rest) > 1.0 - _CONTAINED
 
     def overlap(self, mine: Candidate, other: Candidate, rest: Sequence[Candidate]) -> float:
         """Return the part of a hypothesis' torque that another one's columns reproduce.
@@ -297,14 +303,14 @@ class Contest:
             named = hypothesis.describe(theta[-candidate.size :], hypothesis.setting)
             setting = dict(hypothesis.setting) | {n: named[n] for n in hypothesis.fixed_point}
             hypothesis = replace(hypothesis, setting=setting)
-            candidate = self._build(hypothesis)
+            candidate = self.candidate(hypothesis)
         for name in hypothesis.refine:
-            centre = hypothesis.setting[name]
             if name in EDGES:
                 middle = 0.5 * sum(self.plateau(candidate, others, name))
                 candidate = self.rebuilt(hypothesis, name, middle)
                 hypothesis = candidate.hypothesis
                 continue
+            centre = hypothesis.setting[name]
             low, high = _range(name, centre, self.bench)
 
             def cost(value: float, hypothesis: Hypothesis = hypothesis, name: str = name) -> float:
@@ -318,7 +324,7 @@ class Contest:
                 hypothesis = replace(
                     hypothesis, setting={**hypothesis.setting, name: float(best.x)}
                 )
-                candidate = self._build(hypothesis)
+                candidate = self.candidate(hypothesis)
         return candidate
 
     def plateau(
@@ -342,17 +348,12 @@ class Contest:
 
     def rebuilt(self, hypothesis: Hypothesis, name: str, value: float) -> Candidate:
         """Return a hypothesis with one setting changed."""
-        return self._build(replace(hypothesis, setting={**hypothesis.setting, name: value}))
-
-    def _build(self, hypothesis: Hypothesis) -> Candidate:
-        columns = hypothesis.build(self.bench.motion, hypothesis.setting)
-        return Candidate(hypothesis, self.bench.reduce(columns))
+        return self.candidate(replace(hypothesis, setting={**hypothesis.setting, name: value}))
 
 
 def _range(name: str, centre: float, bench: Bench) -> tuple[float, float]:
-    motion = bench.motion
     if name == "cycles_per_revolution":
-        way = float(np.max(motion.travel[1]))
+        way = float(np.max(bench.motion.travel[1]))
         return centre - 0.5 / way, centre + 0.5 / way
     if name == "position":
         return centre - 0.3, centre + 0.3

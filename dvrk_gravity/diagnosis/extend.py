@@ -268,7 +268,7 @@ def _add_inertia(values: Values, link: str, change: Array) -> Values:
 def _inertia(motion: Motion, values: Values, hypothesis: Hypothesis, theta: Array) -> Values:
     if hypothesis.place == ALL_INERTIA:
         change = np.zeros(10 * len(TREE_LINKS))
-        change[motion.inertial[0]] = theta
+        change[motion.inertial] = theta
         for link, row in zip(TREE_LINKS, change.reshape(-1, 10), strict=True):
             name = f"link_inertia.{link}"
             total = np.array(values.get(name) or np.zeros(10)) + row

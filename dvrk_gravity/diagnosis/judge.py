@@ -84,7 +84,7 @@ class Judge:
         return np.where(self._usable, residual, np.nan)
 
     def _predicted(self, candidates: Sequence[Candidate], theta: Array) -> Array:
-        columns = np.concatenate([one.columns[self._held] for one in candidates], axis=2)
+        columns = np.concatenate([one.columns(self._held) for one in candidates], axis=2)
         return columns @ theta
 
     def rmse(self, error: Array) -> Array:
@@ -135,7 +135,7 @@ class Judge:
         first = sum(
             other.size for other in chosen[: [other is one for other in chosen].index(True)]
         )
-        torque = one.columns[self._held] @ theta[first : first + one.size]
+        torque = one.columns(self._held) @ theta[first : first + one.size]
         power = (np.where(self._usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
         least = _ACTS * np.bincount(self._block, power).max(initial=0.0)
         settings = one.hypothesis.setting
@@ -229,8 +229,8 @@ def setting_columns(
         if step == 0.0:
             continue
         up, down = (contest.rebuilt(hypothesis, name, value + s) for s in (step, -step))
-        slope = (up.columns - down.columns) @ theta / (2.0 * step)
+        slope = (up.columns() - down.columns()) @ theta / (2.0 * step)
         if np.any(slope != 0.0):
             names.append(name)
-            slopes.append(Candidate(hypothesis, slope.reshape(-1, N_JOINTS, 1)))
+            slopes.append(Candidate.of(hypothesis, slope.reshape(-1, N_JOINTS, 1)))
     return names, slopes

@@ -16,7 +16,16 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.identification.motion import completed, require_all
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import DataWarning, LowPass, Recording, prepare
+from dvrk_gravity.recording import (
+    DataWarning,
+    LowPass,
+    Prepared,
+    Recording,
+    RecordingFile,
+    Segment,
+    excerpt,
+    prepare,
+)
 from dvrk_gravity.recording.grid import quantum
 
 Array = NDArray[np.float64]
@@ -25,6 +34,9 @@ KINEMATIC_BAND = 20.0  # Hz: what non-linear columns are computed from
 RATE = 200.0  # Hz; faster recordings are thinned to about this
 SHORTEST = 8.0  # s of motion, below which no choice among hypotheses can be judged
 FEWEST = 40  # static poses, likewise
+# s of motion that hypotheses are built for: they then take less than 2 GiB (benchmark/diagnose.py).
+# Of more, stretches are used: long enough to tell a period of the motion.
+LONGEST, STRETCH = 600.0, 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +58,13 @@ class Loaded:
 
 
 def load(
-    recordings: Sequence[Recording], model: TorqueModel, still: Mapping[str, float] | None = None
+    recordings: Sequence[Recording | RecordingFile],
+    model: TorqueModel,
+    still: Mapping[str, float] | None = None,
 ) -> Loaded:
     """Prepare recordings for diagnosis.
+
+    Of trajectories that together are longer than ``LONGEST``, stretches are used.
 
     Args:
         recordings: Trajectories, or static poses, not both; joint or actuator coordinates.
@@ -60,63 +76,54 @@ def load(
     """
     if not recordings:
         raise RecordingError("recordings", "there are none, expected at least one")
-    kinds = {recording.time is None for recording in recordings}
+    heads = [one.head if isinstance(one, RecordingFile) else one for one in recordings]
+    kinds = {one.time is None for one in heads}
     if len(kinds) > 1:
         raise RecordingError(
-            recordings[0].source, "static poses and trajectories cannot be diagnosed together"
+            heads[0].source, "static poses and trajectories cannot be diagnosed together"
         )
     static = kinds.pop()
-    for recording in recordings:
-        require_all(recording, model.arm, still or {})
-    if {recording.joints for recording in recordings} != {recordings[0].joints}:
-        raise RecordingError(recordings[0].source, "the recordings hold different joints")
+    for one in heads:
+        require_all(one, model.arm, still or {})
+    if {one.joints for one in heads} != {heads[0].joints}:
+        raise RecordingError(heads[0].source, "the recordings hold different joints")
     pieces: list[Motion] = []
     warnings: list[DataWarning] = []
     handling: list[str] = []
     floors = []
-    start = 0.0
-    rates = [recording.rate for recording in recordings]
-    for recording, rate in zip(recordings, rates, strict=True):
-        band = KINEMATIC_BAND if rate is None else min(KINEMATIC_BAND, rate / 5.0)
-        if not static and recording.time is not None:
-            duration = float(recording.time[-1] - recording.time[0])
-            if len(recordings) == 1 and duration < SHORTEST:
-                raise RecordingError(
-                    recording.source,
-                    f"lasts {duration:.3g} s, a diagnosis needs at least {SHORTEST:g} s of motion",
-                )
-            start = recording.start_ns * 1e-9 - recordings[0].start_ns * 1e-9
-        prepared = prepare(recording, band, band=BAND)
-        warnings += [w for w in prepared.warnings if w not in warnings]
-        handling += [h for h in prepared.handling if h not in handling]
-        thin = 1 if rate is None else max(1, round(rate / RATE))
-        step = _step(recording, model.arm)
-        for segment in prepared.segments:
-            pieces.append(
-                _piece(
-                    segment.recording,
-                    segment.acceleration,
-                    segment.core,
-                    thin,
-                    model,
-                    start,
-                    still or {},
-                    step,
-                )
-            )
-            pieces[-1] = replace(pieces[-1], step=step)
-        floors.append(_noise_density(recording, model.arm))
+    share = LONGEST / len(recordings)
+    for recording in recordings:
+        looked_at = excerpt(recording, share, min(STRETCH, share))
+        warnings += [w for w in looked_at.warnings or () if w not in warnings]
+        rate: float | None = None
+        for stretch in looked_at.stretches:
+            rate = rate or stretch.rate
+            if len(recordings) == 1 and looked_at.warnings is None:
+                _require_length(stretch)
+            prepared = _prepared(stretch, rate, looked_at.warnings)
+            warnings += [w for w in prepared.warnings if w not in warnings]
+            handling += [h for h in prepared.handling if h not in handling]
+            start = 0.0 if static else (stretch.start_ns - heads[0].start_ns) * 1e-9
+            step = _step(stretch, model.arm)
+            thin = 1 if rate is None else max(1, round(rate / RATE))
+            pieces += [
+                _piece(segment, thin, model, start, still or {}, step)
+                for segment in prepared.segments
+            ]
+            floors.append(_noise_density(stretch, model.arm))
+    if not pieces:
+        raise RecordingError(heads[0].source, f"has too many gaps: {handling[0]}")
     motion = _join(pieces)
     if static and len(motion.q) < FEWEST:
         raise RecordingError(
-            recordings[0].source,
+            heads[0].source,
             f"holds {len(motion.q)} static poses, a diagnosis needs at least {FEWEST}",
         )
     if not static:
         total = len(motion.q) / (motion.rate or 1.0)
         if total < SHORTEST:
             raise RecordingError(
-                recordings[0].source,
+                heads[0].source,
                 f"holds {total:.3g} s of usable motion, a diagnosis needs at least {SHORTEST:g} s",
             )
     warnings += beyond_limits(motion.q, model.arm)
@@ -125,16 +132,41 @@ def load(
     return Loaded(motion, tuple(warnings), tuple(handling), floor)
 
 
+def _require_length(recording: Recording) -> None:
+    if recording.time is None:
+        return
+    duration = float(recording.time[-1] - recording.time[0])
+    if duration < SHORTEST:
+        raise RecordingError(
+            recording.source,
+            f"lasts {duration:.3g} s, a diagnosis needs at least {SHORTEST:g} s of motion",
+        )
+
+
+def _prepared(
+    stretch: Recording, rate: float | None, warnings: tuple[DataWarning, ...] | None
+) -> Prepared:
+    """Return a stretch filtered; with the findings of the whole, one that cannot be has no part."""
+    band = KINEMATIC_BAND if rate is None else min(KINEMATIC_BAND, rate / 5.0)
+    try:
+        return prepare(stretch, band, band=BAND, warnings=warnings)
+    except RecordingError as error:
+        if warnings is None or stretch.time is None:
+            raise
+        left_out = f"from {stretch.time[0]:.4g} s on a stretch is left out: it {error.problem}"
+        return Prepared((), (), (left_out,), None)
+
+
 def _piece(
-    recording: Recording,
-    acceleration: Array | None,
-    rows: slice,
+    segment: Segment,
     thin: int,
     model: TorqueModel,
     start: float,
     still: Mapping[str, float],
     step: Array,
 ) -> Motion:
+    recording, rows = segment.recording, segment.core
+
     def full(values: Array | None, fill: float = 0.0) -> Array:
         result = np.full((len(recording), N_JOINTS), fill)
         if values is not None:
@@ -143,7 +175,7 @@ def _piece(
 
     columns = [JOINT_NAMES.index(joint) for joint in recording.joints]
     present = np.isin(np.arange(N_JOINTS), columns)
-    q, qd, qdd = full(recording.position), full(recording.velocity), full(acceleration)
+    q, qd, qdd = full(recording.position), full(recording.velocity), full(segment.acceleration)
     if not present.all():
         there = np.array([still.get(joint, 0.0) for joint in JOINT_NAMES])
         arm, which = model.arm, recording.coordinates

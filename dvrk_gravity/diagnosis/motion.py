@@ -26,6 +26,7 @@ _STILL = 0.06  # of a joint's RMS speed
 _SLOW = 0.4  # likewise: faster, friction is taken at its word
 _FINE = 0.3  # of the typical speed: steps that are slower than that show where a joint stops
 _STEP_RATE = 20.0  # encoder steps a second: fewer show in a velocity of that band as pulses
+_PIECE = 5000  # samples; all columns of all links are 25 MB then
 _WHOLE = 0.9  # of a motor's torque, that a joint must feel to be held by it
 
 
@@ -77,7 +78,7 @@ class Motion:
     @cached_property
     def modelled(self) -> Array:
         """(N, 7) torque of the model, N·m."""
-        return self.torque_at(self.q)
+        return self.model.prediction(self._state(self.q))
 
     @cached_property
     def residual(self) -> Array:
@@ -86,13 +87,13 @@ class Motion:
 
     def torque_at(self, q: Array, model: TorqueModel | None = None) -> Array:
         """Return (N, 7) torques of a model at other positions in the same motion, N·m."""
-        direction = self.direction
+        return (model or self.model).torque_at(self._state(q))
+
+    def _state(self, q: Array) -> State:
         if self.static:
             # Half of friction is undone at rest: without a direction it is not modelled.
-            state = State(q, None, None, direction)
-        else:
-            state = State(q, self.qd, self.qdd, None)
-        return (model or self.model).torque_at(state)
+            return State(q, None, None, self.direction)
+        return State(q, self.qd, self.qdd, None)
 
     @cached_property
     def slope(self) -> Array:
@@ -188,28 +189,62 @@ class Motion:
         slow = self.slowest(row) if transition is None else transition
         return np.clip(self.qd @ row / slow, -1.0, 1.0)
 
-    @cached_property
-    def links_regressor(self) -> Array:
-        """(N, 7, 90) regressor of the links' inertial parameters, gravity included."""
-        return rigid_body.regressor(self.arm, self.true_q, self.qd, self.qdd, self.gravity)
+    def link_torque(self, link: int, directions: Array) -> Array:
+        """Return (N, 7, k) torques of changes of a link's inertial parameters, gravity included.
 
-    @cached_property
-    def inertial(self) -> tuple[NDArray[np.int_], Array]:
-        """Columns of the links' inertial parameters that this motion tells apart, gravity off.
-
-        Returns:
-            Their indices (k,) among the 90, and the (N, 7, k) columns themselves.
+        Args:
+            link: Index of the link among ``TREE_LINKS``.
+            directions: (10, k) changes, in the order of ``rigid_body.regressor``.
         """
+        joints = list(rigid_body.bodies(self.arm)[link].joints)
+        if link not in self._links:
+            columns = np.empty((len(self.q), len(joints), rigid_body.PER_LINK))
+            own = slice(rigid_body.PER_LINK * link, rigid_body.PER_LINK * (link + 1))
+            for rows in self._pieces():
+                columns[rows] = self._regressor(rows, self.gravity)[:, joints, own]
+            self._links[link] = columns
+        torque = np.zeros((len(self.q), N_JOINTS, directions.shape[1]))
+        torque[:, joints] = self._links[link] @ directions
+        return torque
+
+    @cached_property
+    def _links(self) -> dict[int, Array]:
+        """By link, (N, m, 10) its columns of the regressor at the joints that move it."""
+        return {}
+
+    def release(self) -> None:
+        """Drop the links' columns; they are computed again if need be."""
+        self._links.clear()
+
+    @cached_property
+    def inertial(self) -> NDArray[np.int_]:
+        """(k,) which of the links' inertial parameters this motion tells apart, gravity off."""
         from scipy.linalg import qr
 
-        columns = rigid_body.regressor(self.arm, self.true_q, self.qd, self.qdd, np.zeros(3))
-        few = columns[:: max(1, len(columns) // 600)].reshape(-1, columns.shape[2])
+        thinned = slice(None, None, max(1, len(self.q) // 600))
+        few = self._regressor(thinned, np.zeros(3)).reshape(-1, rigid_body.COLUMNS)
         size = np.sqrt(np.mean(few**2, axis=0))
         scaled = few / np.where(size > 1e-9, size, 1.0) * (size > 1e-9)
         triangle, pivots = qr(scaled, mode="r", pivoting=True)
         diagonal = np.abs(np.diag(triangle))
-        chosen = np.sort(pivots[: int(np.sum(diagonal > _RANK * diagonal[0]))])
-        return chosen, columns[:, :, chosen]
+        return np.sort(pivots[: int(np.sum(diagonal > _RANK * diagonal[0]))])
+
+    def inertial_torque(self, chosen: NDArray[np.int_]) -> Array:
+        """Return (N, 7, k) columns of some of the links' inertial parameters, gravity off."""
+        torque = np.empty((len(self.q), N_JOINTS, len(chosen)))
+        for rows in self._pieces():
+            torque[rows] = self._regressor(rows, np.zeros(3))[:, :, chosen]
+        return torque
+
+    def _pieces(self) -> list[slice]:
+        """Return slices of the samples of which all columns of all links are held at a time."""
+        return [slice(first, first + _PIECE) for first in range(0, len(self.q), _PIECE)]
+
+    def _regressor(self, rows: slice, gravity: Array) -> Array:
+        """Return the (n, 7, 90) regressor of the links' inertial parameters at some samples."""
+        return rigid_body.regressor(
+            self.arm, self.true_q[rows], self.qd[rows], self.qdd[rows], gravity
+        )
 
     @property
     def gravity(self) -> Array:

@@ -24,7 +24,7 @@ from dvrk_gravity.diagnosis.readings import ReadingScore, try_readings
 from dvrk_gravity.diagnosis.selection import LEAST_GAIN, Accepted, Selection, Tried
 from dvrk_gravity.identification.motion import known_still
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Given, Recording, opened
+from dvrk_gravity.recording import Given, Recording, RecordingFile, opened
 from dvrk_gravity.recording.data import Coordinates
 
 Array = NDArray[np.float64]
@@ -75,7 +75,8 @@ def diagnose(
 
     Args:
         recordings: One or more trajectories, or sets of static poses; in joint or actuator
-            coordinates, as each says; or the paths of their files.
+            coordinates, as each says; or the paths of their files. Of trajectories longer than ten
+            minutes together, stretches are looked at; one in a file is not held in memory then.
         model: The model on trial, or the path of its file.
         progress: Called with one line at every step.
         simulated: Also compare given and extended model in the simulator, which takes seconds.
@@ -87,12 +88,10 @@ def diagnose(
 
     Raises:
         RecordingError: Recordings that cannot tell: too short, no effort, no motion.
+        ConfigError: A model of absurd torques.
         ArgumentError: An argument of a wrong type.
     """
-    whole = [
-        one if isinstance(one, Recording) else replace(one.load(), coordinates=coordinates)
-        for one in opened(recordings)
-    ]
+    whole = opened(recordings, coordinates)
     model = TorqueModel.of(model)
     say = progress or _silent
     say("reading")
@@ -111,7 +110,7 @@ def diagnose(
 
 
 def investigate(
-    recordings: Sequence[Recording],
+    recordings: Sequence[Recording | RecordingFile],
     model: TorqueModel,
     say: Callable[[str], None],
     still: Mapping[str, float] | None = None,
@@ -121,15 +120,14 @@ def investigate(
     readings: list[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]] = []
     contest, pool = _prepare(loaded.motion, say)
     tried = try_readings(loaded.motion)
-    if tried and tried[0].passes:
-        bare = contest.score([])
-        best = Selection(contest, pool, say).best([], bare)
-        if not best or tried[0].gain > _READING_SHARE * best[0].gain:
-            alike = tuple(s for s in tried[1:] if s.gain > 0.97 * tried[0].gain)
-            readings.append((tried[0], loaded.motion, alike))
-            say(f"wrong reading: {tried[0].reading.words}")
-            loaded = replace(loaded, motion=tried[0].reading.apply(loaded.motion))
-            contest, pool = _prepare(loaded.motion, say)
+    if tried and tried[0].passes and _misread(tried[0], Selection(contest, pool, say)):
+        alike = tuple(s for s in tried[1:] if s.gain > 0.97 * tried[0].gain)
+        readings.append((tried[0], loaded.motion, alike))
+        say(f"wrong reading: {tried[0].reading.words}")
+        contest.release()
+        del contest, pool  # of a long recording there is no room for two
+        loaded = replace(loaded, motion=tried[0].reading.apply(loaded.motion))
+        contest, pool = _prepare(loaded.motion, say)
     selection = Selection(contest, pool, say)
     say("weighing hypotheses")
     chosen = selection.run()
@@ -142,9 +140,16 @@ def investigate(
     accepted = selection.explained(chosen)
     say("looking for structure without a name")
     floor = contest.bench.floor(loaded.floor, contest.left(chosen))
+    contest.release()
     accepted, unknown = _nameless(contest, selection, accepted, floor)
     return Outcome(loaded, tuple(readings), contest, tuple(accepted), tuple(unknown),
                    tuple(unconfirmed), tuple(pool))  # fmt: skip
+
+
+def _misread(reading: ReadingScore, selection: Selection) -> bool:
+    """Tell whether another reading does about as well as the best hypothesis, or better."""
+    best = selection.best([], selection.contest.score([]))
+    return not best or reading.gain > _READING_SHARE * best[0].gain
 
 
 def _with_model_moving(
@@ -229,7 +234,7 @@ def _prepare(motion: Motion, say: Callable[[str], None]) -> tuple[Contest, list[
     say("building hypotheses")
     contest = Contest(Bench.of(motion))
     pool = [contest.candidate(one) for one in hypotheses(motion)]
-    return contest, [one for one in pool if np.isfinite(one.columns).all() and one.acts.any()]
+    return contest, [one for one in pool if np.isfinite(one.values).all() and one.acts.any()]
 
 
 def _nameless(

@@ -100,7 +100,6 @@ class Selection:
         self.count = len(pool) + 40
         self._excluded: set[tuple[object, ...]] = set()
         self._report = report
-        self._bases = columns_search.ripple_bases(contest.bench)
 
     def exclude(self, hypotheses: Iterable[Hypothesis]) -> None:
         """Take hypotheses out of the choice from now on."""
@@ -187,7 +186,7 @@ class Selection:
         allowed = bench.fold >= 0
         weight = allowed[:, None] * self.contest.weight**2
         found = [
-            *columns_search.ripple(self._bases, left, weight),
+            *columns_search.ripple(self.contest.ripple_bases, left, weight),
             *columns_search.contact(bench, left, allowed),
         ]
         return [self.contest.candidate(one) for one in found]

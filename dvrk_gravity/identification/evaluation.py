@@ -26,6 +26,7 @@ from dvrk_gravity.recording import (
 )
 from dvrk_gravity.recording.data import Coordinates, known_coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
+from dvrk_gravity.terms import State
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +86,7 @@ def evaluate(
 
     Raises:
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
+        ConfigError: A model of absurd torques.
         ArgumentError: An argument of a wrong type.
     """
     model, recordings = TorqueModel.of(model), opened(recordings)
@@ -149,7 +151,7 @@ def _evaluate_dynamic(
     traces = []
     for motion in motions.parts:
         core = slice(motion.filter.edge, len(motion) - motion.filter.edge)
-        predicted = motion.filter(arm.actuator_effort(model.torque_at(motion.state)))
+        predicted = motion.filter(arm.actuator_effort(model.prediction(motion.state)))
         q, qd = motion.state.q, motion.state.qd
         assert qd is not None
         measured = motion.effort
@@ -187,7 +189,7 @@ def _evaluate_static(
         assert measured is not None
         joint = arm.joint_position(q) if coordinates == "actuator" else q
         warnings += beyond_limits(joint, arm)
-        predicted = model.torque(joint, direction=recording.direction)
+        predicted = model.prediction(State.of(joint, direction=recording.direction))
         if coordinates == "actuator":
             predicted = arm.actuator_effort(predicted)
         traces.append(

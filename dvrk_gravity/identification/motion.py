@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from dvrk_gravity.recording import (
     read_trajectory,
 )
 from dvrk_gravity.recording.data import Array, Coordinates
+from dvrk_gravity.recording.pieces import parts_of
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 from dvrk_gravity.terms import State
 
@@ -84,14 +85,7 @@ def read(recording: Source, cutoff: float = DEFAULT_CUTOFF) -> Trajectory:
         return recording
     if isinstance(recording, RecordingFile):
         return read_trajectory(recording.parts(), cutoff)
-    return read_trajectory(_parts(recording), cutoff)
-
-
-def _parts(recording: Recording) -> Iterator[Recording]:
-    """Yield a recording in parts; left-out samples are counted with the first."""
-    for first in range(0, len(recording), PART):
-        part = recording.rows(slice(first, first + PART))
-        yield replace(part, invalid=0, repeated=0) if first else part
+    return read_trajectory(parts_of(recording, PART), cutoff)
 
 
 def read_motions(

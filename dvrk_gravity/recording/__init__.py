@@ -5,6 +5,7 @@ from dvrk_gravity.recording.bag_writer import BagWriter
 from dvrk_gravity.recording.checks import check
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.excerpt import Excerpt, excerpt
 from dvrk_gravity.recording.filters import LowPass, derivative, lowpass
 from dvrk_gravity.recording.joint_states import JointStateSample, read_joint_states
 from dvrk_gravity.recording.prepare import Prepared, Segment, prepare
@@ -21,6 +22,7 @@ __all__ = [
     "BagReader",
     "BagWriter",
     "DataWarning",
+    "Excerpt",
     "Given",
     "JointStateSample",
     "LowPass",
@@ -32,6 +34,7 @@ __all__ = [
     "Trajectory",
     "check",
     "derivative",
+    "excerpt",
     "iterate_recording",
     "lowpass",
     "opened",

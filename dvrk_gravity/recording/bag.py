@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from dvrk_gravity import yaml_file
+from dvrk_gravity import text_file, yaml_file
 from dvrk_gravity.errors import RecordingError
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -46,8 +46,11 @@ class BagReader:
 
         if not self.path.exists():
             raise RecordingError(self.path, "no such file or folder")
+        for path in (self.path, *(p for p in self._inside() if p.suffix in SUFFIXES)):
+            if not text_file.is_file(path):
+                raise RecordingError(path, "is a pipe or device, expected a file of a rosbag2")
         if self.path.is_dir() and not (self.path / "metadata.yaml").exists():
-            inside = [p.name for p in sorted(self.path.iterdir()) if p.suffix in SUFFIXES]
+            inside = [p.name for p in self._inside() if p.suffix in SUFFIXES]
             hint = f"; try the file {inside[0]} in it" if inside else ""
             raise RecordingError(
                 self.path, f"has no metadata.yaml, expected the folder of a rosbag2{hint}"
@@ -58,6 +61,8 @@ class BagReader:
             self._reader = Reader(self.path)
             self._reader.open()
             self.topics = {c.topic: c.msgtype for c in self._reader.connections}
+            if not all(isinstance(text, str) for pair in self.topics.items() for text in pair):
+                raise TypeError("a topic's name or type is no text")
         except Exception as error:
             # The library's parsers raise whatever damaged bytes lead them to.
             raise self._broken(error) from error
@@ -71,6 +76,9 @@ class BagReader:
     ) -> None:
         """Close the files."""
         self._reader.close()
+
+    def _inside(self) -> list[Path]:
+        return sorted(self.path.iterdir()) if self.path.is_dir() else []
 
     def _broken(self, error: Exception) -> RecordingError:
         text = " ".join(str(error).split()) or type(error).__name__
@@ -128,6 +136,13 @@ class BagReader:
                 return
             except Exception as error:
                 raise self._broken(error) from error
+            # A sqlite3 column holds whatever was put there.
+            if not isinstance(data, bytes) or not isinstance(receive_ns, int):
+                raise RecordingError(
+                    self.path,
+                    f"a message of {connection.topic} holds {type(data).__name__} received at "
+                    f"{receive_ns!r:.40}, expected bytes received at a whole number of ns",
+                )
             yield connection.topic, receive_ns, data
 
     def message(self, topic: str, data: bytes) -> Any:

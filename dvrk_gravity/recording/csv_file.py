@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 from typing import TextIO
 
@@ -25,7 +25,7 @@ from dvrk_gravity.recording.data import CHUNK, LARGEST, QUANTITIES, Array, Coord
 from dvrk_gravity.recording.timeline import Timeline, with_counts
 
 LATEST_TIME = 9e9  # s; beyond it ns since 1970 overflow 64 bits: certainly not seconds
-HEADER_LIMIT = 10_000  # characters; a longer first line is not a header
+LINE_LIMIT = 10_000  # characters; a longer line is neither a header nor a row
 
 
 @dataclass(frozen=True)
@@ -151,16 +151,29 @@ def iterate_csv(
         raise RecordingError(source, f"cannot be read: {error.strerror or error}") from error
 
 
+def _lines(source: str, file: TextIO, rows_from: int) -> Iterator[str]:
+    """Yield lines, numbered from the given one on; one without end is not read to the end."""
+    for number in count(rows_from):
+        line = file.readline(LINE_LIMIT)
+        if not line:
+            return
+        if len(line) == LINE_LIMIT and not line.endswith("\n"):
+            raise RecordingError(
+                f"{source}: line {number}", f"is longer than {LINE_LIMIT} characters"
+            )
+        yield line
+
+
 def _iterate(
     source: str, file: TextIO, coordinates: Coordinates, chunk: int
 ) -> Iterator[tuple[Recording | None, int, int]]:
-    header = file.readline(HEADER_LIMIT)
+    header = file.readline(LINE_LIMIT)
     if not header.strip():
         raise RecordingError(source, "is empty, expected a CSV header")
     columns = _Columns.parse(source, header)
     timeline = Timeline()
     begin, rows_read = 2, 0
-    while lines := list(islice(file, chunk)):
+    while lines := list(islice(_lines(source, file, rows_from=begin), chunk)):
         table = _parse_rows(source, columns, lines, begin)
         rows, time = len(table), None
         rows_read += rows

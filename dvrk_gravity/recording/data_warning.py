@@ -29,6 +29,7 @@ Kind = Literal[
     "coordinates",
     "arm_limits",
     "other_hand",
+    "excerpt",
 ]
 
 

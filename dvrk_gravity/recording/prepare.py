@@ -61,6 +61,7 @@ def prepare(
     order: int = ORDER,
     effort_limits: Mapping[str, float] | None = None,
     band: float | None = None,
+    warnings: tuple[DataWarning, ...] | None = None,
 ) -> Prepared:
     """Check a recording and turn it into filtered, uniformly sampled parts.
 
@@ -78,12 +79,13 @@ def prepare(
         effort_limits: See ``check``.
         band: Frequency below which the signals will be used, Hz; default: the cut-off. Gaps that
             are short against it are interpolated over, see ``longest_bridged``.
+        warnings: What was found in the recording that this is a part of; ``None``: it is checked.
 
     Raises:
         RecordingError: If a check finds the recording unusable, if it is too short to filter, or
             if the cut-off does not go with the sampling rate.
     """
-    warnings = check(recording, effort_limits)
+    warnings = check(recording, effort_limits) if warnings is None else warnings
     for warning in warnings:
         if warning.unusable:
             raise RecordingError(recording.source, str(warning))

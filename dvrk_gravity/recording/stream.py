@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dvrk_gravity import text_file
 from dvrk_gravity.arguments import path_of
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.recording.bag import SUFFIXES
@@ -40,6 +41,8 @@ def iterate_recording(
     path = path_of("recording", path, A_PATH)
     if not path.exists():
         raise RecordingError(path, "no such file or folder")
+    if not text_file.is_file(path):
+        raise RecordingError(path, "is a pipe or device, expected a file or a folder")
     if path.is_dir() or path.suffix in SUFFIXES:
         return iterate_bag(path, topic, coordinates, time_base, chunk)
     if path.suffix.lower() == ".csv":
@@ -58,10 +61,15 @@ class RecordingFile:
     """
 
     def __init__(
-        self, path: str | Path, topic: str | None = None, time_base: TimeBase = "stamp"
+        self,
+        path: str | Path,
+        topic: str | None = None,
+        time_base: TimeBase = "stamp",
+        coordinates: Coordinates = "joint",
     ) -> None:
         """Read the first part; arguments are those of ``Recording.load``."""
         self._path, self._topic, self._time_base = path, topic, time_base
+        self._coordinates = coordinates
         self.head = next(self.parts())
 
     def __repr__(self) -> str:
@@ -70,7 +78,7 @@ class RecordingFile:
 
     def parts(self) -> Iterator[Recording]:
         """Yield consecutive parts."""
-        return iterate_recording(self._path, self._topic, time_base=self._time_base)
+        return iterate_recording(self._path, self._topic, self._coordinates, self._time_base)
 
     def load(self) -> Recording:
         """Return the whole."""
@@ -80,8 +88,14 @@ class RecordingFile:
 Given = Recording | RecordingFile | str | os.PathLike[str]
 
 
-def opened(given: Given | Iterable[Given]) -> list[Recording | RecordingFile]:
+def opened(
+    given: Given | Iterable[Given], coordinates: Coordinates = "joint"
+) -> list[Recording | RecordingFile]:
     """Return one or several recordings as a list, paths as the files that they name.
+
+    Args:
+        given: One or several.
+        coordinates: Of the files that are given as paths, which do not tell.
 
     Raises:
         ArgumentError: What is neither a recording nor a path.
@@ -94,7 +108,9 @@ def opened(given: Given | Iterable[Given]) -> list[Recording | RecordingFile]:
     return [
         one
         if isinstance(one, Recording | RecordingFile)
-        else RecordingFile(path_of("recordings", one, f"a Recording or {A_PATH}"))
+        else RecordingFile(
+            path_of("recordings", one, f"a Recording or {A_PATH}"), coordinates=coordinates
+        )
         for one in given
     ]
 

@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 _SHIPPED = "mtmr_28002"
 _SECTIONS = ("parameters", "links", "rotor_inertia", "sensors")
+_LARGEST = 1e6  # kg, m, kg·m² and so on: no arm's, and the simulation's products stay finite
 _STEPS = ("position_step", "velocity_noise", "effort_step", "effort_noise")
 
 
@@ -140,9 +141,8 @@ def _only(field: str, content: Mapping[str, Any], known: tuple[str, ...]) -> Non
 
 def _number(field: str, value: Any, least: float = -math.inf) -> float:
     bad = isinstance(value, bool) or not isinstance(value, int | float)
-    if bad or not math.isfinite(value) or value < least:
-        at_least = f" of at least {least:g}" if math.isfinite(least) else ""
-        raise ConfigError(field, value, f"a finite number{at_least}")
+    if bad or not max(least, -_LARGEST) <= value <= _LARGEST:
+        raise ConfigError(field, value, f"a number from {max(least, -_LARGEST):g} to {_LARGEST:g}")
     return float(value)
 
 

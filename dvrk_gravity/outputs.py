@@ -1,0 +1,132 @@
+"""What a command may write: nothing that it reads, nothing twice, no link, no device.
+
+Every command asks before its work starts: a result that cannot be written is hours lost, one that
+is written over its own recording loses the recording.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Literal
+
+from dvrk_gravity.errors import ConfigError
+
+_Kind = Literal["file", "folder", "new"]
+_BAG_FILES = (".db3", ".mcap")
+
+
+def check(
+    files: Mapping[str, str | Path | None],
+    inputs: Iterable[str | Path | None],
+    new: Mapping[str, str | Path | None] | None = None,
+) -> None:
+    """Refuse outputs that a command must not write, or cannot.
+
+    Args:
+        files: Files to be written, by the option that names them; they replace earlier ones.
+            ``None``: not asked for.
+        inputs: Files and folders that are read.
+        new: Recordings to be written, by option: files or folders that must not exist yet.
+
+    Raises:
+        ConfigError: An output that is an input, in a folder that is an input, another output, a
+            link, neither file nor folder, or in a folder that does not exist or is not writable.
+    """
+    wanted: list[tuple[str, Path, _Kind]] = []
+    for option, path in files.items():
+        if path is not None:
+            wanted.append((option, Path(path), "file"))
+    for option, path in (new or {}).items():
+        if path is not None:
+            wanted.append((option, Path(path), "new"))
+    _check(wanted, inputs)
+    for option, path, _ in wanted:
+        _writable(option, path, path.absolute().parent)
+
+
+def check_folder(
+    option: str,
+    folder: Path,
+    files: Iterable[str],
+    inputs: Iterable[str | Path | None],
+    folders: Iterable[str] = (),
+) -> None:
+    """Refuse a folder for outputs, which is made if there is none; see :func:`check`.
+
+    Args:
+        option: What names the folder.
+        folder: The folder.
+        files: Names of the files to be written there.
+        inputs: Files and folders that are read.
+        folders: Names of folders to be written there, which replace earlier ones.
+    """
+    inputs = list(inputs)
+    _check([(option, folder, "folder")], inputs, holds=True)
+    wanted: list[tuple[str, Path, _Kind]] = [(option, folder / name, "file") for name in files]
+    wanted += [(option, folder / name, "folder") for name in folders]
+    _check(wanted, inputs)
+    existing = folder.absolute()
+    while not existing.exists():
+        existing = existing.parent
+    _writable(option, folder, existing)
+
+
+def _check(
+    wanted: Iterable[tuple[str, Path, _Kind]],
+    inputs: Iterable[str | Path | None],
+    holds: bool = False,
+) -> None:
+    """Check outputs but for the folders that they are in; one that ``holds`` others may be full."""
+    read = [Path(path) for path in inputs if path is not None]
+    # A bag's file is read without what else is known of the bag: that is not to be lost either.
+    read += [path.with_name("metadata.yaml") for path in read if path.suffix in _BAG_FILES]
+    before: list[tuple[str, Path]] = []
+    for option, path, kind in wanted:
+        for one in read:
+            inside = one.is_dir() and _within(path, one)
+            if (
+                _same(path, one)
+                or inside
+                or (kind == "folder" and not holds and _within(one, path))
+            ):
+                raise ConfigError(option, f"{one.name}, which is read", "another name", path)
+        for other, one in before:
+            if _same(path, one) or _within(path, one):
+                raise ConfigError(option, f"what is written as {other}", "another name", path)
+        before.append((option, path))
+        if path.is_symlink():
+            raise ConfigError(
+                option, f"a link to {os.readlink(path)}", f"a {kind}, not a link", path
+            )
+        _check_kind(option, path, kind)
+
+
+def _check_kind(option: str, path: Path, kind: _Kind) -> None:
+    if not path.exists():
+        return
+    found = "a file" if path.is_file() else "a folder" if path.is_dir() else "a device or pipe"
+    if kind == "new":
+        raise ConfigError(option, f"{found} that exists already", "a new name", path)
+    if found != f"a {kind}":
+        raise ConfigError(option, found, f"a {kind}", path)
+
+
+def _writable(option: str, path: Path, folder: Path) -> None:
+    if not folder.is_dir():
+        raise ConfigError(option, str(folder), "an existing folder", path)
+    if not os.access(folder, os.W_OK):
+        raise ConfigError(option, str(folder), "a folder that can be written to", path)
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Tell whether two names are one file's, by links of either kind, existing or not."""
+    if os.path.realpath(one) == os.path.realpath(other):
+        return True
+    return one.exists() and other.exists() and one.samefile(other)
+
+
+def _within(path: Path, folder: Path) -> bool:
+    """Tell whether a path lies below a folder."""
+    return Path(os.path.realpath(folder)) in Path(os.path.realpath(path)).parents

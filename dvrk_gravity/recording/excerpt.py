@@ -1,0 +1,105 @@
+"""A few stretches, evenly spread, of a recording that is too long to be worked on whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvrk_gravity.recording.data import CHUNK, Recording
+from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.pieces import Findings, Piece, blocks, parts_of
+from dvrk_gravity.recording.stream import RecordingFile, join
+
+MOST_SAMPLES = 600_000  # of a recording that is held in memory whole: ten minutes at 1 kHz
+CHECKED = 60_000  # samples that are checked at a time
+
+
+@dataclass(frozen=True)
+class Excerpt:
+    """What is looked at of a recording.
+
+    Attributes:
+        stretches: The whole recording, or parts of it in order, read as they are asked for.
+        warnings: What the checks find in the whole; ``None`` if that is the only stretch, and not
+            checked yet.
+    """
+
+    stretches: Iterable[Recording]
+    warnings: tuple[DataWarning, ...] | None
+
+
+def excerpt(source: Recording | RecordingFile, longest: float, stretch: float) -> Excerpt:
+    """Return a recording whole if it is short, else stretches of it; all of it is checked.
+
+    Args:
+        source: Trajectory or static poses, which are never cut.
+        longest: Time that all stretches may last together, s.
+        stretch: Length of one, s.
+
+    Raises:
+        RecordingError: If the recording cannot be read, or a check finds it unusable.
+    """
+    held: list[Recording] = []
+    count, start, end = 0, 0.0, 0.0
+    for part in _parts(source):
+        count += len(part)
+        if part.time is not None:
+            start = float(part.time[0]) if not held else start
+            end = float(part.time[-1])
+        held.append(part)
+        if part.time is not None and (end - start > longest or count > MOST_SAMPLES):
+            break
+    else:
+        return Excerpt((source if isinstance(source, Recording) else join(held),), None)
+    del held
+    findings, head = Findings(), None
+    for block in blocks(_parts(source), CHECKED):
+        head = head or block
+        findings.add(Piece(block, 0, len(block)), block.invalid, block.repeated)
+        assert block.time is not None
+        end = float(block.time[-1])
+    assert head is not None
+    warnings = findings.merged(head)
+    edges = np.linspace(start, np.nextafter(end, np.inf), 1 + int(np.ceil((end - start) / stretch)))
+    total, most = len(edges) - 1, max(1, int(longest / stretch))
+    chosen = np.arange(total)
+    if total > most:
+        chosen = ((np.arange(most) + 0.5) * total / most).astype(int)
+        kept = len(chosen) * (end - start) / total
+        numbers = {"duration_s": end - start, "used_s": kept, "stretches": float(most)}
+        text = (
+            f"{kept / 60.0:.3g} of {(end - start) / 60.0:.3g} min are looked at: {most} stretches, "
+            "evenly spread"
+        )
+        warnings = (DataWarning("excerpt", None, numbers, text), *warnings)
+    return Excerpt(_between(_parts(source), edges[chosen], edges[chosen + 1]), warnings)
+
+
+def _parts(source: Recording | RecordingFile) -> Iterator[Recording]:
+    return source.parts() if isinstance(source, RecordingFile) else parts_of(source, CHUNK)
+
+
+def _between(
+    parts: Iterable[Recording], starts: np.ndarray, stops: np.ndarray
+) -> Iterator[Recording]:
+    """Yield what consecutive parts hold of each of some stretches of time, s, that do not overlap.
+
+    A stretch without a sample, in a gap, is left out.
+    """
+    held: list[Recording] = []
+    place = 0
+    for part in parts:
+        assert part.time is not None
+        while place < len(starts):
+            first, last = np.searchsorted(part.time, [starts[place], stops[place]]).tolist()
+            if last > first:
+                held.append(part.rows(slice(first, last)))
+            if last == len(part):  # it may go on in the next part
+                break
+            if held:
+                yield join(held)
+            held, place = [], place + 1
+    if held:
+        yield join(held)

@@ -1,0 +1,159 @@
+"""Of a recording too long to be diagnosed whole, stretches that are spread evenly are looked at."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.diagnosis import load as loading
+from dvrk_gravity.diagnosis.bench import Bench
+from dvrk_gravity.diagnosis.columns_search import _window
+from dvrk_gravity.diagnosis.contest import Contest
+from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis.run import hypotheses
+from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.recording import Recording, RecordingFile, excerpt
+from dvrk_gravity.simulate.world import World
+
+MODEL = World.draw(1).model()
+
+
+def moving(duration: float, rate: float = 100.0, pause: tuple[float, float] = (0.0, 0.0)):
+    """Return a recording of a motion that does not repeat, with a gap if there is a pause."""
+    time = np.arange(0.0, duration, 1.0 / rate)
+    time = time[(time < pause[0]) | (time >= pause[1])]
+    angle = time[:, None] * (0.5 + 0.37 * np.arange(7)) + 0.01 * time[:, None] ** 1.3
+    q = 0.3 * np.sin(angle) + 0.2
+    qd = np.gradient(q, time, axis=0)
+    return Recording(JOINT_NAMES, time, q, qd, MODEL.torque(q, qd), invalid=3)
+
+
+def test_a_short_recording_is_looked_at_whole_and_checked_as_ever(tmp_path):
+    recording = moving(20.0)
+    recording.save(tmp_path / "r.csv")
+    for source in (recording, RecordingFile(tmp_path / "r.csv")):
+        found = excerpt(source, 30.0, 5.0)
+        (whole,) = found.stretches
+        assert np.array_equal(whole.position, recording.position)
+        assert found.warnings is None
+
+
+def test_stretches_of_a_long_recording_are_spread_over_all_of_it(tmp_path):
+    recording = moving(100.0)
+    recording.save(tmp_path / "r.csv")
+    for source in (recording, RecordingFile(tmp_path / "r.csv")):
+        found = excerpt(source, 30.0, 5.0)
+        parts = list(found.stretches)
+        assert [round(part.time[0]) for part in parts] == [5, 25, 40, 55, 75, 90]
+        for part in parts:
+            first = np.searchsorted(recording.time, part.time[0])
+            rows = slice(first, first + len(part))
+            assert len(part) == pytest.approx(500, abs=1)
+            assert np.array_equal(part.position, recording.position[rows])
+
+
+def test_an_excerpt_says_what_it_is_of_and_what_the_checks_find_in_the_whole():
+    warnings = excerpt(moving(100.0, pause=(13.0, 14.0)), 30.0, 5.0).warnings
+    kinds = {one.kind: one for one in warnings}
+    assert kinds["excerpt"].numbers["used_s"] == pytest.approx(30.0, abs=0.1)
+    assert str(kinds["excerpt"]).startswith("0.5 of 1.67 min are looked at")
+    assert kinds["gaps"].numbers["count"] == 1  # not within what is looked at
+    assert kinds["invalid_stamps"].numbers["samples"] == 3
+
+
+def test_a_stretch_in_a_gap_is_left_out():
+    parts = list(excerpt(moving(100.0, pause=(20.0, 33.0)), 30.0, 5.0).stretches)
+    assert [round(part.time[0]) for part in parts] == [5, 40, 55, 75, 90]
+
+
+def test_static_poses_are_never_cut():
+    random = np.random.default_rng(0)
+    poses = Recording(JOINT_NAMES, None, random.normal(size=(50, 7)))
+    (whole,) = excerpt(poses, 1.0, 1.0).stretches
+    assert whole is poses
+
+
+def test_recordings_share_the_time_that_is_looked_at(monkeypatch):
+    monkeypatch.setattr(loading, "LONGEST", 40.0)
+    monkeypatch.setattr(loading, "STRETCH", 10.0)
+    both = load([moving(60.0), moving(60.0)], MODEL)
+    assert len(both.motion.parts) == 4
+    assert len(both.motion.q) / both.motion.rate == pytest.approx(38.0, abs=1.5)
+    assert [one.kind for one in both.warnings].count("excerpt") == 1  # alike, so told once
+
+
+def test_a_stretch_of_gaps_is_left_out_and_told(monkeypatch):
+    monkeypatch.setattr(loading, "LONGEST", 30.0)
+    monkeypatch.setattr(loading, "STRETCH", 5.0)
+    whole = moving(100.0)
+    # Readings that come in bursts with gaps between them, in one of the stretches.
+    kept = (whole.time < 40.0) | (whole.time > 45.0) | (whole.time % 0.4 < 0.2)
+    loaded = load([whole.rows(kept)], MODEL)
+    assert len(loaded.motion.parts) == 5
+    assert any("from 40.01 s on a stretch is left out" in line for line in loaded.handling)
+
+
+def test_a_long_recording_of_nothing_but_gaps_is_refused(monkeypatch):
+    monkeypatch.setattr(loading, "LONGEST", 10.0)
+    whole = moving(30.0)
+    with pytest.raises(RecordingError, match="a row without a gap"):
+        load([whole.rows(whole.time % 0.4 < 0.2)], MODEL)
+
+
+def test_a_pause_in_a_long_recording_is_no_fault(monkeypatch):
+    monkeypatch.setattr(loading, "LONGEST", 30.0)
+    monkeypatch.setattr(loading, "STRETCH", 5.0)
+    whole = moving(100.0)
+    still = (whole.time > 38.0) & (whole.time < 47.0)
+    position = np.where(still[:, None], whole.position[3800], whole.position)
+    velocity = np.where(still[:, None], 0.0, whole.velocity)
+    paused = Recording(JOINT_NAMES, whole.time, position, velocity, whole.effort)
+    assert len(load([paused], MODEL).motion.parts) == 6
+
+
+def held(value: object) -> int:
+    """Return the bytes of the arrays in a dictionary's values."""
+    arrays = value.values() if isinstance(value, dict) else [value]
+    return sum(one.nbytes for one in arrays if isinstance(one, np.ndarray))
+
+
+def test_hypotheses_and_what_they_are_built_from_take_little_memory_a_sample():
+    """At 41 kB, the most that are compared (24,000 samples, ten minutes) take a gigabyte.
+
+    They took 107 kB when every hypothesis had columns at all joints, most of them zeros.
+    """
+    motion = load([moving(10.0, 200.0)], MODEL).motion
+    contest = Contest(Bench.of(motion))
+    pool = [contest.candidate(one) for one in hypotheses(motion)]
+    assert len(pool) > 200
+    total = sum(one.values.nbytes for one in pool)
+    total += sum(basis.cosine.nbytes + basis.sine.nbytes for basis in contest.ripple_bases)
+    total += sum(held(value) for value in vars(motion).values())
+    assert total / len(contest.bench.residual) < 45e3
+
+
+def test_sines_are_built_a_few_frequencies_at_a_time():
+    motion = load([moving(20.0, 200.0)], MODEL).motion
+    contest = Contest(Bench.of(motion))
+    tracemalloc.start()
+    kept = sum(basis.cosine.nbytes + basis.sine.nbytes for basis in contest.ripple_bases)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # All 240 frequencies at once took 115 kB a sample beyond what is kept.
+    assert (peak - kept) / len(contest.bench.residual) < 20e3
+
+
+def test_a_push_is_looked_for_in_samples_and_not_in_the_time_between_them():
+    """Two recordings of a minute, a day apart: every pair of 350,000 bins would be tried."""
+    time = np.concatenate([np.arange(0.0, 60.0, 0.025), 86400.0 + np.arange(0.0, 60.0, 0.025)])
+    residual = 0.1 * np.random.default_rng(0).normal(size=len(time))
+    residual[(time > 86420.0) & (time < 86425.0)] += 1.0
+    tracemalloc.start()
+    begin, end = _window(time, residual)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (begin, end) == (pytest.approx(86420.0, abs=0.25), pytest.approx(86425.0, abs=0.25))
+    assert peak < 50e6
