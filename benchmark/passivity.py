@@ -37,10 +37,11 @@ from dvrk_gravity.compensate.limits import slew
 from dvrk_gravity.compensate.passivity import ALLOWANCE, GROWTH, PassivityObserver
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.simulate import Plant, PlantFile, SimulatedArm
 
 TRUTH = PlantFile.load("mtmr_28002")
-SPEED_LIMIT = np.array([4.0, 4.0, 4.0, 8.0, 8.0, 8.0, 25.0])  # rad/s
+SPEED_LIMIT = np.array(NODE_PARAMETERS["speed_limit"].default)  # rad/s
 POSE = np.array([-0.2, 0.15, 0.0, 0.5, 1.0, 0.0, 0.0])
 SPEED = np.array([0.3, 0.2, 0.2, 1.2, 1.2, 0.5, 3.0])  # rad/s, that the hand gives
 VELOCITY_STEP = 0.05  # rad/s

@@ -61,6 +61,8 @@ NODE_PARAMETERS: dict[str, Parameter] = {
             "no friction is compensated below this speed",
             lower=0.0, upper=10.0, lengths=_SEVEN,
         ),
+        # 1.4 times the fastest motion of each group of joints in a published exciting trajectory of
+        # an MTM (2.95, 2.76, 1.07, 5.2, 5.7, 1.28, 17.7 rad/s), rounded.
         Parameter(
             "speed_limit", (4.0, 4.0, 4.0, 8.0, 8.0, 8.0, 25.0), "rad/s",
             "hold where a joint is faster for 0.1 s while the command pushes it along",

@@ -132,6 +132,14 @@ class Settings:
             _of_model(checked),
         )
 
+    def same_friction(self, other: Settings) -> bool:
+        """Tell whether other settings compensate the same friction, with the same speed limits."""
+        return (
+            self.model is other.model
+            and np.array_equal(self.friction_ratio, other.friction_ratio)
+            and np.array_equal(self.speed_limit, other.speed_limit)
+        )
+
     @property
     def weightless(self) -> bool:
         """Whether gravity is left out."""

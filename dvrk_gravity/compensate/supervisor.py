@@ -95,6 +95,11 @@ class Supervisor:
         """(n,) joints whose velocity was not believed in the last sample."""
         return self._motion.doubtful
 
+    @property
+    def friction_held_back(self) -> NDArray[np.bool_]:
+        """(n,) joints whose friction compensation may feed energy in, and is scaled down."""
+        return self._passivity.factor < 1.0
+
     def enable(self) -> None:
         """Start, or start again after a fault; commands follow with the next valid input."""
         if self.status in (Status.DISABLED, Status.FAULT):
@@ -114,7 +119,8 @@ class Supervisor:
         before, self.settings = self.settings, settings
         if self._command is not None:
             self.loss = self._support_lost(before, settings)
-            self._watch_energy()
+            if not settings.same_friction(before):
+                self._watch_energy()
             self._ramp = Ramp(self._command, now)
             self.status, self.reason = Status.RAMPING, "blending to the changed settings' torque"
         if settings.enabled and not before.enabled:

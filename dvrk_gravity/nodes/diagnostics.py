@@ -61,6 +61,11 @@ def warnings(supervisor: Supervisor) -> list[str]:
             f"the velocity of {_joints(supervisor, supervisor.doubtful)} contradicts its positions:"
             " friction there is left out"
         )
+    if supervisor.friction_held_back.any():
+        told.append(
+            f"friction compensation of {_joints(supervisor, supervisor.friction_held_back)} is held"
+            " back: it may make the motion grow"
+        )
     return told
 
 
