@@ -117,12 +117,12 @@ def sent(model: TorqueModel, q: Array, qd: Array | None = None) -> Array:
     for term in model.terms:
         if not term.COMPENSATED:
             continue
-        if term.FRICTION:
+        if isinstance(term, DirectionalCable):
+            torque += term.elastic().torque(State(at)) + term.scaled(part).torque(State(at, qd))
+        elif term.FRICTION:
             torque += term.scaled(part).torque(State(at, qd))
         else:
-            # Of a payload the weight alone: only the cable asks for the velocity.
-            moving = qd if isinstance(term, DirectionalCable) else None
-            torque += term.torque(State(at, moving))
+            torque += term.torque(State(at))  # of a payload the weight alone
     return torque
 
 
@@ -284,9 +284,9 @@ def _ratio(
     that the worst motion lies on an edge where those planes meet.
     """
     wanted = np.array(_setting(model, RATIO))
-    # Without friction beside it a cable keeps what its file says.
-    ratio = np.where(level > 0.0, wanted, cable.ratio)
-    ratio = np.where((level > 0.0) & half.any(axis=0), np.minimum(wanted, cable.ratio), ratio)
+    # Of a cable's friction the compensator applies the smaller of both parts.
+    least = np.minimum(wanted, cable.ratio)
+    ratio = np.where(half.any(axis=0), least, np.where(level > 0.0, wanted, cable.ratio))
     term = model.term(CoulombFriction.NAME)
     if not isinstance(term, CoulombFriction):
         return ratio, ()

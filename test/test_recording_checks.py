@@ -200,8 +200,9 @@ def test_every_kind_of_finding_has_a_case():
     # A recording does not tell its arm or its coordinates: `identify` finds these.
     of_the_arm = {"coordinates", "arm_limits", "other_hand"}
     # What gaps cost depends on the filter: `prepare` and `read_trajectory` find it.
-    of_the_filter = {"samples_discarded"}
-    assert set(get_args(Kind)) == {fault[0] for fault in FAULTS} | of_the_arm | of_the_filter
+    # So does what is left of a long recording: `excerpt`.
+    of_others = {"samples_discarded", "excerpt"}
+    assert set(get_args(Kind)) == {fault[0] for fault in FAULTS} | of_the_arm | of_others
 
 
 def test_known_effort_limits_are_used():
