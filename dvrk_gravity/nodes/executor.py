@@ -2,9 +2,10 @@
 
 rclpy builds a wait set anew for every message, with two event handlers for each publisher and
 subscription in it, and wraps the callback in a task: on the machine where this was measured, more
-than half of a relay's time. Here one small wait set is kept for what can bring work; the message
-for which the node is there goes straight to its callback, timers too, and for all else the wait
-set only tells that there is something to do, which rclpy's own executor then does.
+than half of a relay's time. Here one small wait set is kept for the message for which the node is
+there, which goes straight to its callback, and for timers. All else is looked at a hundred times a
+second (every entity in a wait set costs a microsecond or two in each wait, and a node that listens
+to everybody has many), and done by rclpy's own executor.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.subscription import Subscription
+
+LOOK = 0.01
+"""What is not the prompt subscription or a timer is looked at so often, s."""
 
 _KINDS = ("subscription", "guard_condition", "timer", "client", "service")
 
@@ -42,45 +46,60 @@ class PromptExecutor(SingleThreadedExecutor):
         super().__init__()
         self.add_node(node)
         self._node = node
-        self._counts: tuple[int, ...] = ()
-        self._wait_set: Any = None
-        self._next_look = 0.0
+        self._wait_sets: dict[tuple[int, ...], Any] = {}
+        self._next_look = self._next_events = 0.0
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait for work and do a piece of it: of the prompt subscription and of the rest."""
-        ready = self._wait(0.1 if timeout_sec is None else timeout_sec)
+        timeout = 0.1 if timeout_sec is None else timeout_sec
         prompt = self._node.prompt
-        if prompt is not None and prompt.handle.pointer in ready:
-            ready.remove(prompt.handle.pointer)
-            taken = prompt.handle.take_message(prompt.msg_type, prompt.raw)
-            if taken is not None:
-                prompt.callback(*taken)
+        if prompt is None:
+            ready = self._wait(timeout, everything=True)
+        else:
+            ready = self._wait(min(timeout, LOOK), everything=False)
+            if prompt.handle.pointer in ready:
+                ready.remove(prompt.handle.pointer)
+                taken = prompt.handle.take_message(prompt.msg_type, prompt.raw)
+                if taken is not None:
+                    prompt.callback(*taken)
         for timer in list(self._node.timers):
             if timer.handle.pointer in ready:
                 ready.remove(timer.handle.pointer)
                 if timer.handle.is_timer_ready():
                     timer.handle.call_timer()
                     timer.callback()
-        if ready or time.monotonic() > self._next_look:
-            self._next_look = time.monotonic() + 1.0
+        now = time.monotonic()
+        if not ready and now > self._next_look:
+            self._next_look = now + LOOK
+            served = {timer.handle.pointer for timer in self._node.timers}
+            if prompt is not None:
+                served.add(prompt.handle.pointer)
+            ready = [one for one in self._wait(0.0, everything=True) if one not in served]
+        if ready or now > self._next_events:
+            self._next_events = now + 1.0
             super().spin_once(0.0)
 
-    def _wait(self, timeout: float) -> list[int]:
-        """Return the handles that are ready after at most ``timeout`` seconds."""
-        node = self._node
+    def _wait(self, timeout: float, everything: bool) -> list[int]:
+        """Return the handles that are ready after at most ``timeout`` seconds.
+
+        Args:
+            timeout: s.
+            everything: Look at all entities, not only at the prompt subscription and timers.
+        """
+        node, prompt = self._node, self._node.prompt
         # A destroyed one leaves these lists at once, so that no handle here is dead.
         entities = (
-            [item.handle for item in node.subscriptions],
+            [item.handle for item in (node.subscriptions if everything else (prompt,)) if item],
             [*(item.handle for item in node.guards), self._guard.handle],
             [item.handle for item in node.timers],
-            [item.handle for item in node.clients],
-            [item.handle for item in node.services],
+            [item.handle for item in node.clients] if everything else [],
+            [item.handle for item in node.services] if everything else [],
         )
         counts = tuple(map(len, entities))
-        if counts != self._counts:
-            self._counts = counts
-            self._wait_set = _rclpy.WaitSet(*counts, 0, self._context.handle)
-        wait_set = self._wait_set
+        wait_set = self._wait_sets.get(counts)
+        if wait_set is None:
+            wait_set = _rclpy.WaitSet(*counts, 0, self._context.handle)
+            self._wait_sets[counts] = wait_set
         wait_set.clear_entities()
         for kind, handles in zip(_KINDS, entities, strict=True):
             add = getattr(wait_set, f"add_{kind}")
