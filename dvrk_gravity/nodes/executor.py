@@ -21,6 +21,8 @@ from rclpy.subscription import Subscription
 LOOK = 0.01
 """What is not the prompt subscription or a timer is looked at so often, s."""
 
+# Messages of one subscription that are taken at a look.
+_MOST = 100
 _KINDS = ("subscription", "guard_condition", "timer", "client", "service")
 
 
@@ -53,31 +55,39 @@ class PromptExecutor(SingleThreadedExecutor):
         """Wait for work and do a piece of it: of the prompt subscription and of the rest."""
         timeout = 0.1 if timeout_sec is None else timeout_sec
         prompt = self._node.prompt
-        if prompt is None:
-            ready = self._wait(timeout, everything=True)
-        else:
-            ready = self._wait(min(timeout, LOOK), everything=False)
-            if prompt.handle.pointer in ready:
-                ready.remove(prompt.handle.pointer)
-                taken = prompt.handle.take_message(prompt.msg_type, prompt.raw)
-                if taken is not None:
-                    prompt.callback(*taken)
+        now = time.monotonic()
+        everything = prompt is None or now > self._next_look
+        if everything:
+            self._next_look = now + LOOK
+        ready = self._wait(min(timeout, LOOK), everything)
+        if prompt is not None and prompt.handle.pointer in ready:
+            ready.remove(prompt.handle.pointer)
+            taken = prompt.handle.take_message(prompt.msg_type, prompt.raw)
+            if taken is not None:
+                prompt.callback(*taken)
         for timer in list(self._node.timers):
             if timer.handle.pointer in ready:
                 ready.remove(timer.handle.pointer)
                 if timer.handle.is_timer_ready():
                     timer.handle.call_timer()
                     timer.callback()
-        now = time.monotonic()
-        if not ready and now > self._next_look:
-            self._next_look = now + LOOK
-            served = {timer.handle.pointer for timer in self._node.timers}
-            if prompt is not None:
-                served.add(prompt.handle.pointer)
-            ready = [one for one in self._wait(0.0, everything=True) if one not in served]
+        if everything:
+            self._take_others(ready)
         if ready or now > self._next_events:
             self._next_events = now + 1.0
             super().spin_once(0.0)
+
+    def _take_others(self, ready: list[int]) -> None:
+        """Take what other subscriptions have, and strike them off the list."""
+        for subscription in list(self._node.subscriptions):
+            if subscription is self._node.prompt or subscription.handle.pointer not in ready:
+                continue
+            ready.remove(subscription.handle.pointer)
+            for _ in range(_MOST):
+                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+                if taken is None:
+                    break
+                subscription.callback(taken[0])
 
     def _wait(self, timeout: float, everything: bool) -> list[int]:
         """Return the handles that are ready after at most ``timeout`` seconds.

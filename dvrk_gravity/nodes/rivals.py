@@ -30,6 +30,9 @@ LISTEN = LATELY
 PATIENCE = 1.0
 """How long another compensator that started later is given to notice us and to stop, s."""
 
+# Between two looks of the executor our own commands fill ten places at 1 kHz: none must be lost.
+_DEPTH = 100
+
 _MARK = re.compile(rb"[0-9a-f]{8} since ([0-9]{20})")
 
 
@@ -71,7 +74,7 @@ class Rivals:
         wanted = others or not commanding
         if wanted and self._subscription is None:
             self._subscription = self._node.create_subscription(
-                self._publisher.msg_type, self.topic, self._on_command, 10, raw=True
+                self._publisher.msg_type, self.topic, self._on_command, _DEPTH, raw=True
             )
         elif not wanted and self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
