@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.planning import Multisine
+from dvrk_gravity.recording import Recording, check
 from dvrk_gravity.recording.filters import lowpass
-from dvrk_gravity.simulate import PlantFile, SimulatedArm
+from dvrk_gravity.simulate import PlantFile, SimulatedArm, simulate
+from dvrk_gravity.simulate.excitation import record_motion
 from dvrk_gravity.simulate.set_point import LAGS, TIME_CONSTANT, SetPointFilter
 
 CUTOFF = 5.65  # Hz, of identification
@@ -95,3 +97,41 @@ def test_a_stream_that_ends_leaves_the_arm_where_it_was_told_to_be(truth: PlantF
     for _ in range(300):
         arm.step()
     np.testing.assert_allclose(arm.plant.q, held, atol=1e-3)
+
+
+def stepped(truth: PlantFile, seed: int, commands: float, rate: float) -> Recording:
+    """A stiff servo follows every step; commands come up to 2 ms late, as over a network."""
+    motion = Multisine.draw(truth.model.arm, seed)
+    arm = SimulatedArm(truth.plant(), truth.sensors, seed)
+    arm.plant.reset(motion.at(0.0)[0])
+    late = np.random.default_rng(seed).uniform(0.0, 2e-3, 1000)
+
+    def follow(arm: SimulatedArm, _: object) -> None:
+        time = arm.plant.time
+        told = int(time * commands)
+        told -= time < told / commands + late[told % len(late)]
+        arm.follow(motion.at(max(told, 0) / commands)[0], np.zeros(7))
+
+    return simulate(arm, follow, 6.0, rate)
+
+
+def kinds(recording: Recording) -> set[str]:
+    return {finding.kind for finding in check(recording)}
+
+
+@pytest.mark.parametrize(
+    ("seed", "commands", "rate"), [(1, 100.0, 200.0), (2, 199.0, 200.0), (3, 100.0, 1000.0)]
+)
+def test_a_recording_whose_commands_ripple_is_recognised(
+    truth: PlantFile, seed: int, commands: float, rate: float
+) -> None:
+    assert "effort_ripple" in kinds(stepped(truth, seed, commands, rate))
+
+
+@pytest.mark.parametrize(("seed", "rate"), [(1, 100.0), (2, 200.0), (3, 1000.0)])
+def test_a_smooth_one_with_the_sensors_noise_is_not(
+    truth: PlantFile, seed: int, rate: float
+) -> None:
+    arm = SimulatedArm(truth.plant(), truth.sensors, seed)
+    motion = Multisine.draw(truth.model.arm, seed)
+    assert "effort_ripple" not in kinds(record_motion(arm, motion, 6.0, rate))

@@ -15,6 +15,7 @@ Kind = Literal[
     "time_jitter",
     "gaps",
     "velocity_mismatch",
+    "effort_ripple",
     "effort_saturation",
     "position_quantisation",
     "velocity_quantisation",
