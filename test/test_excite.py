@@ -235,7 +235,7 @@ def fault(fake: FakeArm, name: str) -> None:
     ("name", "says"),
     [
         ("silent", r"nothing valid for \d+ ms"),
-        ("stuck", "deg from where it was told to be in the last 0.25 s"),
+        ("stuck", "deg from where it was told to be in the last 0.45 s"),
         ("invalid", "positions are not finite"),
         ("rival", "another node sends servo_jf"),
     ],

@@ -35,9 +35,9 @@ FOLLOWING_ERROR = np.radians([8.0, 8.0, 8.0, 8.0, 8.0, 8.0, 12.0])
 """(7,) how far the arm may be from where it was told to be, rad: twice the 4 and 6 deg within which
 the console takes a goal for reached (sawIntuitiveResearchKit, mtsIntuitiveResearchKitMTM.cpp)."""
 
-DELAY = 0.25
-"""How late it may be there, s: servos lag by some 0.05 s (the simulated one by 0.08 s), and a busy
-machine adds up to 0.1 s, after which it counts as silent."""
+LAG = 0.15
+"""How late the arm may be there, s, beside the time for which it may be silent: servos lag by some
+0.05 s, the simulated one by 0.08 s."""
 
 OUTSIDE = np.radians(20.0)
 """How far outside its limits an arm may read: more, and it is not the arm that was named, rad."""
@@ -76,13 +76,14 @@ class Mover:
             timeout: Without measured_js for so long the arm is held, s.
         """
         self._client, self._arm, self._rate, self._timeout = client, arm, rate, timeout
+        self._delay = LAG + timeout
         node = client.node
         self._servo = node.create_publisher(JointState, "servo_jp", 10)
         self._hold = node.create_publisher(Empty, "hold", 10)
         self._mark = f"excite {secrets.token_hex(4)}"
         self._mark_bytes = self._mark.encode()
         self._measured = b""
-        self._taken = 0  # measurements so far
+        self._taken = 0  # messages so far
         self._heard_arm = -np.inf
         self._foreign = ""  # topic of somebody else's command
         self._sink: Callable[[bytes], None] | None = None
@@ -216,16 +217,16 @@ class Mover:
         now = time.monotonic()
         self._told.append((now, position))
         # One that is older than the delay stays: it was in force until the next one.
-        while len(self._told) > 1 and self._told[1][0] < now - DELAY:
+        while len(self._told) > 1 and self._told[1][0] < now - self._delay:
             self._told.popleft()
 
     def _spin_until(self, when: float) -> None:
-        self._client.spin_once(0.0)
         while (left := when - time.monotonic()) > 0.0:
             self._client.spin_once(left)
+        self._catch_up()
 
     def _catch_up(self) -> None:
-        """Take all measurements that have arrived while we did something else."""
+        """Take all that has arrived while we did something else."""
         for _ in range(_QUEUE):
             before = self._taken
             self._client.spin_once(0.0)
@@ -255,7 +256,7 @@ class Mover:
         if error[worst] > FOLLOWING_ERROR[worst]:
             raise MotionError(
                 f"{self._arm.joint_names[worst]} is {np.degrees(error[worst]):.1f} deg from where "
-                f"it was told to be in the last {DELAY:g} s, at most "
+                f"it was told to be in the last {self._delay:g} s, at most "
                 f"{np.degrees(FOLLOWING_ERROR[worst]):.0f} allowed: something is in its way, or "
                 "the console does not let it move"
             )
@@ -282,6 +283,7 @@ class Mover:
 
     def _listener(self, topic: str) -> Callable[[bytes], None]:
         def hear(data: bytes) -> None:
+            self._taken += 1
             if self._mark_bytes not in data:
                 self._foreign = topic
 
