@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -50,8 +51,8 @@ def test_it_goes_as_far_or_as_hard_as_the_limits_let_it() -> None:
 
 def test_it_begins_and_ends_at_rest_in_the_same_place() -> None:
     motion = exciting_motion(MotionLimits.of(Arm.load("mtmr")), 20.0, 5)
-    for time in (0.0, 20.0, 30.0):
-        position, velocity = motion.at(time)
+    for moment in (0.0, 20.0, 30.0):
+        position, velocity = motion.at(moment)
         np.testing.assert_allclose(position, motion.middle, atol=1e-12)
         np.testing.assert_allclose(velocity, 0.0, atol=1e-12)
 
@@ -66,11 +67,11 @@ def test_the_velocity_of_a_multisine_is_its_derivative() -> None:
 def test_multisines_of_simulated_arms_are_those_of_old() -> None:
     """Recordings by seed, of tests and of the documentation's figures, stay what they were."""
     motion = Multisine.draw(Arm.load("mtmr"), 3)
-    for time, yaw, roll_speed in (
+    for moment, yaw, roll_speed in (
         (2.5, -0.5924698652202719, -0.22707961444104924),
         (0.5, -0.2883279324424135, 0.6310056843544205),
     ):
-        position, velocity = motion.at(time)
+        position, velocity = motion.at(moment)
         assert position[0] == pytest.approx(yaw, abs=1e-12)
         assert velocity[6] == pytest.approx(roll_speed, abs=1e-12)
 
@@ -123,14 +124,16 @@ class FakeArm:
     """An arm on the mover's own node, which its spinning serves: goes where it is told, at once."""
 
     def __init__(self, client) -> None:
+        from rclpy.time import Time
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Empty
 
-        self.client = client
+        self.client, self.time = client, Time
         self.position = POSE.copy()
         self.follows, self.speaks = True, True
         self.told: list[np.ndarray] = []
         self.holds = 0
+        self.slow = 1.0
         node = client.node
         self.message = JointState
         self.measured = node.create_publisher(JointState, "measured_js", 100)
@@ -150,8 +153,14 @@ class FakeArm:
     def speak(self) -> None:
         if self.speaks:
             message = self.message(name=JOINT_NAMES, position=self.position.tolist())
-            message.header.stamp.sec = 1
+            message.header.stamp = self.stamp()
             self.measured.publish(message)
+
+    def stamp(self):
+        """The arm's clock, which may be slower than ours."""
+        ns = time.time_ns()
+        self.origin = getattr(self, "origin", ns)
+        return self.time(nanoseconds=self.origin + round((ns - self.origin) * self.slow)).to_msg()
 
     def held(self) -> bool:
         self.client.wait(lambda: self.holds > 0, "the hold", 2.0)
@@ -191,6 +200,30 @@ def test_the_arm_is_driven_along_the_path_and_held_in_the_end(fake: FakeArm) -> 
     assert len(recorded) > 20
 
 
+def test_the_motion_runs_by_the_arm_s_clock(fake: FakeArm) -> None:
+    """As of a simulator whose machine is too slow: its motion is no other, it takes longer."""
+    fake.slow = 0.5
+    with mover(fake) as moving:
+        moving.connect()
+        begin = time.monotonic()
+        moving.follow(to(POSE + 0.1), 1.0)
+        assert time.monotonic() - begin > 1.7
+    assert np.abs(np.diff(fake.told, axis=0)).max() < 0.02
+
+
+def test_after_a_pause_of_ours_the_arm_is_not_sent_after_the_motion(fake: FakeArm) -> None:
+    def pause() -> None:
+        timer.cancel()
+        time.sleep(0.2)
+
+    with mover(fake) as moving:
+        moving.connect()
+        timer = fake.client.node.create_timer(0.5, pause)
+        moving.follow(lambda t: (POSE + 0.5 * t, np.full(7, 0.5)), 1.0)
+    # 0.5 rad/s for the 20 ms that a step is at most.
+    assert np.abs(np.diff(fake.told, axis=0)).max() < 0.011
+
+
 @pytest.mark.parametrize("topic", ["servo_jf", "hold"])
 def test_an_arm_that_somebody_else_commands_is_left_alone(fake: FakeArm, topic: str) -> None:
     from std_msgs.msg import Empty
@@ -218,6 +251,8 @@ def fault(fake: FakeArm, name: str) -> None:
         timer.cancel()
         if name == "silent":
             fake.speaks = False
+        elif name == "stopped":
+            fake.slow = 0.0
         elif name == "stuck":
             fake.follows = False
         elif name == "invalid":
@@ -235,6 +270,7 @@ def fault(fake: FakeArm, name: str) -> None:
     ("name", "says"),
     [
         ("silent", r"nothing valid for \d+ ms"),
+        ("stopped", r"nothing valid for \d+ ms"),
         ("stuck", "deg from where it was told to be in the last 0.45 s"),
         ("invalid", "positions are not finite"),
         ("rival", "another node sends servo_jf"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 import signal
+import struct
 import time
 from array import array
 from collections import deque
@@ -28,6 +29,14 @@ Path = Callable[[float], tuple[Array, Array]]
 TIMEOUT = 0.1
 """Without measured_js for so long the arm is held, s; a console publishes at least every 10 ms."""
 
+LATE = 0.02
+"""How far a motion goes on in one step at most, s: at 90 deg/s that is 2 deg. After a longer pause of
+ours the arm is not sent after a motion that has run away from it."""
+
+AHEAD = 0.05
+"""How far a motion may be ahead of the arm's own clock, s: more than the 10 ms between measurements
+and what their way takes. A simulated arm whose machine is too slow has a slow clock."""
+
 LISTEN = 1.0
 """How long nobody else must have been heard to command before we do, s."""
 
@@ -42,8 +51,8 @@ LAG = 0.15
 OUTSIDE = np.radians(20.0)
 """How far outside its limits an arm may read: more, and it is not the arm that was named, rad."""
 
-# Place of the stamp in a JointState's CDR bytes; the console marks invalid data by none.
-_STAMP, _NO_STAMP = slice(4, 12), bytes(8)
+# The stamp, after the four bytes with which CDR data begin.
+_STAMP = struct.Struct("<iI")
 
 # Measurements that may wait for us, a second and more of them: none is to be lost to the recording.
 _QUEUE = 2000
@@ -85,6 +94,7 @@ class Mover:
         self._measured = b""
         self._taken = 0  # messages so far
         self._heard_arm = -np.inf
+        self._stamp = 0  # of the last measurement, ns
         self._foreign = ""  # topic of somebody else's command
         self._sink: Callable[[bytes], None] | None = None
         self._told: deque[tuple[float, Array]] = deque()
@@ -164,7 +174,7 @@ class Mover:
         record: Callable[[bytes], None] | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> None:
-        """Drive the arm along a path in real time; whatever ends that early holds the arm.
+        """Drive the arm along a path in its own time; whatever ends that early holds the arm.
 
         Args:
             path: Time since its beginning, s, to (7,) position, rad, and (7,) velocity, rad/s.
@@ -177,18 +187,22 @@ class Mover:
             KeyboardInterrupt: A signal asked for the end.
         """
         self._catch_up()
-        start, period = time.monotonic(), 1.0 / self._rate
+        period, moment, first = 1.0 / self._rate, 0.0, self._stamp
+        start = last = time.monotonic()
         self._told.clear()
         self._sink = record
         try:
-            while (elapsed := time.monotonic() - start) < duration:
+            while moment < duration:
                 self._check()
-                self._command(*path(elapsed))
+                self._command(*path(moment))
                 self._check_following()
                 if progress is not None:
-                    progress(elapsed / duration)
+                    progress(moment / duration)
                 # On a grid of instants, so that the rate is kept whatever one round took.
-                self._spin_until(start + (int(elapsed / period) + 1) * period)
+                self._spin_until(start + (int((last - start) / period) + 1) * period)
+                now = time.monotonic()
+                moment = min(moment + min(now - last, LATE), (self._stamp - first) * 1e-9 + AHEAD)
+                last = now
             self._command(*path(duration))
         except MotionError as error:
             self.hold()
@@ -276,8 +290,11 @@ class Mover:
 
     def _on_measured(self, data: bytes) -> None:
         self._taken += 1
-        if data[_STAMP] != _NO_STAMP:
-            self._measured, self._heard_arm = data, time.monotonic()
+        sec, nanosec = _STAMP.unpack_from(data, 4)
+        stamp = sec * 1_000_000_000 + nanosec
+        # No stamp marks invalid data; an old one, a console that repeats itself.
+        if stamp > self._stamp:
+            self._measured, self._heard_arm, self._stamp = data, time.monotonic(), stamp
         if self._sink is not None:
             self._sink(data)
 
