@@ -30,8 +30,8 @@ TIMEOUT = 0.1
 """Without measured_js for so long the arm is held, s; a console publishes at least every 10 ms."""
 
 LATE = 0.02
-"""How far a motion goes on in one step at most, s: at 90 deg/s that is 2 deg. After a longer pause of
-ours the arm is not sent after a motion that has run away from it."""
+"""How far a motion goes on in one step at most, s: at 90 deg/s that is 2 deg. After a longer pause
+of ours the arm is not sent after a motion that has run away from it."""
 
 AHEAD = 0.05
 """How far a motion may be ahead of the arm's own clock, s: more than the 10 ms between measurements
