@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -121,20 +123,22 @@ def test_a_wrong_argument_is_one_line_and_status_2(
 
 
 class FakeArm:
-    """An arm on the mover's own node, which its spinning serves: goes where it is told, at once."""
+    """An arm that goes where it is told, at once; its node spins in a thread."""
 
-    def __init__(self, client) -> None:
+    def __init__(self) -> None:
         from rclpy.time import Time
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Empty
 
-        self.client, self.time = client, Time
+        from dvrk_gravity.nodes.client import Client
+
+        self.client, self.time = Client("/MTMR", "fake_arm"), Time
         self.position = POSE.copy()
         self.follows, self.speaks = True, True
         self.told: list[np.ndarray] = []
         self.holds = 0
         self.slow = 1.0
-        node = client.node
+        node = self.client.node
         self.message = JointState
         self.measured = node.create_publisher(JointState, "measured_js", 100)
         self.servo_jf = node.create_publisher(JointState, "servo_jf", 10)
@@ -162,24 +166,42 @@ class FakeArm:
         self.origin = getattr(self, "origin", ns)
         return self.time(nanoseconds=self.origin + round((ns - self.origin) * self.slow)).to_msg()
 
+    def __enter__(self) -> FakeArm:
+        self.ends = threading.Event()
+        self.thread = threading.Thread(target=self.spin)
+        self.thread.start()
+        return self
+
+    def spin(self) -> None:
+        while not self.ends.is_set():
+            self.client.spin_once()
+
+    def __exit__(self, *_: object) -> None:
+        self.ends.set()
+        self.thread.join()
+        self.client.__exit__()
+
     def held(self) -> bool:
-        self.client.wait(lambda: self.holds > 0, "the hold", 2.0)
-        return True
+        end = time.monotonic() + 2.0
+        while not self.holds and time.monotonic() < end:
+            self.ends.wait(0.01)
+        return bool(self.holds)
 
 
 @pytest.fixture
 def fake(domain: int) -> Iterator[FakeArm]:
     pytest.importorskip("rclpy")
-    from dvrk_gravity.nodes.client import Client
-
-    with Client("/MTMR", "excite") as client:
-        yield FakeArm(client)
+    with FakeArm() as arm:
+        yield arm
 
 
+@contextlib.contextmanager
 def mover(fake: FakeArm):
+    from dvrk_gravity.nodes.client import Client
     from dvrk_gravity.nodes.mover import Mover
 
-    return Mover(fake.client, Arm.load("mtmr"), 200.0, 0.3)
+    with Client("/MTMR", "excite") as client, Mover(client, Arm.load("mtmr"), 200.0, 0.3) as moving:
+        yield moving
 
 
 def to(goal: np.ndarray, duration: float = 1.0):
@@ -212,14 +234,18 @@ def test_the_motion_runs_by_the_arm_s_clock(fake: FakeArm) -> None:
 
 
 def test_after_a_pause_of_ours_the_arm_is_not_sent_after_the_motion(fake: FakeArm) -> None:
-    def pause() -> None:
-        timer.cancel()
-        time.sleep(0.2)
+    paused = []
+
+    def path(t: float) -> tuple[np.ndarray, np.ndarray]:
+        if t > 0.5 and not paused:
+            paused.append(t)
+            time.sleep(0.2)
+        return POSE + 0.5 * t, np.full(7, 0.5)
 
     with mover(fake) as moving:
         moving.connect()
-        timer = fake.client.node.create_timer(0.5, pause)
-        moving.follow(lambda t: (POSE + 0.5 * t, np.full(7, 0.5)), 1.0)
+        moving.follow(path, 1.0)
+    assert paused
     # 0.5 rad/s for the 20 ms that a step is at most.
     assert np.abs(np.diff(fake.told, axis=0)).max() < 0.011
 
@@ -273,7 +299,7 @@ def fault(fake: FakeArm, name: str) -> None:
         ("stopped", r"nothing valid for \d+ ms"),
         ("stuck", "deg from where it was told to be in the last 0.45 s"),
         ("invalid", "positions are not finite"),
-        ("rival", "another node sends servo_jf"),
+        ("rival", r"another node \(/MTMR/fake_arm\) sends servo_jf"),
     ],
 )
 def test_what_goes_wrong_on_the_way_holds_the_arm(fake: FakeArm, name: str, says: str) -> None:

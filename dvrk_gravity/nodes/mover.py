@@ -92,7 +92,6 @@ class Mover:
         self._mark = f"excite {secrets.token_hex(4)}"
         self._mark_bytes = self._mark.encode()
         self._measured = b""
-        self._taken = 0  # messages so far
         self._heard_arm = -np.inf
         self._stamp = 0  # of the last measurement, ns
         self._foreign = ""  # topic of somebody else's command
@@ -103,8 +102,10 @@ class Mover:
         self._measured_sub = node.create_subscription(
             JointState, "measured_js", self._on_measured, _QUEUE, raw=True
         )
-        for topic, kind in _COMMANDS.items():
+        self._subscriptions = [self._measured_sub] + [
             node.create_subscription(kind, topic, self._listener(topic), 10, raw=True)
+            for topic, kind in _COMMANDS.items()
+        ]
 
     def __enter__(self) -> Mover:
         """Take Ctrl-C and SIGTERM in hand."""
@@ -154,7 +155,7 @@ class Mover:
             ) from None
         end = time.monotonic() + LISTEN
         while time.monotonic() < end:
-            self._client.spin_once()
+            self._listen_until(time.monotonic() + 1.0 / self._rate)
             self._check()
         position = self._position()
         beyond = np.maximum(self._arm.lower - position, position - self._arm.upper)
@@ -199,7 +200,7 @@ class Mover:
                 if progress is not None:
                     progress(moment / duration)
                 # On a grid of instants, so that the rate is kept whatever one round took.
-                self._spin_until(start + (int((last - start) / period) + 1) * period)
+                self._listen_until(start + (int((last - start) / period) + 1) * period)
                 now = time.monotonic()
                 moment = min(moment + min(now - last, LATE), (self._stamp - first) * 1e-9 + AHEAD)
                 last = now
@@ -234,18 +235,23 @@ class Mover:
         while len(self._told) > 1 and self._told[1][0] < now - self._delay:
             self._told.popleft()
 
-    def _spin_until(self, when: float) -> None:
-        while (left := when - time.monotonic()) > 0.0:
-            self._client.spin_once(left)
+    def _listen_until(self, when: float) -> None:
+        time.sleep(max(0.0, when - time.monotonic()))
         self._catch_up()
 
     def _catch_up(self) -> None:
-        """Take all that has arrived while we did something else."""
-        for _ in range(_QUEUE):
-            before = self._taken
-            self._client.spin_once(0.0)
-            if self._taken == before:
-                return
+        """Take all that has arrived.
+
+        Not through the executor: it looks at everything anew for each message, which at 1 kHz costs
+        a busy machine more than there is.
+        """
+        for subscription in self._subscriptions:
+            for _ in range(_QUEUE):
+                taken = subscription.handle.take_message(subscription.msg_type, True)
+                if taken is None:
+                    break
+                subscription.callback(taken[0])
+        self._client.spin_once(0.0)
 
     def _check(self) -> None:
         if self.interrupted:
@@ -289,7 +295,6 @@ class Mover:
         return position
 
     def _on_measured(self, data: bytes) -> None:
-        self._taken += 1
         sec, nanosec = _STAMP.unpack_from(data, 4)
         stamp = sec * 1_000_000_000 + nanosec
         # No stamp marks invalid data; an old one, a console that repeats itself.
@@ -300,7 +305,6 @@ class Mover:
 
     def _listener(self, topic: str) -> Callable[[bytes], None]:
         def hear(data: bytes) -> None:
-            self._taken += 1
             if self._mark_bytes not in data:
                 self._foreign = topic
 
