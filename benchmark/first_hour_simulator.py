@@ -48,7 +48,7 @@ def through_ros(folder: Path, rate: float, commands: float, durations: Sequence[
                  "--no-rehearsal")  # fmt: skip
         late = [line for line in simulator.lines if "behind real time" in line]
     if late:
-        print(f"  the machine was too slow {len(late)} times or more", flush=True)
+        print(f"  the simulator left time out: {len(late)} lines of its log", flush=True)
 
 
 def in_library(folder: Path, rate: float, durations: Sequence[float]) -> None:
