@@ -123,6 +123,8 @@ def arm(client: Client) -> Client:
     )
     client.send("hold", Empty())
     client.fresh(client.setpoint, 3)
+    # What was sent before the switch may still have been on its way.
+    client.wait(lambda: any(client.compensation[-1].effort), "the arm's own compensation")
     return client
 
 
