@@ -11,6 +11,7 @@ EXECUTABLES = {
     "compensator": "nodes.compensator",
     "simulator": "nodes.simulator",
     "watchdog": "nodes.watchdog",
+    "excite": "commands.excite",
     "replay": "commands.replay",
     "convert": "commands.convert",
     "identify": "commands.identify",

@@ -28,8 +28,8 @@ from dvrk_gravity.identification.columns import Columns, base_directions
 from dvrk_gravity.identification.moments import Moments, build_design
 from dvrk_gravity.identification.motion import read, read_motions
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording, RecordingFile, save_recording
-from dvrk_gravity.simulate.excitation import Multisine
 from dvrk_gravity.simulate.world import World
 from dvrk_gravity.terms import State
 

@@ -39,7 +39,7 @@ def fall(arm: SimulatedArm, measured: Measurement) -> None:
 def swing(arm: SimulatedArm, measured: Measurement) -> None:
     """Move all joints all the time."""
     t = measured.time
-    arm.servo_jp(POSE + 0.2 * np.sin(5 * t), np.full(7, np.cos(5 * t)))
+    arm.servo_jp(POSE + 0.2 * np.sin(5 * t))
 
 
 def effort(arm: SimulatedArm, measured: Measurement) -> None:

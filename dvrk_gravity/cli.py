@@ -22,6 +22,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "simulator": ("dvrk_gravity.nodes.simulator", "node: a dVRK MTM as seen from ROS"),
     "watchdog": ("dvrk_gravity.nodes.watchdog", "node: hold the arm when commands stop"),
     "convert": ("dvrk_gravity.commands.convert", "console JSON <-> model, CSV <-> rosbag2"),
+    "excite": ("dvrk_gravity.commands.excite", "drive an arm to be identified, and record it"),
     "replay": ("dvrk_gravity.commands.replay", "a bag through the real node, checked"),
     "identify": ("dvrk_gravity.commands.identify", "recordings -> torque model"),
     "evaluate": ("dvrk_gravity.commands.evaluate", "error of a model on recordings"),

@@ -17,8 +17,9 @@ from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.repetition import Repetition, find_repetition
 from dvrk_gravity.identification.columns import POSTURE
 from dvrk_gravity.identification.run import IDENTIFIED
+from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate.excitation import Multisine, record_motion
+from dvrk_gravity.simulate.excitation import record_motion
 from dvrk_gravity.simulate.hidden import hide
 from dvrk_gravity.simulate.simulated_arm import SimulatedArm
 from dvrk_gravity.simulate.world import World

@@ -48,6 +48,24 @@ def with_gap(recording):
     return replace(recording, time=late)
 
 
+def rippled(recording, size):
+    """Add to efforts what grows with speed and is spread over all frequencies alike."""
+    sign = np.random.default_rng(0).choice([-1.0, 1.0], recording.effort.shape)
+    return replace(recording, effort=recording.effort + size * recording.velocity * sign)
+
+
+def noisy(recording, size):
+    noise = size * np.random.default_rng(0).normal(size=recording.effort.shape)
+    return replace(recording, effort=recording.effort + noise)
+
+
+def ripple_share(size):
+    """Half of the ripple's power is above 50 Hz; 5.65 Hz have a ninth of that."""
+    ripple = size**2 * np.mean(CLEAN.velocity**2, axis=0)
+    torque = np.mean(CLEAN.effort**2, axis=0) + ripple
+    return np.median(np.sqrt(0.5 * ripple * 5.65 / 50.0 / torque))
+
+
 STILL = np.linspace(0.1, 0.101, 6000)
 STATIC = replace(CLEAN, time=None, velocity=None)
 CLIP = 0.005
@@ -72,6 +90,13 @@ FAULTS = [
         replace(CLEAN, time=CLEAN.time + 5e-5 * (np.arange(6000) % 2)),
     ),
     ("gaps", None, with_gap(CLEAN), {"count": 1, "longest_s": 0.805}, CLEAN),
+    (
+        "effort_ripple",
+        None,
+        rippled(CLEAN, 2e-3),
+        {"share": ripple_share(2e-3), "above_hz": 50.0},
+        noisy(rippled(CLEAN, 1e-4), 2e-3),
+    ),
     (
         "velocity_mismatch",
         "wrist_roll",

@@ -586,7 +586,7 @@ def test_the_model_explains_what_perfect_sensors_record(truth: PlantFile) -> Non
 
     def swing(mtm: SimulatedArm, measured: object) -> None:
         t = measured.time
-        mtm.servo_jp(POSE + 0.2 * np.sin(5 * t), np.full(7, np.cos(5 * t)))
+        mtm.follow(POSE + 0.2 * np.sin(5 * t), np.full(7, np.cos(5 * t)))
 
     recording = simulate(mtm, swing, 2.0)
     oracle = Oracle(truth.model.arm, dict(truth.links))

@@ -30,11 +30,11 @@ class Client:
         states: What each watched node last said on its ``~/state``, by node name.
     """
 
-    def __init__(self, namespace: str = "/MTMR") -> None:
+    def __init__(self, namespace: str = "/MTMR", name: str = "client") -> None:
         """Create the node; DDS uses the domain in the environment."""
         self.context = Context()
         rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
-        self.node = Node("client", namespace=namespace, context=self.context)
+        self.node = Node(name, namespace=namespace, context=self.context)
         self.states: dict[str, list[str]] = {}
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
@@ -55,14 +56,22 @@ SIMULATOR_PARAMETERS: dict[str, Parameter] = {
             lower=0.002, upper=60.0,
         ),
         Parameter(
-            "realtime_factor", 1.0, "", "simulated seconds in a second", lower=0.01, upper=20.0
+            "realtime_factor", 1.0, "",
+            "simulated seconds in a second; stamps and rates count simulated ones",
+            lower=0.01, upper=20.0,
         ),
     )
 }  # fmt: skip
 
 
 class Simulator(Node):
-    """Moves the arm in real time and speaks the console's topics."""
+    """Moves the arm in real time and speaks the console's topics.
+
+    Stamps count simulated time from the moment the node started, and every message that is due is
+    sent, the late ones of a busy machine too: a recording shows the arm as it moved, whatever the
+    machine did meanwhile. Where the machine is too slow altogether, time is left out: the log says
+    how much, and the stamps are behind the clock by that.
+    """
 
     def __init__(self) -> None:
         """Read the parameters, build the arm, connect the topics.
@@ -94,6 +103,7 @@ class Simulator(Node):
         self._push_timeout = value["push_timeout"] * value["realtime_factor"]
         self._steps_per_second = value["realtime_factor"] / STEP
         self._origin = time.monotonic()
+        self._first_stamp = self.get_clock().now()
         self._steps = 0
         self._connect(value["rate"], value["setpoint_rate"])
         builtin = "on" if value["builtin_gravity_compensation"] else "off"
@@ -117,7 +127,7 @@ class Simulator(Node):
         self._setpoint_due = _Due(setpoint_rate)
         arm = self._arm
         self._listen(JointState, "servo_jf", lambda message: arm.servo_jf(message.effort))
-        self._listen(JointState, "servo_jp", self._on_servo_jp)
+        self._listen(JointState, "servo_jp", lambda message: arm.servo_jp(message.position))
         self._listen(JointState, "move_jp", lambda message: arm.move_jp(message.position))
         self._listen(Empty, "hold", lambda _: arm.hold())
         self._listen(Empty, "free", lambda _: arm.free())
@@ -144,12 +154,9 @@ class Simulator(Node):
 
         self.create_subscription(message_type, topic, receive, 1)
 
-    def _on_servo_jp(self, message: JointState) -> None:
-        self._arm.servo_jp(message.position, message.velocity or None)
-
     def _on_timer(self) -> None:
-        now = time.monotonic()
-        due = int((now - self._origin) * self._steps_per_second) - self._steps
+        elapsed = time.monotonic() - self._origin
+        due = int(elapsed * self._steps_per_second) - self._steps
         most = math.ceil(_MOST_BEHIND * self._steps_per_second)
         if due > most:
             late = (due - most) / self._steps_per_second
@@ -159,15 +166,13 @@ class Simulator(Node):
                 f"behind real time: {late * 1e3:.0f} ms left out",
                 throttle_duration_sec=1.0,
             )
-        if due <= 0:
-            return
         for _ in range(due):
             self._arm.step()
-        self._steps += due
-        self._publish(now)
+            self._steps += 1
+            self._publish()
 
-    def _publish(self, now: float) -> None:
-        arm = self._arm
+    def _publish(self) -> None:
+        arm, now = self._arm, self._steps * STEP
         if self._measured_due.at(now):
             sample = arm.measure()
             self._send(self._measured, sample.position, sample.velocity, sample.effort)
@@ -185,7 +190,8 @@ class Simulator(Node):
             velocity=array("d", velocity.tobytes()),
             effort=array("d", effort.tobytes()),
         )
-        message.header.stamp = self.get_clock().now().to_msg()
+        elapsed = Duration(nanoseconds=round(self._steps * STEP * 1e9))
+        message.header.stamp = (self._first_stamp + elapsed).to_msg()
         publisher.publish(message)
 
     def _refuse_parameters(self, parameters: list[Any]) -> SetParametersResult:
@@ -198,15 +204,17 @@ class Simulator(Node):
 
 
 class _Due:
-    """Tells when something at a fixed rate is to be done; what was missed is not made up for."""
+    """Tells at which steps something at a fixed rate is to be done."""
 
     def __init__(self, rate: float) -> None:
+        """Begin at time 0; ``rate`` in Hz, of simulated time."""
         self._period = 1.0 / rate
-        self._next = 0.0
+        self._count = 0
 
     def at(self, now: float) -> bool:
-        # Half a step early rather than half a step late: the timer ticks once a step.
-        if now < self._next - 0.5 * STEP:
+        """Tell whether it is due; to be asked once a step, at ``now`` s."""
+        # Half a step early rather than half a step late.
+        if now < self._count * self._period - 0.5 * STEP:
             return False
-        self._next = max(self._next + self._period, now)
+        self._count += 1
         return True

@@ -10,7 +10,7 @@ from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
 from dvrk_gravity.recording.grid import GAP
-from dvrk_gravity.recording.signal_checks import quantisation, sampling, saturation
+from dvrk_gravity.recording.signal_checks import quantisation, ripple, sampling, saturation
 from dvrk_gravity.recording.velocity import compare_velocity
 
 # Largest position (rad) and effort (N·m) of any MTM's joint, in joint or actuator coordinates.
@@ -62,7 +62,8 @@ def check_signals(
         # Every further figure would be in the wrong unit.
         return tuple(findings)
     if recording.time is not None and len(recording) > 2:
-        findings += [*_time(recording), *sampling(recording), *_velocity(recording)]
+        findings += [*_time(recording), *sampling(recording), *ripple(recording)]
+        findings += _velocity(recording)
     findings += [*saturation(recording, effort_limits or {}), *quantisation(recording)]
     return tuple(findings)
 

@@ -16,6 +16,7 @@ Kind = Literal[
     "gaps",
     "samples_discarded",
     "velocity_mismatch",
+    "effort_ripple",
     "effort_saturation",
     "position_quantisation",
     "velocity_quantisation",

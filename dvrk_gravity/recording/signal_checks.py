@@ -18,6 +18,12 @@ READ_JITTER = 0.2  # of the sampling interval
 COARSE_POSITION = 0.1  # one encoder step a sample, as part of the joint's RMS velocity
 COARSE = 0.05  # one step, as part of the signal's standard deviation
 PINNED_RUN = 5  # equal extreme readings in a row, while the joint moves
+# Part of the torque that ripple puts into what is fitted. Real recordings (MTM, PSM, UR10e) have
+# 0.000 to 0.005, simulated ones without steps 0.000 to 0.004 (`Multisine.draw`, seeds 0 to 7, at
+# 100, 200, 1000 Hz); a stiff servo that follows steps at 50 to 500 Hz leaves 0.03 to 0.15 at
+# 200 Hz, 0.01 to 0.04 at 1 kHz (seeds 1 to 4 of `stepped` in test/test_set_points.py).
+RIPPLE = 0.01
+RIPPLE_BAND = 5.65  # Hz, what is fitted: prepare.DEFAULT_CUTOFF
 SLOWEST = 1e-6  # rad/s; a joint that is never faster shows no jitter
 PINNED_SHARE = 0.02  # of static poses with the same extreme effort
 
@@ -80,6 +86,57 @@ def read_jitter(recording: Recording) -> float | None:
             columns = np.column_stack([np.ones_like(squared), squared / squared.max()])
             slopes.append(np.linalg.lstsq(columns, error, rcond=None)[0][1] / squared.max())
     return float(np.sqrt(max(np.median(slopes), 0.0))) if slopes else None
+
+
+def ripple(recording: Recording) -> list[DataWarning]:
+    """Return a finding where efforts ripple with the motion faster than the recording can follow.
+
+    A position servo answers every step of its commands with a blow of torque. Blows faster than
+    half the sampling rate turn up anywhere below it: as much in the band that is fitted as in one
+    equally wide above, for all that is known. Commands in exact step with the samples would show no
+    ripple and yet do the same harm; clocks of two programs are never so exact.
+    """
+    share = effort_ripple(recording)
+    if share is None or share <= RIPPLE or recording.rate is None:
+        return []
+    return [
+        DataWarning(
+            "effort_ripple",
+            None,
+            {"share": share, "above_hz": recording.rate / 4.0},
+            f"efforts ripple above {recording.rate / 4.0:.3g} Hz, the more the faster the joints "
+            f"move: about {100 * share:.2g} % of the torque below {RIPPLE_BAND:g} Hz may be ripple "
+            "in disguise; command positions in finer steps, or record at 1 kHz",
+        )
+    ]
+
+
+def effort_ripple(recording: Recording) -> float | None:
+    """Return the part of the torque that ripple puts into what is fitted, or ``None``.
+
+    It is what efforts have above a quarter of the sampling rate and what grows with the joint's
+    speed, as steps of commanded positions do and noise does not: the slope of its square against
+    squared velocity. Spread evenly over the frequencies, ``RIPPLE_BAND`` has its part of it. The
+    median over the joints is returned.
+    """
+    rate, effort = recording.rate, recording.effort
+    if rate is None or effort is None or rate / 4.0 < RIPPLE_BAND:
+        return None
+    fresh = max(split_at_gaps(recording.rows(~stale(recording))), key=len)
+    if len(fresh) < 200 or fresh.effort is None:
+        return None
+    inner = slice(20, -20)
+    fast = (fresh.effort - LowPass(rate / 4.0, rate)(fresh.effort))[inner] ** 2
+    squared_speed = speed(fresh)[inner] ** 2
+    torque = np.mean(fresh.effort**2, axis=0)
+    shares = []
+    for power, squared, whole in zip(fast.T, squared_speed.T, torque, strict=True):
+        if np.ptp(squared) > SLOWEST**2 and whole > 0.0:
+            relative = squared / squared.max()
+            columns = np.column_stack([np.ones_like(relative), relative])
+            grows = float(np.linalg.lstsq(columns, power, rcond=None)[0][1] * relative.mean())
+            shares.append(np.sqrt(max(grows, 0.0) * RIPPLE_BAND / (rate / 4.0) / whole))
+    return float(np.median(shares)) if shares else None
 
 
 def saturation(recording: Recording, limits: Mapping[str, float]) -> list[DataWarning]:

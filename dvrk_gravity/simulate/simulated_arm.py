@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.errors import ConfigError, ShapeError
-from dvrk_gravity.simulate.move import Move
+from dvrk_gravity.planning import Move
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import SensorReader, Sensors
+from dvrk_gravity.simulate.set_point import SetPointFilter
 from dvrk_gravity.terms import TorqueOffset
 
 Array = NDArray[np.float64]
@@ -65,7 +66,8 @@ class SimulatedArm:
         effort: (7,) torque that the actuators applied in the last step, N·m.
         commanded: (7,) the same before saturation, N·m.
         compensation: (7,) part of it that the built-in compensation added; zero while off.
-        target: (7,) measured position that the servo goes for, rad; ``None`` in effort mode.
+        target: (7,) measured position that the servo was told to go for, rad; ``None`` in effort
+            mode.
     """
 
     def __init__(
@@ -104,6 +106,7 @@ class SimulatedArm:
         self._push_until = -np.inf
         self._velocity = np.zeros(N_JOINTS)
         self._move: Move | None = None
+        self._filter: SetPointFilter | None = None
         self.mode = Mode.HOLD
         self.target: Array | None = plant.q + self._offset
 
@@ -118,7 +121,7 @@ class SimulatedArm:
             ConfigError: Not finite; the arm goes on as before.
         """
         self._request = _seven("effort", effort)
-        self.mode, self.target, self._move = Mode.EFFORT, None, None
+        self.mode, self.target, self._move, self._filter = Mode.EFFORT, None, None, None
 
     def free(self) -> None:
         """Command zero effort: with the compensation on the arm floats, without it falls."""
@@ -128,21 +131,38 @@ class SimulatedArm:
         """Servo to the present position."""
         self._servo(Mode.HOLD, self.plant.q + self._offset)
 
-    def servo_jp(self, position: ArrayLike, velocity: ArrayLike | None = None) -> None:
-        """Servo to a position at once, as one of a stream of set points.
+    def servo_jp(self, position: ArrayLike) -> None:
+        """Go to a position, as one of a stream that comes at any rate, and stay there.
+
+        What the servo follows is the stream behind a :class:`SetPointFilter`.
 
         Args:
             position: (7,) rad; held within the joints' limits.
-            velocity: (7,) velocity of the stream, rad/s.
 
         Raises:
             ShapeError: Not seven.
             ConfigError: Not finite.
         """
-        target = self._within(position)
-        feed = np.zeros(N_JOINTS) if velocity is None else _seven("velocity", velocity)
+        target, stream = self._within(position), self._filter
+        if stream is None:
+            stream = SetPointFilter(self._present(), self.dt)
         self._servo(Mode.POSITION, target)
-        self._velocity = feed
+        self._filter = stream
+
+    def follow(self, position: ArrayLike, velocity: ArrayLike) -> None:
+        """Servo to a moving point, told anew at every step: no console offers this.
+
+        Args:
+            position: (7,) rad; held within the joints' limits.
+            velocity: (7,) rad/s.
+
+        Raises:
+            ShapeError: Not seven.
+            ConfigError: Not finite.
+        """
+        target, speed = self._within(position), _seven("velocity", velocity)
+        self._servo(Mode.POSITION, target)
+        self._velocity = speed
 
     def move_jp(self, position: ArrayLike) -> None:
         """Go to a position on a smooth path, and stay there.
@@ -155,7 +175,7 @@ class SimulatedArm:
             ConfigError: Not finite.
         """
         goal = self._within(position)
-        start = self.plant.q + self._offset if self.target is None else self.target
+        start = self._present()
         self._servo(Mode.POSITION, start)
         self._move = Move(start, goal, self.plant.time)
 
@@ -210,14 +230,22 @@ class SimulatedArm:
         if self._move is not None:
             target, self._velocity = self._move.at(plant.time)
             self.target = target
+        elif self._filter is not None:
+            target, self._velocity = self._filter.step(target)
         error = target - self._offset
         error -= plant.q
         error *= _SERVO_FREQUENCY**2
         error += (2 * _SERVO_FREQUENCY) * (self._velocity - plant.v)
         return plant.mass_matrix().dot(error)
 
+    def _present(self) -> Array:
+        """Return the (7,) measured position that the servo is at, or the arm without one."""
+        if self._filter is not None:
+            return self._filter.position
+        return self.plant.q + self._offset if self.target is None else self.target
+
     def _servo(self, mode: Mode, target: Array) -> None:
-        self.mode, self.target, self._move = mode, target, None
+        self.mode, self.target, self._move, self._filter = mode, target, None, None
         self._velocity = np.zeros(N_JOINTS)
 
     def _within(self, position: ArrayLike) -> Array:

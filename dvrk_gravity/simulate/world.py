@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.gravity import LinkMass, beta_from_links
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate.excitation import Multisine, record_motion, record_poses
+from dvrk_gravity.simulate.excitation import record_motion, record_poses
 from dvrk_gravity.simulate.hidden_plant import HiddenPlant, Torque
 from dvrk_gravity.simulate.plant_file import PlantFile
 from dvrk_gravity.simulate.sensors import Sensors

@@ -23,12 +23,27 @@ class Move:
         duration: s.
     """
 
-    def __init__(self, start: Array, goal: Array, time: float) -> None:
-        """Plan from (7,) ``start`` to (7,) ``goal``, rad, leaving at ``time``, s."""
+    def __init__(
+        self,
+        start: Array,
+        goal: Array,
+        time: float = 0.0,
+        velocity: Array = VELOCITY_LIMIT,
+        acceleration: Array = ACCELERATION_LIMIT,
+    ) -> None:
+        """Plan.
+
+        Args:
+            start: (7,) rad.
+            goal: (7,) rad.
+            time: When it leaves, s.
+            velocity: (7,) greatest velocities, rad/s.
+            acceleration: (7,) greatest accelerations, rad/s^2.
+        """
         self._start, self._way, self._time = start, goal - start, time
         way = np.abs(self._way)
-        by_velocity = _SLOPE * way / VELOCITY_LIMIT
-        by_acceleration = np.sqrt(_CURVATURE * way / ACCELERATION_LIMIT)
+        by_velocity = _SLOPE * way / velocity
+        by_acceleration = np.sqrt(_CURVATURE * way / acceleration)
         self.duration = float(max(by_velocity.max(), by_acceleration.max()))
 
     def at(self, time: float) -> tuple[Array, Array]:

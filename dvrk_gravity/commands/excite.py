@@ -1,0 +1,135 @@
+"""Drive an arm, simulated or real, through a motion that tells its model, and record it."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dvrk_gravity import cli
+from dvrk_gravity.errors import ConfigError, RecordingError
+
+if TYPE_CHECKING:
+    from dvrk_gravity.arm import Arm
+    from dvrk_gravity.nodes.mover import Mover
+
+NAME = "excite"
+EXAMPLE = "python -m dvrk_gravity excite --arm mtmr --out my_bag"
+
+DURATIONS = (8.0, 600.0)  # s; below, a motion that eases in and out has hardly begun
+RATES = (50.0, 500.0)  # Hz; below, steps are coarse; above, one Python process is late
+TIMEOUTS = (0.02, 10.0)  # s
+REHEARSAL = 3.0  # times as long as the motion: a ninth of its acceleration
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--arm", required=True, help="mtml, mtmr, or an arm's .yaml file")
+    parser.add_argument("--out", type=Path, required=True, help="rosbag2 to write measured_js to")
+    parser.add_argument("--namespace", help="of the arm's topics (default: its name, as /MTMR)")
+    parser.add_argument("--duration", type=float, default=60.0, metavar="S",
+                        help="of the motion, s (default: 60)")  # fmt: skip
+    parser.add_argument("--rate", type=float, default=200.0, metavar="HZ",
+                        help="positions commanded a second (default: 200); measured_js is "
+                        "recorded at the rate at which it comes")  # fmt: skip
+    parser.add_argument("--seed", type=int, default=1, help="of the motion (default: 1)")
+    parser.add_argument("--timeout", type=float, default=0.1, metavar="S",
+                        help="without measured_js for so long the arm is held, s "
+                        "(default: 0.1)")  # fmt: skip
+    parser.add_argument("--no-rehearsal", action="store_true",
+                        help=f"leave out the motion at 1/{REHEARSAL:g} of its speed that comes "
+                        "before")  # fmt: skip
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Approach, rehearse, move and record, hold."""
+    from dvrk_gravity.arm import Arm
+
+    arm = Arm.load(arguments.arm)
+    bounds = (("duration", DURATIONS), ("rate", RATES), ("timeout", TIMEOUTS))
+    for name, (least, most) in bounds:
+        if not least <= getattr(arguments, name) <= most:
+            raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
+    if arguments.seed < 0:
+        raise ConfigError("--seed", arguments.seed, "0 or more")
+    if arguments.out.exists():
+        raise RecordingError(arguments.out, "exists already, expected a new name for --out")
+    if not arguments.out.absolute().parent.is_dir():
+        raise ConfigError(str(arguments.out), str(arguments.out.parent), "an existing folder")
+
+    # Here and not above: rclpy is slow to load, and bad arguments need none of it.
+    from rclpy.exceptions import InvalidNamespaceException
+    from rclpy.validate_namespace import validate_namespace
+
+    from dvrk_gravity.nodes.client import Client
+    from dvrk_gravity.nodes.mover import Mover
+
+    namespace = f"/{(arguments.namespace or arm.name.upper()).strip('/')}"
+    try:
+        validate_namespace(namespace)
+    except InvalidNamespaceException as error:
+        raise ConfigError("--namespace", namespace, "a ROS namespace, as /MTMR") from error
+    with (
+        Client(namespace, "excite") as client,
+        Mover(client, arm, arguments.rate, arguments.timeout) as mover,
+    ):
+        count, seconds = _drive(mover, arm, arguments)
+    print(
+        f"recorded {count} messages, {count / seconds:.0f} a second, in {arguments.out}; the arm "
+        f"is held. Next: identify {arguments.out} --arm {arguments.arm} --out model.yaml"
+    )
+    return 0
+
+
+def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, float]:
+    """Return how many messages were recorded, in how many seconds."""
+    from dvrk_gravity.planning import MotionLimits, Move, exciting_motion
+    from dvrk_gravity.recording import BagWriter
+
+    limits = MotionLimits.of(arm)
+    motion = exciting_motion(limits, arguments.duration, arguments.seed)
+    begin, _ = motion.at(0.0)
+    # Half of the limits: the way there goes through places that nobody has seen yet.
+    approach = Move(mover.connect(), begin, 0.0, 0.5 * limits.velocity, 0.5 * limits.acceleration)
+
+    def slowly(moment: float) -> tuple[np.ndarray, np.ndarray]:
+        position, velocity = motion.at(moment / REHEARSAL)
+        return position, velocity / REHEARSAL
+
+    # Opened before anything moves: what cannot be written is known then, and no time is lost later.
+    with BagWriter(arguments.out) as bag:
+        bag.add_topic(mover.topic, _JOINT_STATE)
+
+        def record(data: bytes) -> None:
+            bag.write(mover.topic, _JOINT_STATE, data, time.time_ns())
+
+        _follow(mover, "approach", approach.at, approach.duration)
+        if not arguments.no_rehearsal:
+            _follow(mover, "rehearsal", slowly, REHEARSAL * motion.duration)
+        _follow(mover, "motion, recorded", motion.at, motion.duration, record)
+        return bag.count, motion.duration
+
+
+def _follow(
+    mover: Mover,
+    what: str,
+    path: Callable[[float], tuple[np.ndarray, np.ndarray]],
+    duration: float,
+    record: Callable[[bytes], None] | None = None,
+) -> None:
+    print(f"{what}: {duration:.0f} s; Ctrl-C holds the arm", flush=True)
+    progress = cli.Progress(what, 100)
+    try:
+        mover.follow(path, duration, record, lambda part: progress.update(round(100 * part)))
+    finally:
+        progress.done()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of ``ros2 run dvrk_gravity excite``."""
+    return cli.run(__name__, argv)

@@ -1,0 +1,81 @@
+"""Sums of sines, eased in from rest and back to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import N_JOINTS, Arm
+
+Array = NDArray[np.float64]
+
+# The part of a joint's range that a motion uses: joint 7 turns far more than it need.
+USED_RANGE = np.array([0.7, 0.8, 0.7, 0.7, 0.6, 0.7, 0.25])
+
+
+@dataclass(frozen=True, eq=False)
+class Multisine:
+    """q(t) = middle + ease(t) sum_k a_k sin(2 pi f_k t + phi_k).
+
+    Attributes:
+        middle: (7,) rad.
+        amplitude: (k, 7) rad.
+        frequency: (k, 7) Hz.
+        phase: (k, 7) rad.
+        ramp: Time from rest into the motion, and out of it, s.
+        duration: When it is at rest again, s.
+    """
+
+    middle: Array
+    amplitude: Array
+    frequency: Array
+    phase: Array
+    ramp: float = 1.0
+    duration: float = np.inf
+
+    @classmethod
+    def draw(
+        cls,
+        arm: Arm,
+        seed: int,
+        lowest: float = 0.07,
+        highest: float = 0.6,
+        count: int = 5,
+    ) -> Multisine:
+        """Draw a motion that stays within the position limits of a simulated arm's joints.
+
+        Args:
+            arm: The arm.
+            seed: Seed of frequencies, phases, amplitudes and middles.
+            lowest: Lowest frequency, Hz.
+            highest: Highest frequency, Hz.
+            count: Sines a joint.
+        """
+        random = np.random.default_rng(seed)
+        frequency = random.uniform(lowest, highest, (count, N_JOINTS))
+        amplitude = random.uniform(0.3, 1.0, (count, N_JOINTS)) / np.sqrt(frequency)
+        phase = random.uniform(0.0, 2.0 * np.pi, (count, N_JOINTS))
+        used = 0.5 * (arm.upper - arm.lower) * USED_RANGE
+        amplitude *= used * random.uniform(0.7, 1.0, N_JOINTS) / amplitude.sum(axis=0)
+        slack = 0.5 * (arm.upper - arm.lower) - amplitude.sum(axis=0)
+        middle = 0.5 * (arm.lower + arm.upper) + random.uniform(-0.5, 0.5, N_JOINTS) * slack
+        return cls(middle, amplitude, frequency, phase)
+
+    def at(self, time: float | Array) -> tuple[Array, Array]:
+        """Return position, rad, and velocity, rad/s: (7,), or (N, 7) for (N,) times."""
+        moment = np.asarray(time, dtype=float)[..., None]
+        angle = 2.0 * np.pi * self.frequency * moment[..., None] + self.phase
+        way = (self.amplitude * np.sin(angle)).sum(axis=-2)
+        speed = (2.0 * np.pi * self.frequency * self.amplitude * np.cos(angle)).sum(axis=-2)
+        into, rise = _step(moment / self.ramp)
+        out, fall = _step((self.duration - moment) / self.ramp)
+        slope = (rise * out - into * fall) / self.ramp
+        return self.middle + way * (into * out), way * slope + speed * (into * out)
+
+
+def _step(s: Array) -> tuple[Array, Array]:
+    """Return the smooth step from 0 to 1 between s = 0 and 1, and its slope."""
+    s = np.clip(s, 0.0, 1.0)
+    return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s)

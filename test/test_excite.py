@@ -1,0 +1,369 @@
+"""Motions that excite, the limits that they keep, and driving an arm through ROS."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.commands import excite
+from dvrk_gravity.planning import MotionLimits, Move, Multisine, exciting_motion
+from dvrk_gravity.recording import Recording
+
+POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("name", ["mtmr", "mtml"])
+@pytest.mark.parametrize(("seed", "duration"), [(0, 60.0), (1, 60.0), (2, 8.0), (3, 20.0)])
+def test_an_exciting_motion_keeps_all_limits(name: str, seed: int, duration: float) -> None:
+    arm = Arm.load(name)
+    limits = MotionLimits.of(arm)
+    step = 1e-3
+    position, velocity = exciting_motion(limits, duration, seed).at(np.arange(0, duration, step))
+    acceleration = np.diff(velocity, axis=0) / step
+    slack = 1e-4  # rad, rad/s: limits are kept on a grid of 5 ms
+    assert (arm.lower < limits.lower).all()
+    assert (limits.upper < arm.upper).all()
+    assert (position > limits.lower - slack).all()
+    assert (position < limits.upper + slack).all()
+    motor = np.degrees(position[:, 1] + position[:, 2])
+    assert motor.min() > -9.01
+    assert motor.max() < 39.01
+    assert (np.abs(velocity) < limits.velocity + slack).all()
+    assert (np.abs(acceleration) < 1.01 * limits.acceleration).all()
+
+
+def test_it_goes_as_far_or_as_hard_as_the_limits_let_it() -> None:
+    limits = MotionLimits.of(Arm.load("mtmr"))
+    position, velocity = exciting_motion(limits, 60.0, 1).at(np.arange(0, 60.0, 5e-3))
+    far = np.ptp(position, axis=0) / (limits.upper - limits.lower)
+    hard = np.abs(np.diff(velocity, axis=0) / 5e-3).max(axis=0) / limits.acceleration
+    assert (np.maximum(far, hard)[[0, 2, 3, 4, 5, 6]] > 0.7).all()
+    # The shoulder shares its limits with the elbow.
+    assert far[1] > 0.25
+
+
+def test_it_begins_and_ends_at_rest_in_the_same_place() -> None:
+    motion = exciting_motion(MotionLimits.of(Arm.load("mtmr")), 20.0, 5)
+    for moment in (0.0, 20.0, 30.0):
+        position, velocity = motion.at(moment)
+        np.testing.assert_allclose(position, motion.middle, atol=1e-12)
+        np.testing.assert_allclose(velocity, 0.0, atol=1e-12)
+
+
+def test_the_velocity_of_a_multisine_is_its_derivative() -> None:
+    motion = exciting_motion(MotionLimits.of(Arm.load("mtmr")), 20.0, 5)
+    time = np.arange(0.0, 20.0, 1e-3)
+    position, velocity = motion.at(time)
+    np.testing.assert_allclose(np.gradient(position, 1e-3, axis=0)[1:-1], velocity[1:-1], atol=2e-3)
+
+
+def test_multisines_of_simulated_arms_are_those_of_old() -> None:
+    """Recordings by seed, of tests and of the documentation's figures, stay what they were."""
+    motion = Multisine.draw(Arm.load("mtmr"), 3)
+    for moment, yaw, roll_speed in (
+        (2.5, -0.5924698652202719, -0.22707961444104924),
+        (0.5, -0.2883279324424135, 0.6310056843544205),
+    ):
+        position, velocity = motion.at(moment)
+        assert position[0] == pytest.approx(yaw, abs=1e-12)
+        assert velocity[6] == pytest.approx(roll_speed, abs=1e-12)
+
+
+def test_one_seed_is_one_motion() -> None:
+    limits = MotionLimits.of(Arm.load("mtmr"))
+    first, again, other = (exciting_motion(limits, 20.0, seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.at(7.0)[0], again.at(7.0)[0])
+    assert np.abs(first.at(7.0)[0] - other.at(7.0)[0]).max() > 0.1
+
+
+def test_a_move_keeps_the_limits_that_it_is_given() -> None:
+    limits = MotionLimits.of(Arm.load("mtmr"))
+    move = Move(POSE, POSE + 0.4, 0.0, limits.velocity, limits.acceleration)
+    time = np.linspace(0.0, move.duration, 2000)
+    velocity = np.array([move.at(moment)[1] for moment in time])
+    acceleration = np.diff(velocity, axis=0) / (time[1] - time[0])
+    assert (np.abs(velocity) <= limits.velocity).all()
+    assert (np.abs(acceleration) <= limits.acceleration).all()
+    assert np.max(np.abs(acceleration) / limits.acceleration) > 0.99
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--duration", "3"], "--duration: got 3.0, expected 8 to 600"),
+        (["--rate", "nan"], "--rate: got nan, expected 50 to 500"),
+        (["--seed", "-1"], "--seed: got -1"),
+        (["--timeout", "0"], "--timeout: got 0.0"),
+        (["--namespace", "a b"], "--namespace: got '/a b', expected a ROS namespace"),
+        (["--arm", "mtmx"], "arm: got 'mtmx'"),
+        (["--out", "."], ".: exists already"),
+        (["--out", "no/such/bag"], "no/such/bag: got 'no/such', expected an existing folder"),
+    ],
+)
+def test_a_wrong_argument_is_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], says: str
+) -> None:
+    pytest.importorskip("rclpy")
+    assert excite.main(["--arm", "mtmr", "--out", str(tmp_path / "bag"), *words]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+
+
+# --- through ROS ---------------------------------------------------------------------------
+
+
+class FakeArm:
+    """An arm that goes where it is told, at once; its node spins in a thread."""
+
+    def __init__(self) -> None:
+        from rclpy.time import Time
+        from sensor_msgs.msg import JointState
+        from std_msgs.msg import Empty
+
+        from dvrk_gravity.nodes.client import Client
+
+        self.client, self.time = Client("/MTMR", "fake_arm"), Time
+        self.position = POSE.copy()
+        self.follows, self.speaks = True, True
+        self.told: list[np.ndarray] = []
+        self.holds = 0
+        self.slow = 1.0
+        node = self.client.node
+        self.message = JointState
+        self.measured = node.create_publisher(JointState, "measured_js", 100)
+        self.servo_jf = node.create_publisher(JointState, "servo_jf", 10)
+        node.create_subscription(JointState, "servo_jp", self.on_servo_jp, 100)
+        node.create_subscription(Empty, "hold", self.on_hold, 10)
+        node.create_timer(0.01, self.speak)
+
+    def on_servo_jp(self, message) -> None:
+        self.told.append(np.array(message.position))
+        if self.follows:
+            self.position = self.told[-1]
+
+    def on_hold(self, _) -> None:
+        self.holds += 1
+
+    def speak(self) -> None:
+        if self.speaks:
+            message = self.message(name=JOINT_NAMES, position=self.position.tolist())
+            message.header.stamp = self.stamp()
+            self.measured.publish(message)
+
+    def stamp(self):
+        """The arm's clock, which may be slower than ours."""
+        ns = time.time_ns()
+        self.origin = getattr(self, "origin", ns)
+        return self.time(nanoseconds=self.origin + round((ns - self.origin) * self.slow)).to_msg()
+
+    def __enter__(self) -> FakeArm:
+        self.ends = threading.Event()
+        self.thread = threading.Thread(target=self.spin)
+        self.thread.start()
+        return self
+
+    def spin(self) -> None:
+        while not self.ends.is_set():
+            self.client.spin_once()
+
+    def __exit__(self, *_: object) -> None:
+        self.ends.set()
+        self.thread.join()
+        self.client.__exit__()
+
+    def held(self) -> bool:
+        end = time.monotonic() + 2.0
+        while not self.holds and time.monotonic() < end:
+            self.ends.wait(0.01)
+        return bool(self.holds)
+
+
+@pytest.fixture
+def fake(domain: int) -> Iterator[FakeArm]:
+    pytest.importorskip("rclpy")
+    with FakeArm() as arm:
+        yield arm
+
+
+@contextlib.contextmanager
+def mover(fake: FakeArm):
+    from dvrk_gravity.nodes.client import Client
+    from dvrk_gravity.nodes.mover import Mover
+
+    with Client("/MTMR", "excite") as client, Mover(client, Arm.load("mtmr"), 200.0, 0.3) as moving:
+        yield moving
+
+
+def to(goal: np.ndarray, duration: float = 1.0):
+    move = Move(POSE, goal)
+    return lambda time: move.at(time * move.duration / duration)
+
+
+def test_the_arm_is_driven_along_the_path_and_held_in_the_end(fake: FakeArm) -> None:
+    recorded: list[bytes] = []
+    with mover(fake) as moving:
+        np.testing.assert_array_equal(moving.connect(), POSE)
+        moving.follow(to(POSE + 0.1), 1.0, recorded.append)
+        assert not fake.holds
+    assert fake.held()
+    np.testing.assert_allclose(fake.told[0], POSE, atol=1e-3)
+    np.testing.assert_allclose(fake.told[-1], POSE + 0.1)
+    assert len(fake.told) > 50
+    assert len(recorded) > 20
+
+
+def test_the_motion_runs_by_the_arm_s_clock(fake: FakeArm) -> None:
+    """As of a simulator whose machine is too slow: its motion is no other, it takes longer."""
+    fake.slow = 0.5
+    with mover(fake) as moving:
+        moving.connect()
+        begin = time.monotonic()
+        moving.follow(to(POSE + 0.1), 1.0)
+        assert time.monotonic() - begin > 1.7
+    assert np.abs(np.diff(fake.told, axis=0)).max() < 0.02
+
+
+def test_after_a_pause_of_ours_the_arm_is_not_sent_after_the_motion(fake: FakeArm) -> None:
+    paused = []
+
+    def path(t: float) -> tuple[np.ndarray, np.ndarray]:
+        if t > 0.5 and not paused:
+            paused.append(t)
+            time.sleep(0.2)
+        return POSE + 0.5 * t, np.full(7, 0.5)
+
+    with mover(fake) as moving:
+        moving.connect()
+        moving.follow(path, 1.0)
+    assert paused
+    # 0.5 rad/s for the 20 ms that a step is at most.
+    assert np.abs(np.diff(fake.told, axis=0)).max() < 0.011
+
+
+@pytest.mark.parametrize("topic", ["servo_jf", "hold"])
+def test_an_arm_that_somebody_else_commands_is_left_alone(fake: FakeArm, topic: str) -> None:
+    from std_msgs.msg import Empty
+
+    from dvrk_gravity.nodes.mover import MotionError
+
+    other = fake.client.node.create_publisher(Empty, "hold", 10)
+    send = {
+        "servo_jf": lambda: fake.servo_jf.publish(fake.message(effort=[0.0] * 7)),
+        "hold": lambda: other.publish(Empty()),
+    }[topic]
+    fake.client.node.create_timer(0.1, send)
+    with (
+        mover(fake) as moving,
+        pytest.raises(MotionError, match=f"another node.* sends {topic}: stop it first"),
+    ):
+        moving.connect()
+    assert not fake.told
+
+
+def fault(fake: FakeArm, name: str) -> None:
+    """Do it in the middle of a motion."""
+
+    def now() -> None:
+        timer.cancel()
+        if name == "silent":
+            fake.speaks = False
+        elif name == "stopped":
+            fake.slow = 0.0
+        elif name == "stuck":
+            fake.follows = False
+        elif name == "invalid":
+            fake.position = np.full(7, np.nan)
+            fake.follows = False
+        elif name == "rival":
+            fake.servo_jf.publish(fake.message(effort=[0.0] * 7))
+        else:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    timer = fake.client.node.create_timer(0.5, now)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("silent", r"nothing valid for \d+ ms"),
+        ("stopped", r"nothing valid for \d+ ms"),
+        ("stuck", "deg from where it was told to be in the last 0.45 s"),
+        ("invalid", "positions are not finite"),
+        ("rival", r"another node \(/MTMR/fake_arm\) sends servo_jf"),
+    ],
+)
+def test_what_goes_wrong_on_the_way_holds_the_arm(fake: FakeArm, name: str, says: str) -> None:
+    from dvrk_gravity.nodes.mover import MotionError
+
+    with mover(fake) as moving:
+        moving.connect()
+        fault(fake, name)
+        with pytest.raises(MotionError, match=f"{says}.*; the arm was told to hold"):
+            moving.follow(to(POSE + 0.3, 2.0), 2.0)
+        assert fake.held()
+    assert fake.told[-1][0] < POSE[0] + 0.29
+
+
+def test_ctrl_c_holds_the_arm(fake: FakeArm) -> None:
+    with mover(fake) as moving:
+        moving.connect()
+        fault(fake, "ctrl-c")
+        with pytest.raises(KeyboardInterrupt):
+            moving.follow(to(POSE + 0.1, 2.0), 2.0)
+    assert fake.held()
+    assert fake.told[-1][0] < POSE[0] + 0.09
+
+
+def test_the_other_hand_s_arm_is_refused(fake: FakeArm) -> None:
+    from dvrk_gravity.nodes.mover import MotionError
+
+    fake.position[3] = np.radians(-170.0)  # a left arm reaches it, a right one does not
+    with (
+        mover(fake) as moving,
+        pytest.raises(MotionError, match="wrist_platform is at -170 deg, 75 deg outside"),
+    ):
+        moving.connect()
+
+
+def test_without_an_arm_the_error_says_what_is_missing(fake: FakeArm) -> None:
+    from dvrk_gravity.nodes.mover import MotionError
+
+    fake.speaks = False
+    with (
+        mover(fake) as moving,
+        pytest.raises(
+            MotionError, match=r"/MTMR/measured_js: waited 0.5 s .* nothing publishes it"
+        ),
+    ):
+        moving.connect(0.5)
+
+
+def test_the_simulator_is_driven_recorded_and_held(
+    domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rclpy")
+    from dvrk_gravity.processes import NodeProcess
+
+    out = tmp_path / "bag"
+    start = exciting_motion(MotionLimits.of(Arm.load("mtmr")), 8.0, 4).middle
+    where = f"initial_position:={start.tolist()}"
+    with NodeProcess("simulator", "-p", "rate:=200.0", "-p", where) as simulator:
+        words = ["--arm", "mtmr", "--out", str(out), "--duration", "8", "--seed", "4"]
+        assert excite.main([*words, "--no-rehearsal", "--timeout", "1"]) == 0, simulator.output
+    assert "Next: identify" in capsys.readouterr().out
+    recording = Recording.load(out)
+    assert recording.time is not None
+    assert recording.time[-1] == pytest.approx(8.0, abs=0.5)
+    assert recording.rate == pytest.approx(200.0)
+    np.testing.assert_allclose(recording.position[0], start, atol=0.03)
+    assert (np.ptp(recording.position, axis=0) > 0.05).all()

@@ -1,0 +1,137 @@
+"""Streams of commanded positions: the simulated servo takes them at any rate, a recording too."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.planning import Multisine
+from dvrk_gravity.recording import Recording, check
+from dvrk_gravity.recording.filters import lowpass
+from dvrk_gravity.simulate import PlantFile, SimulatedArm, simulate
+from dvrk_gravity.simulate.excitation import record_motion
+from dvrk_gravity.simulate.set_point import LAGS, TIME_CONSTANT, SetPointFilter
+
+CUTOFF = 5.65  # Hz, of identification
+DT = 1e-3
+
+
+@pytest.fixture(scope="module")
+def truth() -> PlantFile:
+    return PlantFile.load("mtmr_28002")
+
+
+def arrivals(rate: float, jitter: float, duration: float) -> np.ndarray:
+    """When commands arrive that leave at ``rate``: each late by up to ``jitter``, s."""
+    sent = np.arange(0.0, duration, 1.0 / rate)
+    return sent + np.random.default_rng(1).uniform(0.0, jitter, len(sent))
+
+
+def streamed(truth: PlantFile, times: np.ndarray, duration: float) -> tuple[np.ndarray, ...]:
+    """Position and effort at every step of an arm with perfect sensors, told where to go."""
+    motion = Multisine.draw(truth.model.arm, 3)
+    arm = SimulatedArm(truth.plant())
+    arm.plant.reset(motion.at(0.0)[0])
+    position, effort = [], []
+    told = 0
+    for _ in range(round(duration / DT)):
+        while told < len(times) and times[told] <= arm.plant.time:
+            arm.servo_jp(motion.at(told / len(times) * duration)[0])
+            told += 1
+        arm.step()
+        position.append(arm.plant.q)
+        effort.append(arm.effort)
+    return np.array(position), np.array(effort)
+
+
+@pytest.mark.parametrize(("rate", "jitter"), [(100.0, 0.0), (200.0, 0.0), (100.0, 4e-3)])
+def test_200_samples_a_second_tell_the_torque_whatever_the_rate_of_commands(
+    truth: PlantFile, rate: float, jitter: float
+) -> None:
+    _, effort = streamed(truth, arrivals(rate, jitter, 5.0), 5.0)
+    every, sampled = lowpass(effort, 1000.0, CUTOFF)[::5], lowpass(effort[::5], 200.0, CUTOFF)
+    inner = slice(100, -100)
+    error = np.linalg.norm((sampled - every)[inner], axis=0)
+    assert (error < 0.02 * np.linalg.norm(every[inner], axis=0)).all()
+
+
+def test_the_arm_is_behind_the_commands_by_the_lags_and_nothing_else(truth: PlantFile) -> None:
+    position, _ = streamed(truth, arrivals(200.0, 0.0, 5.0), 5.0)
+    motion = Multisine.draw(truth.model.arm, 3)
+    # A command lasts until the next one: half an interval more.
+    late = np.arange(1, 5001) * DT - LAGS * TIME_CONSTANT - 0.5 / 200.0
+    expected = motion.at(np.maximum(late, 0.0))[0]
+    assert np.abs(position - expected)[1500:].max(axis=0) @ np.ones(7) < 0.15
+
+
+def test_a_step_is_followed_without_overshoot_and_reached(truth: PlantFile) -> None:
+    steps = SetPointFilter(np.zeros(1), DT)
+    path = [steps.step(np.ones(1)) for _ in range(1000)]
+    position, velocity = (np.ravel(values) for values in zip(*path, strict=True))
+    assert (np.diff(position) >= 0.0).all()
+    assert position[-1] == pytest.approx(1.0)
+    np.testing.assert_allclose(np.gradient(position, DT)[1:-1], velocity[1:-1], atol=0.05)
+
+
+def test_ripple_of_100_commands_a_second_is_that_of_the_source_beside_the_lags(
+    truth: PlantFile,
+) -> None:
+    """The figure that chose the lags: 1 rad/s at 100 Hz leaves 0.05 rad/s^2 before the servo."""
+    steps = SetPointFilter(np.zeros(1), DT)
+    velocity = [steps.step(np.array([0.01 * (k // 10)]))[1][0] for k in range(3000)]
+    acceleration = np.diff(velocity[2000:]) / DT
+    assert np.abs(acceleration).max() == pytest.approx(0.05, rel=0.15)
+
+
+def test_a_stream_that_ends_leaves_the_arm_where_it_was_told_to_be(truth: PlantFile) -> None:
+    arm = SimulatedArm(truth.plant())
+    goal = arm.plant.q + 0.1
+    arm.servo_jp(goal)
+    for _ in range(1000):
+        arm.step()
+    assert arm.target is not None
+    np.testing.assert_array_equal(arm.target, goal)
+    np.testing.assert_allclose(arm.plant.q, goal, atol=0.02)
+    arm.hold()
+    held = arm.plant.q
+    for _ in range(300):
+        arm.step()
+    np.testing.assert_allclose(arm.plant.q, held, atol=1e-3)
+
+
+def stepped(truth: PlantFile, seed: int, commands: float, rate: float) -> Recording:
+    """A stiff servo follows every step; commands come up to 2 ms late, as over a network."""
+    motion = Multisine.draw(truth.model.arm, seed)
+    arm = SimulatedArm(truth.plant(), truth.sensors, seed)
+    arm.plant.reset(motion.at(0.0)[0])
+    late = np.random.default_rng(seed).uniform(0.0, 2e-3, 1000)
+
+    def follow(arm: SimulatedArm, _: object) -> None:
+        time = arm.plant.time
+        told = int(time * commands)
+        told -= time < told / commands + late[told % len(late)]
+        arm.follow(motion.at(max(told, 0) / commands)[0], np.zeros(7))
+
+    return simulate(arm, follow, 6.0, rate)
+
+
+def kinds(recording: Recording) -> set[str]:
+    return {finding.kind for finding in check(recording)}
+
+
+@pytest.mark.parametrize(
+    ("seed", "commands", "rate"), [(1, 100.0, 200.0), (2, 199.0, 200.0), (3, 100.0, 1000.0)]
+)
+def test_a_recording_whose_commands_ripple_is_recognised(
+    truth: PlantFile, seed: int, commands: float, rate: float
+) -> None:
+    assert "effort_ripple" in kinds(stepped(truth, seed, commands, rate))
+
+
+@pytest.mark.parametrize(("seed", "rate"), [(1, 100.0), (2, 200.0), (3, 1000.0)])
+def test_a_smooth_one_with_the_sensors_noise_is_not(
+    truth: PlantFile, seed: int, rate: float
+) -> None:
+    arm = SimulatedArm(truth.plant(), truth.sensors, seed)
+    motion = Multisine.draw(truth.model.arm, seed)
+    assert "effort_ripple" not in kinds(record_motion(arm, motion, 6.0, rate))
