@@ -105,8 +105,8 @@ def test_a_move_keeps_the_limits_that_it_is_given() -> None:
         (["--timeout", "0"], "--timeout: got 0.0"),
         (["--namespace", "a b"], "--namespace: got '/a b', expected a ROS namespace"),
         (["--arm", "mtmx"], "arm: got 'mtmx'"),
-        (["--out", "."], ".: exists already"),
-        (["--out", "no/such/bag"], "no/such/bag: got 'no/such', expected an existing folder"),
+        (["--out", "."], ".: --out: got 'a folder that exists already', expected a new name"),
+        (["--out", "no/such/bag"], "expected an existing folder"),
     ],
 )
 def test_a_wrong_argument_is_one_line_and_status_2(

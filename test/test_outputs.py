@@ -85,6 +85,7 @@ USES = {
     "demo's folder": Use("demo", "--model {m.yaml} --out {out}", ("m.yaml",)),
     "demo's picture": Use("demo", "--model {in} --out {d}", (), below="d/demo.png"),
     "demo's bag": Use("demo", "--model {in} --out {d}", (), below="d/bag"),
+    "excite's bag": Use("excite", "--arm {a.yaml} --out {out}", ("a.yaml",)),
     "newton-euler's JSON": Use("newton-euler", "{n.yaml} --json {out}", ("n.yaml",)),
 }  # fmt: skip
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dvrk_gravity import cli
-from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity import cli, outputs
+from dvrk_gravity.errors import ConfigError
 
 if TYPE_CHECKING:
     from dvrk_gravity.arm import Arm
@@ -22,7 +22,7 @@ EXAMPLE = "python -m dvrk_gravity excite --arm mtmr --out my_bag"
 
 DURATIONS = (8.0, 600.0)  # s; below, a motion that eases in and out has hardly begun
 RATES = (50.0, 500.0)  # Hz; below, steps are coarse; above, one Python process is late
-TIMEOUTS = (0.02, 10.0)  # s
+TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
 REHEARSAL = 3.0  # times as long as the motion: a ninth of its acceleration
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 
@@ -50,6 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Approach, rehearse, move and record, hold."""
     from dvrk_gravity.arm import Arm
 
+    outputs.check({}, [Arm.file(arguments.arm)], {"--out": arguments.out})
     arm = Arm.load(arguments.arm)
     bounds = (("duration", DURATIONS), ("rate", RATES), ("timeout", TIMEOUTS))
     for name, (least, most) in bounds:
@@ -57,10 +58,6 @@ def run(arguments: argparse.Namespace) -> int:
             raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
     if arguments.seed < 0:
         raise ConfigError("--seed", arguments.seed, "0 or more")
-    if arguments.out.exists():
-        raise RecordingError(arguments.out, "exists already, expected a new name for --out")
-    if not arguments.out.absolute().parent.is_dir():
-        raise ConfigError(str(arguments.out), str(arguments.out.parent), "an existing folder")
 
     # Here and not above: rclpy is slow to load, and bad arguments need none of it.
     from rclpy.exceptions import InvalidNamespaceException

@@ -9,18 +9,18 @@ import time
 from array import array
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Empty
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.errors import DvrkGravityError
-from dvrk_gravity.nodes import runtime
+from dvrk_gravity.nodes.arm_link import ArmLink
 from dvrk_gravity.nodes.client import Client
+from dvrk_gravity.nodes.hold import Hold
+from dvrk_gravity.nodes.others import COMMANDS, named
 from dvrk_gravity.processes import ProcessError
 
 Array = NDArray[np.float64]
@@ -57,12 +57,6 @@ _STAMP = struct.Struct("<iI")
 # Measurements that may wait for us, a second and more of them: none is to be lost to the recording.
 _QUEUE = 2000
 
-# What moves or stops the arm when others say it.
-_COMMANDS = {
-    "servo_jf": JointState, "servo_jp": JointState, "move_jp": JointState,
-    "hold": Empty, "free": Empty,
-}  # fmt: skip
-
 
 class MotionError(DvrkGravityError):
     """The arm could not be moved, or was stopped on its way."""
@@ -88,7 +82,8 @@ class Mover:
         self._delay = LAG + timeout
         node = client.node
         self._servo = node.create_publisher(JointState, "servo_jp", 10)
-        self._hold = node.create_publisher(Empty, "hold", 10)
+        self._link = ArmLink(node, any_subscriber=False)
+        self._hold = Hold(node, self._link.listens)
         self._mark = f"excite {secrets.token_hex(4)}"
         self._mark_bytes = self._mark.encode()
         self._measured = b""
@@ -104,7 +99,7 @@ class Mover:
         )
         self._subscriptions = [self._measured_sub] + [
             node.create_subscription(kind, topic, self._listener(topic), 10, raw=True)
-            for topic, kind in _COMMANDS.items()
+            for topic, kind in COMMANDS
         ]
 
     def __enter__(self) -> Mover:
@@ -140,7 +135,11 @@ class Mover:
             self._client.wait(
                 lambda: (
                     self.interrupted
-                    or (bool(self._measured) and self._client.connected(self._servo, self._hold))
+                    or (
+                        bool(self._measured)
+                        and self._client.connected(self._servo)
+                        and self._link.listens()
+                    )
                 ),
                 "the arm",
                 timeout,
@@ -215,11 +214,16 @@ class Mover:
             self._sink = None
 
     def hold(self) -> None:
-        """Hold the arm, if it was moved."""
+        """Hold the arm, if it was moved.
+
+        Raises:
+            MotionError: The arm has not acknowledged it.
+        """
         if self._moved:
             self._moved = False
-            self._hold.publish(Empty())
-            runtime.arrived(self._hold, Empty())
+            self._hold.send()
+            if not self._hold.settle():
+                raise MotionError("hold was not acknowledged: check that the arm holds")
 
     def _command(self, position: Array, velocity: Array) -> None:
         message = JointState(name=self._arm.joint_names)
@@ -257,9 +261,11 @@ class Mover:
         if self.interrupted:
             raise KeyboardInterrupt
         if self._foreign:
+            node = self._client.node
+            topic = node.resolve_topic_name(self._foreign)
+            who = named(node.get_publishers_info_by_topic(topic), node)
             raise MotionError(
-                f"another node{self._others(self._foreign)} sends {self._foreign}: stop it first, "
-                "two would fight"
+                f"another node{who} sends {self._foreign}: stop it first, two would fight"
             )
         if time.monotonic() - self._heard_arm > self._timeout:
             # It may be we who did not listen: what has arrived meanwhile counts.
@@ -309,12 +315,3 @@ class Mover:
                 self._foreign = topic
 
         return hear
-
-    def _others(self, topic: str) -> str:
-        """Return the names of those that may have sent a command, in brackets."""
-        node: Any = self._client.node
-        own = (node.get_name(), node.get_namespace())
-        found = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
-        names = {(info.node_name, info.node_namespace) for info in found} - {own}
-        known = sorted(f"{space.rstrip('/')}/{name}" for name, space in names if "_UNK" not in name)
-        return f" ({', '.join(known)})" if known else ""
