@@ -61,10 +61,11 @@ NODE_PARAMETERS: dict[str, Parameter] = {
             "no friction is compensated below this speed",
             lower=0.0, upper=10.0, lengths=_SEVEN,
         ),
-        # 1.4 times the fastest motion of each group of joints in a published exciting trajectory of
-        # an MTM (2.95, 2.76, 1.07, 5.2, 5.7, 1.28, 17.7 rad/s), rounded.
+        # 1.4 times the fastest motion of the first joints and of the roll axis in a published
+        # exciting trajectory of an MTM (2.95, 2.76, 1.07 and 17.7 rad/s), rounded; a hand leads
+        # the wrist's other joints at 10 to 15 rad/s.
         Parameter(
-            "speed_limit", (4.0, 4.0, 4.0, 8.0, 8.0, 8.0, 25.0), "rad/s",
+            "speed_limit", (4.0, 4.0, 4.0, 15.0, 15.0, 15.0, 25.0), "rad/s",
             "hold where a joint is faster for 0.1 s while the command pushes it along",
             lower=0.1, upper=25.0, lengths=_SEVEN,
         ),

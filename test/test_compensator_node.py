@@ -16,6 +16,8 @@ from dvrk_gravity.processes import NodeProcess
 
 # A loaded machine may stall a test for a while: only tests of the time-out use a short one.
 PATIENT = ("-p", "timeout:=1.0", "-p", "input_depth:=100")
+# Friction that explains what the arm holds itself with; at rest it adds nothing.
+STICKY = ("-p", "coulomb_friction.joint_positive:=[1.,1.,1.,0.2,0.06,0.06,0.02]")
 AT_ONCE = ("-p", "ramp_time:=0.0", "-p", "slew_limit:=[0.,0.,0.,0.,0.,0.,0.]")
 MODEL = TorqueModel.load(MODEL_FILE)
 
@@ -153,7 +155,9 @@ def test_parameters_do_not_lift_the_arm_s_own_limits(arm, start):
 
 
 def test_slew_limit_bounds_the_change_of_every_joint(arm, start):
-    start(*PATIENT, "-p", "ramp_time:=0.0", "-p", "slew_limit:=[0.2,0.2,0.2,0.2,0.2,0.2,0.2]")
+    start(
+        *PATIENT, *STICKY, "-p", "ramp_time:=0.0", "-p", "slew_limit:=[0.2,0.2,0.2,0.2,0.2,0.2,0.2]"
+    )
     arm.effort = (expected(arm) - 0.05 * MODEL.arm.effort_limit).tolist()  # no need of a ramp
     arm.run_until(
         lambda: len(arm.commands) > 5 and np.allclose(arm.efforts[-1], expected(arm)), "arrival"
@@ -164,7 +168,7 @@ def test_slew_limit_bounds_the_change_of_every_joint(arm, start):
 
 
 def test_after_enabling_it_ramps_from_the_effort_that_holds_the_arm(arm, start):
-    start(*PATIENT, "-p", "ramp_time:=0.4", "-p", "slew_limit:=[0.,0.,0.,0.,0.,0.,0.]")
+    start(*PATIENT, *STICKY, "-p", "ramp_time:=0.4", "-p", "slew_limit:=[0.,0.,0.,0.,0.,0.,0.]")
     arm.effort = [0.1, -0.1, 0.05, 0.0, 0.01, 0.0, 0.0]
     arm.run_until(lambda: arm.state.startswith("commanding"), "the end of the ramp")
     assert "ramping: blending to the model's torque" in arm.client.states["compensator"]
@@ -364,7 +368,7 @@ def test_switches_the_arm_s_own_compensation_off_if_it_may_and_goes_on(arm, star
     arm.run_until(lambda: len(arm.switches) == 2, "the switch")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_it_with_a_hold_and_status_0(arm, start, number):
     node = start(*PATIENT)
     arm.run_until(lambda: len(arm.commands) > 5, "commands")

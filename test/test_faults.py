@@ -430,7 +430,8 @@ def test_ctrl_c_while_it_sets_up_waits_ramps_and_is_in_a_fault(arm, start):
     assert not arm.holds  # nothing was commanded
 
     arm.effort = (MODEL.torque(arm.position) - 0.05 * ARM.effort_limit).tolist()
-    ramping = start("compensator", *PATIENT, "-p", "ramp_time:=60.0")
+    sticky = ("-p", "coulomb_friction.joint_positive:=[1.,1.,1.,0.2,0.06,0.06,0.02]")
+    ramping = start("compensator", *PATIENT, *sticky, "-p", "ramp_time:=60.0")
     arm.run_until(commands(arm), "commands")
     assert arm.state.startswith("ramping")
     ramping.signal(signal.SIGINT)

@@ -130,6 +130,34 @@ def test_a_hold_is_sent_until_somebody_is_there_to_receive_it(arm, start):
     assert len(arm.holds) == count  # acknowledged: it does not go on for ever
 
 
+@pytest.mark.parametrize("way", ["service", "signal"])
+def test_a_hold_comes_again_after_the_last_command_has_surely_arrived(arm, start, way):
+    """Topics have no order among each other: the arm may take the last effort after the hold."""
+    node = start("compensator", *PATIENT)
+    commanding(arm)
+    if way == "service":
+        arm.client.enable(False)
+    else:
+        node.signal(signal.SIGINT)
+    arm.run_until(lambda: bool(arm.holds) and arm.holds[-1] - arm.commands[-1][0] > 0.05, "it")
+    arm.run(0.3)
+    assert arm.holds[-1] > arm.commands[-1][0]
+
+
+def test_a_subscriber_that_stands_still_makes_no_storm_of_holds(arm, start):
+    """The arm is to obey others again, whoever else listens to hold and does not answer."""
+    watchdog = start("watchdog", "-p", "watchdog_timeout:=1.0")
+    start("compensator", *PATIENT)
+    commanding(arm)
+    watchdog.signal(signal.SIGSTOP)
+    arm.client.enable(False)
+    arm.run(2.0)
+    count = len(arm.holds)
+    assert 2 <= count < 20
+    arm.run(0.5)
+    assert len(arm.holds) == count
+
+
 @pytest.mark.parametrize("verb", ["compensator", "watchdog"])
 def test_an_end_whose_hold_reaches_nobody_is_not_status_0(arm, start, verb):
     nodes = {
@@ -148,6 +176,30 @@ def test_an_end_whose_hold_reaches_nobody_is_not_status_0(arm, start, verb):
 
 
 # --- starting ----------------------------------------------------------------------------------
+
+
+def test_it_does_not_take_the_arm_out_of_somebody_s_motion(arm, start):
+    from sensor_msgs.msg import JointState
+
+    mover = arm.client.node.create_publisher(JointState, "move_jp", 10)
+    on, off = [0.1] * 7, [0.0] * 7
+    start("compensator", *PATIENT)
+    arm.builtin.publish(arm.message(effort=on))
+    arm.run_until(lambda: "use_gravity_compensation" in arm.state, "the refusal")
+    mover.publish(JointState())
+    arm.builtin.publish(arm.message(effort=off))
+    arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
+    assert "commands /MTMR/move_jp" in arm.state
+    assert_silent(arm)
+    assert not arm.commands
+    assert not arm.holds  # it was never ours
+    # Told to, it begins once the arm rests.
+    arm.client.enable(True)
+    for _ in range(60):
+        arm.position[1] += 0.005
+        arm.run(0.005)
+    assert not arm.commands
+    commanding(arm)
 
 
 def test_an_effort_in_other_units_is_a_refusal_that_names_both_numbers(arm, start):

@@ -56,6 +56,25 @@ def test_one_bad_reading_is_passed_over():
     stream.send([0.01] * 7)
 
 
+@pytest.mark.parametrize("rate", [50.0, 100.0, 200.0])
+def test_one_bad_reading_in_a_fast_motion_is_passed_over_too(rate):
+    stream, rng = Stream(rate), np.random.default_rng(0)
+    for k in range(200):
+        position = 15.0 / 6.0 * np.sin(6.0 * k / rate) * np.eye(7)[6]
+        if k in (60, 130):
+            with pytest.raises(DroppedSampleError):
+                stream.send(position + 3.0 * rng.choice([-1.0, 1.0]))
+        else:
+            stream.send(position)
+
+
+def test_stamps_that_are_rounded_are_no_jump():
+    stream = Stream(100.0)
+    for k in range(200):
+        position = 8.0 / 6.0 * np.sin(6.0 * k / 200.0) * np.eye(7)[6]
+        stream.send(position, after=0.01 if k % 2 == 0 else 0.0)
+
+
 @pytest.mark.parametrize("rate", [100.0, 200.0, 1000.0])
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_a_lively_motion_with_encoder_steps_and_noise_is_believed(rate, noise):

@@ -25,6 +25,7 @@ class Freshness:
         self._advanced_to = -(2**63)  # what it moved on to
         self._stamp = 0  # of the last message that passed
         self._seen = 0  # of the last message, whether it passed or not
+        self._advances = False  # the stamp that was judged last moves on
 
     def silence(self, now: float, timeout: float) -> str:
         """Return what has been missing for longer than ``timeout`` seconds, ``""``: nothing."""
@@ -34,10 +35,10 @@ class Freshness:
             return f"the stamp of measured_js has not moved on for {timeout:g} s"
         return ""
 
-    def take(
+    def judge(
         self, stamp: int, now: float, clock: int, timeout: float, oldest: float, active: bool
     ) -> tuple[float, float]:
-        """Take note of a message that is well but for its stamp, perhaps.
+        """Look at the stamp of a message; :meth:`accept` is to follow if all else is well, too.
 
         Args:
             stamp: Its stamp, ns.
@@ -65,16 +66,22 @@ class Freshness:
         if oldest > 0.0:
             _compare(stamp, clock, oldest)
         step, gap = now - self._valid, now - self._advance
-        # Times count for messages that pass; a message that waited in a queue while the
-        # process or the arm stood still is the first after a gap, and is not answered.
-        self._valid = now
         due = _LEAST_PACE * min(gap, timeout)
-        if stamp not in known and (stamp - self._advanced_to) * 1e-9 >= due:
-            self._advance, self._advanced_to = now, stamp
-        elif gap > timeout:
+        self._advances = stamp not in known and (stamp - self._advanced_to) * 1e-9 >= due
+        if not self._advances and gap > timeout:
+            self._valid = now
             raise DroppedSampleError("stamp_repeated", "the stamp does not move on")
-        self._stamp = stamp
         return step, gap
+
+    def accept(self, stamp: int, now: float) -> None:
+        """Count the message that was judged last as a valid one.
+
+        Times count for messages that pass; a message that waited in a queue while the process or
+        the arm stood still is the first after a gap, and is not answered.
+        """
+        self._valid, self._stamp = now, stamp
+        if self._advances:
+            self._advance, self._advanced_to = now, stamp
 
 
 def _compare(stamp: int, clock: int, oldest: float) -> None:

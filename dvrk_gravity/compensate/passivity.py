@@ -118,7 +118,8 @@ class PassivityObserver:
         if step == np.inf:  # the first sample
             return self.factor
         applied = self.factor.tolist()
-        power = (friction * velocity).tolist()
+        # Where the model's friction pushes against the motion there is nothing to take back.
+        power = np.maximum(friction * velocity, 0.0).tolist()
         factors = [
             joint.go(v, p, s, step)
             for joint, v, p, s in zip(self._joints, velocity.tolist(), power, applied, strict=True)

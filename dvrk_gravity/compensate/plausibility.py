@@ -19,8 +19,8 @@ class MotionLimits:
     Attributes:
         speed: Fastest motion of a joint, rad/s. A tennis serve turns an elbow at 26 rad/s (Fleisig
             et al. 2003, Sports Biomechanics 2(1)); nobody leads an MTM like that.
-        step: Positions may differ by so much at any rate, rad: more than five steps of the
-            coarsest encoder (wrist_roll's, 0.006 rad).
+        step: Positions may differ by so much at any rate, rad: ten steps of the coarsest encoder
+            (wrist_roll's, 0.006 rad), and what stamps that are rounded to 10 ms hide at 6 rad/s.
         interval: Velocities are compared so often, s.
         time_constant: Of the low-pass filters through which velocities are compared, s: longer
             than consoles' own velocity filters (some 10 ms), and at 0.006 rad a step and 100 Hz an
@@ -30,7 +30,7 @@ class MotionLimits:
     """
 
     speed: float = 25.0
-    step: float = 0.03
+    step: float = 0.06
     interval: float = 0.005
     time_constant: float = 0.05
     slack: float = 0.5
@@ -50,7 +50,7 @@ class MotionCheck:
         self._limits = limits or MotionLimits()
         self._last: Sample | None = None  # and the monotonic time at which it came
         self._time = 0.0
-        self._step = 0.0  # from it to the first sample that was out of reach, s, or the time-out
+        self._dropped: Sample | None = None  # the last one, if it was out of reach
         self._anchor: Sample | None = None  # the last one at which velocities were compared
         self._observed = self._reported = np.zeros(len(joint_names))
         self.doubtful: NDArray[np.bool_] = np.zeros(len(joint_names), dtype=bool)
@@ -76,12 +76,12 @@ class MotionCheck:
             if step < 0.0:
                 return sample  # out of order, or another clock: its stamp decides
             change = sample.position - last.position
-            # Where one sample was out of reach those behind it are, too, though later.
-            self._step = min(step, self._step)
-            farthest = self._limits.step + self._limits.speed * self._step
-            if np.count_nonzero(np.abs(change) <= farthest) < len(change):
+            if not self._within_reach(last, sample, timeout) or (
+                self._dropped is not None and self._within_reach(self._dropped, sample, timeout)
+            ):
+                self._dropped = sample  # those behind it, where it is, are out of reach, too
                 raise self._jumped(change, step)
-        self._last, self._time, self._step = sample, now, timeout
+        self._last, self._time, self._dropped = sample, now, None
         if sample.velocity is None:
             self._forget(sample)
             return sample
@@ -108,6 +108,12 @@ class MotionCheck:
         if np.count_nonzero(doubtful) == 0:
             return sample
         return replace(sample, velocity=np.where(doubtful, 0.0, velocity))
+
+    def _within_reach(self, last: Sample, sample: Sample, timeout: float) -> bool:
+        step = min((sample.stamp - last.stamp) * 1e-9, timeout)
+        farthest = self._limits.step + self._limits.speed * step
+        near = np.abs(sample.position - last.position) <= farthest
+        return np.count_nonzero(near) == len(near)
 
     def _forget(self, sample: Sample) -> None:
         self._anchor = sample

@@ -17,9 +17,12 @@ DURATION = 0.1
 LEAST_SAMPLES = 10
 """… and so many samples: their mean has less than a third of one sample's noise."""
 
-CONFIDENCE = 3.0
-"""Measured and modelled effort differ by what is more than so many standard errors: where they
-agree within noise, the start is the model's torque, which sets no joint in motion."""
+REST = 0.2
+"""Faster than this, rad/s, the arm is not at rest: the drift that the dVRK console's own test of
+its compensation allows."""
+
+DRY = 0.3
+"""At this speed, rad/s, dry friction is whole: above all saturation velocities of real files."""
 
 
 class StartRefusedError(DvrkGravityError):
@@ -36,12 +39,19 @@ class Start:
     def __init__(self, now: float) -> None:
         """Begin to collect."""
         self.begin = now
-        self._efforts: list[Array | None] = []
+        self._efforts: list[Array] = []
         self._models: list[Array] = []
+        self._position: Array | None = None
 
-    def add(self, sample: Sample, torque: Array) -> None:
-        """Take a sample and the model's (n,) torque at it, N·m."""
-        self._efforts.append(sample.effort)
+    def add(self, sample: Sample, torque: Array, now: float) -> None:
+        """Take a sample and the model's (n,) torque at it, N·m; an arm that moves begins anew."""
+        if self._position is None:
+            self._position = sample.position
+        elif (np.abs(sample.position - self._position) > REST * DURATION).any():
+            self.begin, self._efforts, self._models = now, [], []
+            self._position = sample.position
+        if sample.effort is not None:
+            self._efforts.append(sample.effort)
         self._models.append(torque)
 
     def complete(self, now: float) -> bool:
@@ -51,36 +61,29 @@ class Start:
     def origin(self, settings: Settings) -> tuple[Array, str]:
         """Return the (n,) first effort, N·m, and in words where it is from.
 
-        The model's torque, and of the difference to the mean effort that was measured as much as
-        noise cannot explain (soft thresholding, Donoho & Johnstone 1994). An arm that does not
-        measure its efforts (none, not numbers, or all of them exactly zero) begins with the
-        model's torque.
+        The model's torque, and of the difference to the mean effort that was measured no more than
+        dry friction can hold: what is beyond is a wrong reading or a wrong model, and with a right
+        model the joint would be thrown. Where gravity is left out on purpose, all of the measured
+        effort. An arm that does not measure its efforts (none in half of the samples, or all of
+        them exactly zero) begins with the model's torque.
 
         Raises:
             StartRefusedError: Measured and modelled efforts differ by more than
                 ``settings.start_tolerance``, or the limits cut what holds the arm.
         """
         model = np.mean(self._models, axis=0)
-        measured = [effort for effort in self._efforts if effort is not None]
         names = settings.model.arm.joint_names
-        if len(measured) < len(self._efforts) or not np.any(measured):
+        if len(self._efforts) < 0.5 * len(self._models) or not np.any(self._efforts):
             origin, source = model, "the model's torque, as measured_js has no usable effort"
         else:
             with np.errstate(over="ignore", invalid="ignore"):
-                difference = np.array(measured) - self._models
-                mean = difference.mean(axis=0)
-                error = difference.std(axis=0, ddof=1) / np.sqrt(len(difference))
-                proven = np.maximum(np.abs(mean) - CONFIDENCE * error, 0.0)
-            origin, source = model + np.copysign(proven, mean), "the measured effort"
-            excess = np.abs(mean) / settings.model.arm.effort_limit
-            worst = int(np.argmax(excess))
-            if not excess[worst] <= settings.start_tolerance:
-                raise StartRefusedError(
-                    f"{names[worst]} is held with {model[worst] + mean[worst]:.4g} N·m as measured,"
-                    f" with {model[worst]:.4g} by the model: a wrong unit, another arm's model, an "
-                    f"arm that leans on something? Allowed are {settings.start_tolerance:g} of the "
-                    "arm's effort_limit (start_tolerance)"
-                )
+                mean = np.mean(self._efforts, axis=0)
+                difference = mean - model
+            if not settings.weightless:
+                _compare(mean, model, settings)
+                held = _dry_friction(settings, self._position)
+                difference = np.minimum(np.maximum(difference, -held), held)
+            origin, source = model + difference, "the measured effort"
         cut = np.abs(settings.limits.clip(origin) - origin) / settings.model.arm.effort_limit
         worst = int(np.argmax(cut))
         if not cut[worst] <= CONSIDERABLE:
@@ -89,3 +92,23 @@ class Start:
                 "limits leave: it would fall"
             )
         return settings.limits.clip(origin), source
+
+
+def _compare(mean: Array, model: Array, settings: Settings) -> None:
+    """Refuse to start where (n,) measured and modelled efforts are too far apart."""
+    excess = np.abs(mean - model) / settings.model.arm.effort_limit
+    worst = int(np.argmax(excess))
+    if not excess[worst] <= settings.start_tolerance:
+        raise StartRefusedError(
+            f"{settings.model.arm.joint_names[worst]} is held with {mean[worst]:.4g} N·m as "
+            f"measured, with {model[worst]:.4g} by the model: a wrong unit, another arm's model, "
+            f"an arm that leans on something? Allowed are {settings.start_tolerance:g} of the "
+            "arm's effort_limit (start_tolerance)"
+        )
+
+
+def _dry_friction(settings: Settings, position: Array | None) -> Array:
+    """Return (n,) torques that friction holds at rest, as far as it is compensated, N·m."""
+    assert position is not None  # there is a sample
+    up, down = (settings.parts(position, np.full(len(position), speed))[1] for speed in (DRY, -DRY))
+    return np.maximum(np.minimum(up, -down), 0.0)

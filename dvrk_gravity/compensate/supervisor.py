@@ -7,6 +7,7 @@ ends in a `hold`: :attr:`Supervisor.hold_due` asks the node for it.
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -31,6 +32,8 @@ BUILTIN_HELP = (
 # A longer step than this is a hiccup of the input, not time in which torque may run on; and two
 # messages at one time leave some way.
 _SHORTEST_STEP, _LONGEST_STEP = 1e-6, 0.02
+# So often the arm's own compensation may come on again while we command and may switch it off.
+_INTERRUPTIONS = 2
 # N·m; less than this is rounding, not a limit.
 _CUT = 1e-9
 
@@ -58,7 +61,7 @@ class Supervisor:
         dropped: Messages dropped, by cause.
         saturated: (n,) whether the last command was cut by a limit.
         origin: What the last start began with, in words; ``""`` before the first.
-        loss: Support that the last change of parameters took away, in words; ``""``: none.
+        loss: Support that changes of parameters have taken away since the start, in words.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -71,6 +74,8 @@ class Supervisor:
         self.saturated: NDArray[np.bool_] = self._uncut
         self.hold_due = False
         self.origin = self.loss = ""
+        self._started_with = settings
+        self._interruptions = 0  # by the arm's own compensation, since we were enabled
         self._obstacles: dict[str, str] = {}
         self._fresh = Freshness()
         self._motion = MotionCheck(names)
@@ -103,6 +108,7 @@ class Supervisor:
     def enable(self) -> None:
         """Start, or start again after a fault; commands follow with the next valid input."""
         if self.status in (Status.DISABLED, Status.FAULT):
+            self._interruptions = 0
             self._wait()
 
     def disable(self) -> None:
@@ -118,7 +124,7 @@ class Supervisor:
         """Take other settings; the torque goes to the new one by the ramp, without a jump."""
         before, self.settings = self.settings, settings
         if self._command is not None:
-            self.loss = self._support_lost(before, settings)
+            self.loss = self._support_lost(self._started_with, settings)
             if not settings.same_friction(before):
                 self._watch_energy()
             self._ramp = Ramp(self._command, now)
@@ -156,7 +162,10 @@ class Supervisor:
     def observe_builtin(self, effort: Array) -> None:
         """Take a message of the arm's own gravity compensation."""
         on = bool(np.any(effort))  # NaN counts as on
-        self.obstruct("builtin", BUILTIN_HELP if on else "", self.settings.disable_builtin)
+        self._interruptions += on and self.active
+        # Whoever switches it on again and again is not to be fought.
+        wait = self.settings.disable_builtin and self._interruptions <= _INTERRUPTIONS
+        self.obstruct("builtin", BUILTIN_HELP if on else "", wait)
 
     def check_input(self, now: float) -> None:
         """Notice that valid input has stopped; to be called a few times within the timeout."""
@@ -186,10 +195,11 @@ class Supervisor:
         """
         self.check_input(now)
         settings = self.settings
-        sample = self._motion.check(sample, now, settings.timeout)
-        step, gap = self._fresh.take(
+        step, gap = self._fresh.judge(
             sample.stamp, now, clock, settings.timeout, settings.max_stamp_age, self.active
         )
+        sample = self._motion.check(sample, now, settings.timeout)
+        self._fresh.accept(sample.stamp, now)
         if self.status is Status.FAULT and self._input_fault:
             if gap > settings.timeout:
                 raise DroppedSampleError("after_gap", "first message after a gap")
@@ -210,7 +220,7 @@ class Supervisor:
 
     def _collect(self, start: Start, sample: Sample, now: float) -> None:
         """Begin, once there are enough samples, with the effort that holds the arm."""
-        start.add(sample, self._wanted(sample))
+        start.add(sample, self._wanted(replace(sample, velocity=None)), now)
         if not start.complete(now):
             return
         try:
@@ -218,7 +228,7 @@ class Supervisor:
         except StartRefusedError as error:
             self.fail(str(error))
             return
-        self._start, self.loss = None, ""
+        self._start, self.loss, self._started_with = None, "", self.settings
         self._watch_energy()
         self._ramp = Ramp(self._command, now)
         self.status, self.reason = Status.RAMPING, "blending to the model's torque"
@@ -284,7 +294,7 @@ class Supervisor:
             return ""
         return (
             f"{arm.joint_names[joint]} is held with {new[joint]:.3g} N·m instead of "
-            f"{old[joint]:.3g} since the last change of parameters"
+            f"{old[joint]:.3g} since parameters have been changed"
         )
 
     def _wait(self) -> None:

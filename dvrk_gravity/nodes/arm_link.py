@@ -12,6 +12,9 @@ from dvrk_gravity.nodes.others import LATELY, named, node_names
 
 MEASURED = "measured_js"
 
+# Who is who is asked so often, s, even where the numbers of publishers and subscribers stay.
+_LOOK = 1.0
+
 
 class ArmLink:
     """Watches who publishes ``measured_js`` and who subscribes to ``hold``.
@@ -31,7 +34,7 @@ class ArmLink:
         self._node, self._any_subscriber = node, any_subscriber
         self._measured = node.resolve_topic_name(MEASURED)
         self._hold = node.resolve_topic_name(HOLD)
-        self._counts = (0, 0)
+        self._counts, self._looked = (0, 0), -math.inf
         self._listens = False
         self._number = 0  # of the last message, as its publisher counts them
         self._mixed = -math.inf
@@ -44,8 +47,9 @@ class ArmLink:
         """Tell whether the arm subscribes to ``hold``; cheap as long as nobody comes or goes."""
         node = self._node
         counts = node.count_publishers(self._measured), node.count_subscribers(self._hold)
-        if counts != self._counts or not self._listens:
-            self._counts = counts
+        now = time.monotonic()
+        if counts != self._counts or not self._listens or now - self._looked > _LOOK:
+            self._counts, self._looked = counts, now
             listeners = node_names(node.get_subscriptions_info_by_topic(self._hold))
             listeners.discard(node.get_fully_qualified_name())
             if self._any_subscriber:

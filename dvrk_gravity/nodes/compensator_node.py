@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -67,7 +68,8 @@ class Compensator(PromptNode):
         self._statistics = Statistics()
         self._told: tuple[Status, str] | None = None
         self._told_once: set[str] = set()
-        self._watchdog_timeout = float("inf")
+        self._watchdog_timeout = math.inf
+        self._watchdog_topic = self.resolve_topic_name(TIMEOUT_TOPIC)
         self._connect()
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -153,7 +155,8 @@ class Compensator(PromptNode):
         self._settle()
 
     def _on_watchdog_timeout(self, message: Float64) -> None:
-        self._watchdog_timeout = message.data
+        valid = math.isfinite(message.data) and message.data > 0.0
+        self._watchdog_timeout = message.data if valid else math.inf
         self._obstruct("watchdog", self._too_slow_for_watchdog(self._supervisor.settings.timeout))
 
     def _too_slow_for_watchdog(self, timeout: float) -> str:
@@ -176,6 +179,9 @@ class Compensator(PromptNode):
         """
         self._hold.look()
         self._rivals.watch(self._supervisor.active)
+        if self.count_publishers(self._watchdog_topic) == 0:
+            self._watchdog_timeout = math.inf
+            self._obstruct("watchdog", "")
         if not self._others.heard_lately():
             self._obstruct("others", "")
         arm_is_there = self._arm.is_there()
@@ -205,8 +211,12 @@ class Compensator(PromptNode):
         self._settle()
 
     def _on_other(self) -> None:
-        """Leave the arm, held, to whoever else commands it."""
+        """Leave the arm, held, to whoever else commands it; it comes back when told."""
         self._hold.drop()  # it would undo the other's command
+        supervisor = self._supervisor
+        moves = not self._others.is_hold
+        if supervisor.status in (Status.WAITING, Status.STARTING) and moves:
+            supervisor.fail(self._others.reason())
         self._obstruct("others", self._others.reason())
 
     def _refuse_rival(self) -> None:
@@ -306,7 +316,8 @@ class Compensator(PromptNode):
             self.get_logger().warning(text)
 
     def _publish_diagnostics(self) -> None:
-        self._diagnostics.publish(self._supervisor, self._statistics.take(time.monotonic()))
+        statistics = self._statistics.take(time.monotonic())
+        self._diagnostics.publish(self._supervisor, statistics, self._hold.missing)
 
     def finish(self) -> bool:
         """Leave the arm held if it is under our command; return whether the hold has arrived."""

@@ -19,9 +19,13 @@ class Diagnostics:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
-    def publish(self, supervisor: Supervisor, statistics: Mapping[str, str]) -> None:
-        """Publish the state, with further figures by name."""
+    def publish(
+        self, supervisor: Supervisor, statistics: Mapping[str, str], not_held: bool
+    ) -> None:
+        """Publish the state, with further figures by name, and whether a hold reaches nobody."""
         told = warnings(supervisor)
+        if not_held:
+            told.insert(0, "hold reaches nobody: the arm may keep its last effort")
         state = f"{supervisor.status.value}: {supervisor.reason}"
         values = {
             "state": supervisor.status.value,
@@ -34,7 +38,7 @@ class Diagnostics:
             **{f"dropped {cause}": str(count) for cause, count in supervisor.dropped.items()},
         }
         status = DiagnosticStatus(
-            level=_level(supervisor.status, bool(told)),
+            level=_level(supervisor.status, bool(told), not_held),
             name=self._node.get_fully_qualified_name(),
             message="; ".join([state, *told]),
             hardware_id=supervisor.settings.model.arm.name,
@@ -69,8 +73,8 @@ def warnings(supervisor: Supervisor) -> list[str]:
     return told
 
 
-def _level(status: Status, warned: bool) -> bytes:
-    if status is Status.FAULT:
+def _level(status: Status, warned: bool, not_held: bool) -> bytes:
+    if not_held or status is Status.FAULT:
         return DiagnosticStatus.ERROR
     if warned or status in (Status.WAITING, Status.STARTING):
         return DiagnosticStatus.WARN

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 
@@ -17,8 +18,13 @@ _DEPTH = 1
 """Fast DDS asks for an acknowledgement at once only with a message that fills the publisher's
 history, otherwise every three seconds."""
 
-_COMPLAIN = 1.0
-"""A hold that is not acknowledged after so long is told as an error, s."""
+_LATE = 0.08
+"""Every hold is sent once more after so long, s. Topics have no order among each other: an arm may
+take the last effort that was commanded after the hold that came behind it, and keep it."""
+
+_LONGEST = 1.0
+"""A hold to an arm that is connected is sent no longer than so long, s. DDS waits for everybody who
+subscribes, also for a recorder that stands still, and the arm is to obey others again."""
 
 _PATIENCE = 1.5
 """How long a node that ends waits for the acknowledgement, s."""
@@ -31,59 +37,70 @@ class Hold:
     last effort for ever.
 
     Attributes:
-        pending: One has been sent, and the arm has not acknowledged it.
+        pending: One has been sent, and it is not over with it.
+        missing: Nobody is there who would receive it.
     """
 
     def __init__(self, node: Node, arm_listens: Callable[[], bool]) -> None:
         """Create the publisher; ``arm_listens`` tells whether the arm subscribes to it."""
         self._node, self._arm_listens = node, arm_listens
         self._publisher = node.create_publisher(Empty, TOPIC, _DEPTH)
-        self.pending = False
+        self.pending = self.missing = False
         self._first = self._last = 0.0
-        self._addressed = False  # the arm was connected when the last one was sent
+        self._connected_at = math.inf  # since when the arm has been connected at every sending
         self._echoes = 0
 
     def send(self) -> None:
         """Hold the arm."""
         self.pending = True
         self._first = time.monotonic()
+        self._connected_at = math.inf
         self._publish()
 
     def drop(self) -> None:
         """Leave it at that: the arm is commanded again, by us or by somebody else."""
-        self.pending = False
+        self.pending = self.missing = False
 
     def look(self) -> None:
-        """See whether it has arrived, and send it again if not; to be called now and then."""
+        """Send it again where that is due; to be called now and then."""
         if not self.pending:
             return
-        if self._arrived(0.0):
-            self.pending = False
-            return
         now = time.monotonic()
-        if now - self._last >= _AGAIN:
+        acknowledged = self._acknowledged(0.0)
+        twice = self._last >= self._connected_at + _LATE
+        if twice and (acknowledged or now - self._connected_at >= _LONGEST):
+            if not acknowledged:
+                self._node.get_logger().warning(
+                    "not all that subscribe to hold have acknowledged it: see that the arm holds"
+                )
+            self.drop()
+        elif now - self._last >= (_LATE if acknowledged else _AGAIN):
             self._publish()
-        if now - self._first >= _COMPLAIN:
+        if self.missing:
             self._node.get_logger().error(
-                f"hold has not been acknowledged for {now - self._first:.0f} s, sending it again "
-                "and again: check that the arm holds",
+                f"hold has reached nobody for {now - self._first:.1f} s, sending it again and "
+                "again: the arm may keep its last effort",
                 throttle_duration_sec=5.0,
             )
 
     def settle(self) -> bool:
-        """Wait, before the node ends, until a pending hold has arrived; return whether it has."""
-        end = time.monotonic() + _PATIENCE
-        while self.pending and time.monotonic() < end:
-            if self._arrived(_AGAIN):
-                self.pending = False
-            else:
-                self._publish()
-                time.sleep(0.01)
-        if self.pending:
+        """Finish with a pending hold before the node ends; return whether it is acknowledged."""
+        if not self.pending:
+            return True
+        end = max(self._first + _PATIENCE, time.monotonic() + 0.5)
+        acknowledged = False
+        while time.monotonic() < end:
+            twice = self._last >= self._connected_at + _LATE
+            acknowledged = self._acknowledged(_LATE)
+            if twice and acknowledged:
+                break
+            time.sleep(max(0.0, self._last + _LATE - time.monotonic()))
+            self._publish()
+        if not acknowledged:
             self._node.get_logger().error(
                 "hold was not acknowledged: check that the arm holds, it may keep its last effort"
             )
-        return not self.pending
+        return acknowledged
 
     def echo(self) -> bool:
         """Tell whether a hold that was heard is one of ours coming back."""
@@ -97,10 +114,11 @@ class Hold:
         self._echoes += 1
         # Who is known to be there may not be connected yet, and gets what is sent after that only.
         known = self._node.count_subscribers(self._publisher.topic_name)
-        connected = self._publisher.get_subscription_count() >= known
-        self._addressed = connected and self._arm_listens()
+        connected = self._publisher.get_subscription_count() >= known and self._arm_listens()
+        self._connected_at = min(self._connected_at, self._last) if connected else math.inf
+        self.missing = not connected
         self._publisher.publish(Empty())
 
-    def _arrived(self, patience: float) -> bool:
+    def _acknowledged(self, patience: float) -> bool:
         wait = Duration(nanoseconds=int(patience * 1e9))
-        return self._addressed and self._publisher.wait_for_all_acked(wait)
+        return not self.missing and self._publisher.wait_for_all_acked(wait)

@@ -38,4 +38,6 @@ def obstacle(message: Any) -> str:
         return f"the arm says that it is {message.state} (operating_state), expected ENABLED"
     if not message.is_homed:
         return "the arm says that it is not homed (operating_state)"
+    if message.is_busy:
+        return "the arm says that it is busy (operating_state)"
     return ""

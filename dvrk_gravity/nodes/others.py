@@ -50,6 +50,7 @@ class Others:
 
     Attributes:
         topic: Topic of the last command of somebody else; ``""``: none yet.
+        is_hold: It was a hold, which moves nothing.
     """
 
     def __init__(
@@ -68,7 +69,7 @@ class Others:
             heard: Called for every command that is not ours.
         """
         self._node, self._echo, self._heard = node, echo, heard
-        self.topic = ""
+        self.topic, self.is_hold = "", False
         self._last = -math.inf
         for name, kind in COMMANDS:
             topic = node.resolve_topic_name(name)
@@ -90,7 +91,7 @@ class Others:
         def listen(_: bytes) -> None:
             if is_hold and self._echo():
                 return
-            self.topic, self._last = topic, time.monotonic()
+            self.topic, self.is_hold, self._last = topic, is_hold, time.monotonic()
             self._heard()
 
         return listen

@@ -26,6 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.compensate.settings import Settings
     from dvrk_gravity.compensate.supervisor import Supervisor
     from dvrk_gravity.compensate.unsupervised import Unsupervised
+    from dvrk_gravity.errors import ConfigError
     from dvrk_gravity.nodes import runtime
     from dvrk_gravity.nodes.compensator_node import Compensator
 
@@ -37,6 +38,15 @@ def run(arguments: argparse.Namespace) -> int:
 
         def _command_topic(self, as_array: bool) -> str:
             return COMMANDS
+
+        def _connect(self) -> None:
+            super()._connect()
+            for topic, wanted in (
+                (self._command.topic_name, COMMANDS),
+                (self.resolve_topic_name(MEASURED), MEASURED),
+            ):
+                if not topic.endswith(f"/{wanted}"):
+                    raise ConfigError("remapping", topic, f"…/{wanted}, which no arm has")
 
         def _on_listen(self) -> None:
             if self.prompt is None:

@@ -55,7 +55,7 @@ class Rivals:
         self._last = -math.inf  # when a command was heard, and the first of those in a row
         self._first = -math.inf
         self.elder = False
-        self._commanding = False
+        self._commanding, self._commanding_since = False, -math.inf
         self._since = time.monotonic()
         self._others = False
         self.watch(commanding=False)
@@ -70,6 +70,8 @@ class Rivals:
         others = self._node.count_publishers(self.topic) > 1
         if others and not self._others:
             self._since = time.monotonic()  # it may just not have been heard yet
+        if commanding and not self._commanding:
+            self._commanding_since = time.monotonic()
         self._others, self._commanding = others, commanding
         wanted = others or not commanding
         if wanted and self._subscription is None:
@@ -110,7 +112,9 @@ class Rivals:
         self._last = now
         mark = _MARK.search(data)
         later = mark is not None and int(mark[1]) > self._start
-        self.elder = mark is not None and not later
+        # One that we hear late is an elder; much later it is no compensator but its recording.
+        young = not self._commanding or now - self._commanding_since < PATIENCE
+        self.elder = mark is not None and not later and young
         if later and self._commanding and now - self._first < PATIENCE:
             return
         self._heard()

@@ -32,7 +32,7 @@ OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
-    """Run one node until SIGINT, SIGTERM or an error.
+    """Run one node until SIGINT, SIGTERM, SIGHUP, SIGQUIT or an error.
 
     Args:
         make_node: Builds the node, after rclpy is up; the node has ``finish()``, which returns
@@ -51,7 +51,8 @@ def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
     for path in files:
         yaml_file.load(path)  # rcl's own words for a bad file are long and name no cause
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    # A terminal that is closed (SIGHUP) must not leave the arm with its last effort, either.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, lambda *_: stop.set())
     try:
         rclpy.init(args=list(ros_args), signal_handler_options=SignalHandlerOptions.NO)
