@@ -215,7 +215,9 @@ def _quartic(prefix: str, coefficients: Array) -> Array:
 def _skeleton(model: TorqueModel, serial: str) -> dict[str, Any]:
     """Return what a console file needs beyond the model."""
     if not serial:
-        raise ConfigError("SN", serial, "the arm's serial number, as in gc-MTMR-28002.json")
+        raise ConfigError(
+            "SN", serial, "the arm's serial number in the file's name: gc-MTMR-28002.json"
+        )
     torques = sample_torques(model)
     least, most = torques.min(axis=(0, 1)), torques.max(axis=(0, 1))
     # A tenth beyond what the model ever asks for, within what the actuators give, and never away

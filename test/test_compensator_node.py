@@ -386,7 +386,7 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.compensate.settings import Settings
 whole = Settings.parts
 def parts(self, q, qd):
-    if qd[6] > 1.0:
+    if qd is not None and qd[6] > 1.0:
         raise RuntimeError("a defect")
     return whole(self, q, qd)
 Settings.parts = parts

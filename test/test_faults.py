@@ -126,7 +126,7 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.compensate.settings import Settings
 whole = Settings.parts
 def parts(self, q, qd):
-    if qd[6] > 1.0:
+    if qd is not None and qd[6] > 1.0:
         pages = int(open("/proc/self/statm").read().split()[0])
         size = pages * resource.getpagesize() + (1 << 20)
         resource.setrlimit(resource.RLIMIT_AS, (size, size))

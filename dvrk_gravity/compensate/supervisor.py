@@ -34,6 +34,8 @@ BUILTIN_HELP = (
 _SHORTEST_STEP, _LONGEST_STEP = 1e-6, 0.02
 # So often the arm's own compensation may come on again while we command and may switch it off.
 _INTERRUPTIONS = 2
+# rad, 5 deg: encoders' zeros are off by less where an arm has been homed.
+_OUTSIDE = 0.087
 # N·m; less than this is rounding, not a limit.
 _CUT = 1e-9
 
@@ -99,6 +101,12 @@ class Supervisor:
     def doubtful(self) -> NDArray[np.bool_]:
         """(n,) joints whose velocity was not believed in the last sample."""
         return self._motion.doubtful
+
+    @property
+    def outside(self) -> NDArray[np.bool_]:
+        """(n,) joints that are further than 5 deg outside the arm's limits."""
+        arm, position = self.settings.model.arm, self._position
+        return (position < arm.lower - _OUTSIDE) | (position > arm.upper + _OUTSIDE)
 
     @property
     def friction_held_back(self) -> NDArray[np.bool_]:

@@ -185,7 +185,8 @@ class Compensator(PromptNode):
         if not self._others.heard_lately():
             self._obstruct("others", "")
         arm_is_there = self._arm.is_there()
-        listens = self._arm.listens() if arm_is_there else True
+        # Before we listen to the arm DDS may not have told yet what it listens to.
+        listens = self.prompt is None or not arm_is_there or self._arm.listens()
         self._obstruct("hold", "" if listens else self._arm.no_hold_reason())
         if not self._arm.two_measure_lately():
             self._obstruct("measured_js", "")

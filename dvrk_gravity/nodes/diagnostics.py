@@ -65,6 +65,11 @@ def warnings(supervisor: Supervisor) -> list[str]:
             f"the velocity of {_joints(supervisor, supervisor.doubtful)} contradicts its positions:"
             " friction there is left out"
         )
+    if supervisor.outside.any():
+        told.append(
+            f"{_joints(supervisor, supervisor.outside)} outside the limits of "
+            f"{supervisor.settings.model.arm.name}: the model of another arm, or a wrong zero?"
+        )
     if supervisor.friction_held_back.any():
         told.append(
             f"friction compensation of {_joints(supervisor, supervisor.friction_held_back)} is held"

@@ -83,6 +83,8 @@ class Others:
     def reason(self) -> str:
         """Return what to tell a person who wonders why the arm is not commanded."""
         who = named(self._node.get_publishers_info_by_topic(self.topic), self._node)
+        if self.is_hold:
+            return f"another node{who} has told the arm to hold ({self.topic})"
         return f"another node{who} commands {self.topic}: stop it first, two would fight"
 
     def _listener(self, topic: str) -> Callable[[bytes], None]:

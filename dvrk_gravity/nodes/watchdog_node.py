@@ -79,7 +79,9 @@ class Watchdog(PromptNode):
             self._hold.send()
             text = f"hold sent: no command for {silence:.3f} s and no hold before"
             self._state.publish(String(data=text))
-            self.get_logger().error(f"{text}; restart the compensator to go on")
+            self.get_logger().error(
+                f"{text}; to go on, call ~/enable of the compensator, or start it anew"
+            )
 
     def _tell(self, text: str) -> None:
         self._state.publish(String(data=text))
