@@ -55,7 +55,7 @@ story: $(VENV)/.done
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python docs/real_data/story.py
 
 # Each prints a table and leaves its figures in out/bench; the last line names what missed a target.
-BENCHMARKS ?= torque startup latency faults passivity simulator gravity_regressor identify supervisor_properties fuzz soak
+BENCHMARKS ?= torque startup latency faults starts passivity simulator gravity_regressor identify supervisor_properties fuzz soak
 bench: $(VENV)/.done
 	@mkdir -p out/bench; missed=""; \
 	for name in $(BENCHMARKS); do \

@@ -68,3 +68,19 @@ def test_no_start_moves_a_joint_by_two_degrees(rate):
 def test_a_start_without_measured_efforts_moves_no_joint_either():
     assert largest_motion(0, 200, effort=lambda _: []) < 2.0
     assert largest_motion(1, 200, effort=lambda e: np.full(7, np.nan)) < 2.0
+
+
+LIMIT = TorqueModel.load(MODEL_FILE).arm.effort_limit
+READINGS = {
+    "an offset": lambda effort: effort + 0.1 * LIMIT,
+    "too large": lambda effort: 1.3 * effort,
+    "too small": lambda effort: 0.7 * effort,
+    "a dead shoulder": lambda effort: effort * [1, 0, 1, 1, 1, 1, 1],
+    "a dead wrist": lambda effort: effort * [1, 1, 1, 1, 1, 0, 1],
+    "steps": lambda effort: np.round(effort / 0.03) * 0.03,
+}
+
+
+@pytest.mark.parametrize("kind", READINGS)
+def test_efforts_that_are_read_wrong_throw_no_joint(kind):
+    assert largest_motion(1, 200, READINGS[kind]) < 2.0
