@@ -34,14 +34,14 @@ import numpy as np
 from dvrk_gravity import text_file
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.compensate.limits import slew
-from dvrk_gravity.compensate.passivity import ALLOWANCE, GROWTH, PassivityObserver
+from dvrk_gravity.compensate.passivity import GROWTH, PassivityObserver
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.simulate import Plant, PlantFile, SimulatedArm
 
 TRUTH = PlantFile.load("mtmr_28002")
-SPEED_LIMIT = np.array(NODE_PARAMETERS["speed_limit"].default)  # rad/s
+ALLOWANCE = np.array(NODE_PARAMETERS["friction_compensation.allowance"].default)  # rad/s
 POSE = np.array([-0.2, 0.15, 0.0, 0.5, 1.0, 0.0, 0.0])
 SPEED = np.array([0.3, 0.2, 0.2, 1.2, 1.2, 0.5, 3.0])  # rad/s, that the hand gives
 VELOCITY_STEP = 0.05  # rad/s
@@ -101,9 +101,7 @@ class Compensator:
         self.settings = settings
         self.fed, self.applied = np.zeros(7), np.zeros(7)
         self._observer = (
-            PassivityObserver(
-                settings.friction_ratio, ALLOWANCE * SPEED_LIMIT, settings.limits.coupled
-            )
+            PassivityObserver(settings.friction_ratio, ALLOWANCE, settings.limits.coupled)
             if observed
             else None
         )
@@ -167,7 +165,7 @@ def in_hand(hand: Hand, excess: float, delay: float, observed: bool, duration: f
 def bound(hand: Hand, delay: float, duration: float) -> np.ndarray:
     """Return the (7,) speeds that a passive hand may see, from what the right model does in it."""
     right = in_hand(hand, 0.0, delay, False, duration).max(axis=0)
-    return HIDDEN * np.maximum(GROWTH * right, ALLOWANCE * SPEED_LIMIT)
+    return HIDDEN * np.maximum(GROWTH * right, ALLOWANCE)
 
 
 def moves(
@@ -177,7 +175,7 @@ def moves(
     random = np.random.default_rng(seed)
     time = np.arange(0.0, duration, DT)
     if kind in ("gentle", "even"):
-        speed = 0.4 * ALLOWANCE * SPEED_LIMIT if kind == "gentle" else SPEED
+        speed = 0.4 * ALLOWANCE if kind == "gentle" else SPEED
         v = speed * np.sin(2 * np.pi * 0.8 * time[:, None])
     else:
         v = np.zeros((len(time), 7))

@@ -327,8 +327,7 @@ def test_the_supervisor_keeps_friction_that_is_half_as_much_again_from_growing()
     right = supervised_swing(Supervisor(benchmark.settings_of(0.0))).max(axis=0)
     settings = benchmark.settings_of(0.5)
     speeds = supervised_swing(Supervisor(settings))
-    least = benchmark.ALLOWANCE * settings.speed_limit
-    bound = benchmark.HIDDEN * np.maximum(GROWTH * right, least)
+    bound = benchmark.HIDDEN * np.maximum(GROWTH * right, settings.allowance)
     assert (speeds.max(axis=0) < bound).all()
 
 

@@ -60,8 +60,6 @@ SURE = 0.5
 GROWTH = 1.3
 """Growth of a joint's top speed that passes unasked. A smaller one asks at the ordinary unevenness
 of a hand's motion."""
-ALLOWANCE = 0.1
-"""Part of a joint's speed limit up to which growth passes unasked."""
 SETTLING = 0.07
 """s from payment to judgement: 30 ms of delay, 20 ms until the factor is down, and as long again in
 which a joint that nobody drives slows down. With 0.05 s a delayed velocity passes for a hand's."""

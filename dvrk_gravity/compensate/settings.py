@@ -55,6 +55,7 @@ class Settings:
         max_stamp_age: Farthest stamp from the node's clock, s; 0 if not checked.
         friction_ratio: (7,) part of friction that is compensated, at each joint and motor.
         friction_dead_band: (7,) rad/s below which it is not.
+        allowance: (7,) speed up to which a motion may grow by friction compensation, rad/s.
         speed_limit: (7,) speed beyond which a joint must not be driven, rad/s.
         enabled: Whether to command at all.
         resume_automatically: Go on by itself after a fault of the input.
@@ -71,6 +72,7 @@ class Settings:
     max_stamp_age: float
     friction_ratio: Array
     friction_dead_band: Array
+    allowance: Array
     speed_limit: Array
     enabled: bool
     resume_automatically: bool
@@ -125,6 +127,7 @@ class Settings:
             value["max_stamp_age"],
             np.array(value["friction_compensation.ratio"]),
             np.array(value["friction_compensation.dead_band"]),
+            np.array(value["friction_compensation.allowance"]),
             np.array(value["speed_limit"]),
             value["enabled"],
             value["resume"] == "automatic",
@@ -133,10 +136,11 @@ class Settings:
         )
 
     def same_friction(self, other: Settings) -> bool:
-        """Tell whether other settings compensate the same friction, with the same speed limits."""
+        """Tell whether other settings compensate the same friction with the same speeds in view."""
         return (
             self.model is other.model
             and np.array_equal(self.friction_ratio, other.friction_ratio)
+            and np.array_equal(self.allowance, other.allowance)
             and np.array_equal(self.speed_limit, other.speed_limit)
         )
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.compensate.freshness import Freshness
 from dvrk_gravity.compensate.limits import slew
-from dvrk_gravity.compensate.passivity import ALLOWANCE, PassivityObserver
+from dvrk_gravity.compensate.passivity import PassivityObserver
 from dvrk_gravity.compensate.plausibility import MotionCheck
 from dvrk_gravity.compensate.ramp import Ramp
 from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, Sample
@@ -245,7 +245,7 @@ class Supervisor:
         """Know nothing of the arm's motion until now."""
         settings, arm = self.settings, self.settings.model.arm
         self._passivity = PassivityObserver(
-            settings.friction_part, ALLOWANCE * settings.speed_limit, settings.limits.coupled
+            settings.friction_part, settings.allowance, settings.limits.coupled
         )
         self._guard = SpeedGuard(arm.joint_names, settings.speed_limit)
 
