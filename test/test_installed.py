@@ -90,7 +90,8 @@ def installed(tmp_path_factory) -> Installed:
     world = World.draw(5)
     for name, seed in (("my_bag", 3), ("another_bag", 4)):
         world.record(seed, 1, duration=9.0).save(folder / name)
-    world.model().save(folder / "my_arm.yaml")
+    for name in ("my_arm.yaml", "identified.yaml"):
+        world.model().save(folder / name)
     write(folder, synthetic())
     (folder / "config").symlink_to(CONFIG)
     return Installed(place / "install" / "dvrk_gravity", folder)
