@@ -90,7 +90,8 @@ def installed(tmp_path_factory) -> Installed:
     world = World.draw(5)
     for name, seed in (("my_bag", 3), ("another_bag", 4)):
         world.record(seed, 1, duration=9.0).save(folder / name)
-    for name in ("my_arm.yaml", "identified.yaml"):
+    (folder / "out" / "why").mkdir(parents=True)
+    for name in ("my_arm.yaml", "identified.yaml", "out/why/extended_model.yaml"):
         world.model().save(folder / name)
     write(folder, synthetic())
     (folder / "config").symlink_to(CONFIG)
