@@ -54,6 +54,7 @@ class MotionCheck:
         self._anchor: Sample | None = None  # the last one at which velocities were compared
         self._observed = self._reported = np.zeros(len(joint_names))
         self.doubtful: NDArray[np.bool_] = np.zeros(len(joint_names), dtype=bool)
+        self._any_doubtful = False
 
     def check(self, sample: Sample, now: float, timeout: float) -> Sample:
         """Return the sample, the velocity zero at joints where it cannot be true.
@@ -76,8 +77,14 @@ class MotionCheck:
             if step < 0.0:
                 return sample  # out of order, or another clock: its stamp decides
             change = sample.position - last.position
-            if not self._within_reach(last, sample, timeout) or (
-                self._dropped is not None and self._within_reach(self._dropped, sample, timeout)
+            # Where the joints' way together is short, each one's is: that is quick to tell.
+            reach = self._limits.step + self._limits.speed * min(step, timeout)
+            near = self._dropped is None and change.dot(change) <= reach * reach
+            if not near and (
+                not self._within_reach(last, sample, timeout)
+                or (
+                    self._dropped is not None and self._within_reach(self._dropped, sample, timeout)
+                )
             ):
                 self._dropped = sample  # those behind it, where it is, are out of reach, too
                 raise self._jumped(change, step)
@@ -103,6 +110,9 @@ class MotionCheck:
             larger = np.maximum(np.abs(self._observed), np.abs(self._reported))
             difference = np.abs(self._observed - self._reported)
             self.doubtful = difference > limits.slack + limits.share * larger
+            self._any_doubtful = bool(self.doubtful.any())
+        if not self._any_doubtful and velocity.dot(velocity) <= limits.speed**2:
+            return sample
         doubtful = np.abs(velocity) > limits.speed
         doubtful |= self.doubtful
         if np.count_nonzero(doubtful) == 0:
@@ -118,7 +128,7 @@ class MotionCheck:
     def _forget(self, sample: Sample) -> None:
         self._anchor = sample
         self._observed = self._reported = np.zeros(len(self._names))
-        self.doubtful = np.zeros(len(self._names), dtype=bool)
+        self.doubtful, self._any_doubtful = np.zeros(len(self._names), dtype=bool), False
 
     def _jumped(self, change: Array, step: float) -> DroppedSampleError:
         joint = int(np.argmax(np.abs(change)))

@@ -33,6 +33,7 @@ class SpeedGuard:
         """
         self._names = tuple(joint_names)
         self._limit = np.array(speed_limit)
+        self._least = float(np.min(self._limit)) ** 2
         self._since: dict[int, tuple[float, float]] = {}  # by joint: time and speed at first
 
     def check(self, velocity: Array | None, command: Array, now: float) -> str | None:
@@ -45,6 +46,8 @@ class SpeedGuard:
         """
         if velocity is None:
             self._since.clear()
+            return None
+        if not self._since and velocity.dot(velocity) <= self._least:
             return None
         beyond = np.abs(velocity) > self._limit
         if not np.count_nonzero(beyond):

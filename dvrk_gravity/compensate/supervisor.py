@@ -7,7 +7,6 @@ ends in a `hold`: :attr:`Supervisor.hold_due` asks the node for it.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -190,6 +189,8 @@ class Supervisor:
         """Count a message that gives no command."""
         self.dropped[error.cause] += 1
 
+    # Readings near the largest number there is are judged like all others.
+    @np.errstate(over="ignore", invalid="ignore")
     def command(self, sample: Sample, now: float, clock: int) -> Array | None:
         """Return the (n,) effort that answers a valid sample, ``None`` if there is none.
 
@@ -228,7 +229,7 @@ class Supervisor:
 
     def _collect(self, start: Start, sample: Sample, now: float) -> None:
         """Begin, once there are enough samples, with the effort that holds the arm."""
-        start.add(sample, self._wanted(replace(sample, velocity=None)), now)
+        start.add(sample, self._finite(self.settings.torque(sample.position, None)), now)
         if not start.complete(now):
             return
         try:
@@ -249,18 +250,11 @@ class Supervisor:
         )
         self._guard = SpeedGuard(arm.joint_names, settings.speed_limit)
 
-    def _wanted(self, sample: Sample, now: float | None = None) -> Array:
-        """Return the (n,) torque that the settings ask for, before limits, N·m.
-
-        At a time ``now`` of an arm under our command, of friction no more than is passive.
-        """
-        with np.errstate(over="ignore", invalid="ignore"):
-            torque, friction = self.settings.parts(sample.position, sample.velocity)
-            if now is not None:
-                friction = friction * self._passivity.update(sample.velocity, friction, now)
-            torque = torque + friction
-        if np.count_nonzero(np.isfinite(torque)) < len(torque):
-            joint = self.settings.model.arm.joint_names[int(np.argmin(np.isfinite(torque)))]
+    def _finite(self, torque: Array) -> Array:
+        """Return (n,) torques of the model, N·m, if they are numbers."""
+        finite = np.isfinite(torque)
+        if not finite.all():
+            joint = self.settings.model.arm.joint_names[int(np.argmin(finite))]
             raise ArithmeticError(f"the model's torque on {joint} is not a finite number")
         return torque
 
@@ -272,9 +266,13 @@ class Supervisor:
         if runaway:
             self.fail(runaway)
             return None
-        target = self._wanted(sample, now)
-        with np.errstate(over="ignore"):
-            within = settings.limits.clip(target)
+        conservative, friction = settings.parts(sample.position, sample.velocity)
+        # Of friction no more than is passive.
+        factor = self._passivity.update(sample.velocity, friction, now)
+        target = conservative + friction * factor
+        within = settings.limits.clip(target)
+        if within is not target:  # what is within the limits as it is, is finite, too
+            self._finite(target)
         self.saturated = self._uncut if within is target else np.abs(within - target) > _CUT
         if self._ramp is not None:
             within = self._ramp.blend(within, now, settings)

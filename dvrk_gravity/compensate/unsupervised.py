@@ -21,4 +21,4 @@ class Unsupervised(Supervisor):
         if sample.stamp < self._last_stamp:
             raise DroppedSampleError("stamp_backwards", "stamp before the last one")
         self._last_stamp = sample.stamp
-        return self._wanted(sample)
+        return self._finite(self.settings.torque(sample.position, sample.velocity))

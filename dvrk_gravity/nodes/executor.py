@@ -55,11 +55,7 @@ class PromptExecutor(SingleThreadedExecutor):
         """Wait for work and do a piece of it: of the prompt subscription and of the rest."""
         timeout = 0.1 if timeout_sec is None else timeout_sec
         prompt = self._node.prompt
-        now = time.monotonic()
-        everything = prompt is None or now > self._next_look
-        if everything:
-            self._next_look = now + LOOK
-        ready = self._wait(min(timeout, LOOK), everything)
+        ready = self._wait(min(timeout, LOOK), everything=prompt is None)
         if prompt is not None and prompt.handle.pointer in ready:
             ready.remove(prompt.handle.pointer)
             taken = prompt.handle.take_message(prompt.msg_type, prompt.raw)
@@ -71,8 +67,12 @@ class PromptExecutor(SingleThreadedExecutor):
                 if timer.handle.is_timer_ready():
                     timer.handle.call_timer()
                     timer.callback()
-        if everything:
-            self._take_others(ready)
+        now = time.monotonic()
+        if prompt is not None and now > self._next_look:
+            self._next_look = now + LOOK  # after the answer, while nobody waits for one
+            served = {prompt.handle.pointer, *(item.handle.pointer for item in self._node.timers)}
+            ready = [one for one in self._wait(0.0, everything=True) if one not in served]
+        self._take_others(ready)
         if ready or now > self._next_events:
             self._next_events = now + 1.0
             super().spin_once(0.0)
