@@ -41,6 +41,7 @@ IDENTIFIED = {
     "viscous_friction.joint": [0.01] * 7,
     "viscous_friction.motor": [0.01] * 7,
 }
+REST = 500  # samples
 SAMPLE_TARGET, BATCH_TARGET = 15e-6, 2e6
 
 
@@ -62,7 +63,13 @@ def one_sample(values: dict[str, object]) -> dict[str, float]:
     settings = Settings.from_parameters(values | {"ramp_time": 0.0})
     supervisor = Supervisor(settings)
     q, qd = motion(70_000)
-    samples = [Sample(1_000_000 * (k + 1), q[k], qd[k], None) for k in range(len(q))]
+    # At rest at first: an arm that moves is not started.
+    place = np.maximum(np.arange(len(q)) - REST, 0)
+    moves = np.arange(len(q)) > REST
+    samples = [
+        Sample(1_000_000 * (k + 1), q[place[k]], qd[place[k]] * moves[k], None)
+        for k in range(len(q))
+    ]
     coming, unused = iter(samples), iter(samples)
     now, then = count(100.0, 1e-3), count(100.0, 1e-3)
 
