@@ -287,11 +287,11 @@ def test_started_disabled_it_commands_nothing_and_holds_nothing(arm, start):
 
 
 def test_when_input_stops_it_holds_in_time_and_resumes_only_when_told(arm, start):
-    start("-p", "timeout:=0.2")
+    start("-p", "timeout:=0.5")
     arm.run_until(lambda: len(arm.commands) > 10, "commands")
     silence = time.monotonic()
     arm.client.wait(lambda: bool(arm.holds), "the hold")
-    assert 0.1 < arm.holds[0] - silence < 0.6
+    assert 0.3 < arm.holds[0] - silence < 1.2
     arm.client.wait(lambda: arm.state.startswith("fault: no valid measured_js"), "the reason")
     mark = len(arm.commands)
     arm.run(0.5)
@@ -301,21 +301,21 @@ def test_when_input_stops_it_holds_in_time_and_resumes_only_when_told(arm, start
 
 
 def test_invalid_input_does_not_count_as_fresh(arm, start):
-    start("-p", "timeout:=0.2")
+    start("-p", "timeout:=0.5")
     arm.run_until(lambda: len(arm.commands) > 10, "commands")
     arm.run_until(lambda: bool(arm.holds), "the hold", position=[float("nan")] * 7)
     arm.client.wait(lambda: arm.state.startswith("fault"), "the fault")
 
 
 def test_a_stamp_that_stands_still_is_stale_input(arm, start):
-    start("-p", "timeout:=0.2")
+    start("-p", "timeout:=0.5")
     arm.run_until(lambda: len(arm.commands) > 10, "commands")
     arm.run_until(lambda: bool(arm.holds), "the hold", stamp=arm.stamp)
     arm.client.wait(lambda: "stamp" in arm.state, "the reason")
 
 
 def test_automatic_resume_goes_on_by_itself(arm, start):
-    start("-p", "timeout:=0.2", "-p", "resume:=automatic")
+    start("-p", "timeout:=0.5", "-p", "resume:=automatic")
     arm.run_until(lambda: len(arm.commands) > 10, "commands")
     arm.client.wait(lambda: bool(arm.holds), "the hold")
     mark = len(arm.commands)

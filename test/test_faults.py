@@ -158,7 +158,7 @@ def test_an_arm_that_vanishes_and_comes_back_is_not_commanded_until_told(domain)
         client.watch_state("compensator")
         arm = stack.enter_context(NodeProcess("simulator", *quiet))
         node = stack.enter_context(
-            NodeProcess("compensator", "--params-file", str(MODEL_FILE), "-p", "timeout:=0.3")
+            NodeProcess("compensator", "--params-file", str(MODEL_FILE), "-p", "timeout:=0.5")
         )
         client.wait(lambda: len(commanded) > 50, "commands")
         # A stall of the machine is a fault, too: go on from there as a person would.
