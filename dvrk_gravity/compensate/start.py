@@ -76,9 +76,8 @@ class Start:
         if len(self._efforts) < 0.5 * len(self._models) or not np.any(self._efforts):
             origin, source = model, "the model's torque, as measured_js has no usable effort"
         else:
-            with np.errstate(over="ignore", invalid="ignore"):
-                mean = np.mean(self._efforts, axis=0)
-                difference = mean - model
+            mean = np.mean(self._efforts, axis=0)
+            difference = mean - model
             if not settings.weightless:
                 _compare(mean, model, settings)
                 held = _dry_friction(settings, self._position)

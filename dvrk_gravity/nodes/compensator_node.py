@@ -219,11 +219,11 @@ class Compensator(PromptNode):
     def _on_other(self) -> None:
         """Leave the arm, held, to whoever else commands it; it comes back when told."""
         self._hold.drop()  # it would undo the other's command
-        supervisor = self._supervisor
-        moves = not self._others.is_hold
-        if supervisor.status in (Status.WAITING, Status.STARTING) and moves:
-            supervisor.fail(self._others.reason())
-        self._obstruct("others", self._others.reason())
+        reason = self._others.reason()
+        not_ours_yet = self._supervisor.status in (Status.WAITING, Status.STARTING)
+        if not_ours_yet and not self._others.is_hold:
+            self._supervisor.fail(reason)
+        self._obstruct("others", reason)
 
     def _refuse_rival(self) -> None:
         """Leave the arm to another node that commands it as we do."""
