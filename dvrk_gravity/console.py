@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import json_file
 from dvrk_gravity.arm import GRAVITY, JOINT_NAMES, N_JOINTS
+from dvrk_gravity.effects import DirectionalCable
+from dvrk_gravity.effects.term import as_value
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import Value
-from dvrk_gravity.terms import DirectionalCable
-from dvrk_gravity.terms.base import as_value
 
 Array = NDArray[np.float64]
 

@@ -27,9 +27,9 @@ from dvrk_gravity.console_projection import (
     uniform_poses,
     within_limits,
 )
+from dvrk_gravity.effects import DirectionalCable
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import DirectionalCable
 
 Array = NDArray[np.float64]
 

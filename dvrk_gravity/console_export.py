@@ -24,10 +24,10 @@ from dvrk_gravity.console import (
     ConsoleFile,
     sample_torques,
 )
+from dvrk_gravity.effects import DirectionalCable, ElasticCable, Gravity
+from dvrk_gravity.effects.polynomial import Range, evaluate
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import DirectionalCable, ElasticCable, Gravity
-from dvrk_gravity.terms.polynomial import Range, evaluate
 
 # A line from 0 to full blend at this part of the amplitude is as near to the sine as a line
 # gets: min over k of max over x of |sin(pi x / 2) - min(x / k, 1)|, 0.0664 at k = 0.7666.

@@ -9,9 +9,9 @@ import numpy as np
 from dvrk_gravity.arm import GRAVITY, JOINT_NAMES
 from dvrk_gravity.console import Array, ConsoleFile, sample_torques
 from dvrk_gravity.console_finding import Finding, Severity
+from dvrk_gravity.effects import DirectionalCable
+from dvrk_gravity.effects.polynomial import evaluate
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import DirectionalCable
-from dvrk_gravity.terms.polynomial import evaluate
 
 # A limit counts as exceeded when the model passes it by more than this, N·m.
 TOLERANCE = 0.001

@@ -19,10 +19,7 @@ from numpy.typing import NDArray
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.console import N_GRAVITY, N_POLYNOMIALS, N_POWERS
-from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.node_parameters import NODE_PARAMETERS
-from dvrk_gravity.terms import (
+from dvrk_gravity.effects import (
     CoulombFriction,
     DirectionalCable,
     ElasticCable,
@@ -30,7 +27,10 @@ from dvrk_gravity.terms import (
     HeldLoad,
     State,
 )
-from dvrk_gravity.terms.polynomial import Range, evaluate
+from dvrk_gravity.effects.polynomial import Range, evaluate
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.node_parameters import NODE_PARAMETERS
 
 Array = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from dvrk_gravity import json_file, text_file, yaml_file
 from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects import TERMS, DirectionalCable, State, Term
 from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.parameter import Parameter, Value, check_all, flatten, unflatten
-from dvrk_gravity.terms import TERMS, DirectionalCable, State, Term
 
 Array = NDArray[np.float64]
 

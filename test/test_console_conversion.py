@@ -191,7 +191,7 @@ def test_in_no_motion_the_console_pushes_more_than_friction_takes(seed):
 
 
 def _moving(qd):
-    from dvrk_gravity.terms import State
+    from dvrk_gravity.effects import State
 
     return State(np.zeros(qd.shape), 1e6 * qd)
 

@@ -17,9 +17,9 @@ from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import try_readings
+from dvrk_gravity.effects import Gravity
 from dvrk_gravity.recording import Recording, check, prepare
 from dvrk_gravity.simulate.world import World
-from dvrk_gravity.terms import Gravity
 
 MODEL = World.draw(5).model()
 ARM = MODEL.arm

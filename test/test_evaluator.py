@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as arrays
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.compensate.evaluator import prepare, prepare_sum
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.terms import State
+from dvrk_gravity.effects import State
 
 # All of the friction is compensated: the torque to apply is the model's.
 BASE = TorqueModel.load(MODEL_FILE).parameters() | {

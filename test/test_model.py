@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.effects import State
+from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.errors import ConfigError, ShapeError
-from dvrk_gravity.terms import State
-from dvrk_gravity.terms.polynomial import Range
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")

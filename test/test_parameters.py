@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.effects import TERMS
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
     ALL_PARAMETERS,
@@ -22,7 +23,6 @@ from dvrk_gravity.model import (
 )
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.parameter import Parameter, check_all, flatten, unflatten
-from dvrk_gravity.terms import TERMS
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")

@@ -22,8 +22,8 @@ from dvrk_gravity.compensate.sample import SampleReader
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.compensate.speed_guard import WINDOW, SpeedGuard
 from dvrk_gravity.compensate.supervisor import Status, Supervisor
+from dvrk_gravity.effects import DirectionalCable, State
 from dvrk_gravity.simulate import SimulatedArm
-from dvrk_gravity.terms import DirectionalCable, State
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmark"))
 import passivity as benchmark

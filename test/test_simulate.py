@@ -11,13 +11,13 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import CoulombFriction, Gravity, ViscousFriction
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.gravity import LinkMass, beta_from_links
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.resources import config_path
 from dvrk_gravity.simulate import Mode, Plant, PlantFile, Sensors, SimulatedArm, simulate
 from dvrk_gravity.simulate.friction import FrictionSolver
-from dvrk_gravity.terms import CoulombFriction, Gravity, ViscousFriction
 
 ROTORS = np.array([0.0043, 0.0026, 0.0038, 0.00012, 0.000062, 0.000062, 0.000015])
 # Motor angles from joint angles, written out: a3 = q2 + q3, a4 = q4 + 0.6697 q3.

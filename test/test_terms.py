@@ -10,9 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.errors import ConfigError, ShapeError
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import (
+from dvrk_gravity.effects import (
     CoulombFriction,
     DirectionalCable,
     ElasticCable,
@@ -20,6 +18,8 @@ from dvrk_gravity.terms import (
     State,
     ViscousFriction,
 )
+from dvrk_gravity.errors import ConfigError, ShapeError
+from dvrk_gravity.model import TorqueModel
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")

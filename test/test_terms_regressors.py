@@ -7,10 +7,7 @@ import pytest
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.gravity import regressor as gravity_regressor
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import (
+from dvrk_gravity.effects import (
     CoulombFriction,
     ElasticCable,
     Gravity,
@@ -23,7 +20,10 @@ from dvrk_gravity.terms import (
     ViscousFriction,
     rigid_body,
 )
-from dvrk_gravity.terms.polynomial import Range
+from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.gravity import regressor as gravity_regressor
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.tree import TREE_LINKS, build_tree, link_frames
 
 ARM = Arm.load("mtmr")

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dvrk_gravity.effects import Payload, State
+from dvrk_gravity.effects.term import Array
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import Payload, State
-from dvrk_gravity.terms.base import Array
 
 
 def compensation(

@@ -17,7 +17,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS
-from dvrk_gravity.terms import (
+from dvrk_gravity.effects import (
     CoulombFriction,
     DirectionalCable,
     ElasticCable,
@@ -27,7 +27,7 @@ from dvrk_gravity.terms import (
     Term,
     ViscousFriction,
 )
-from dvrk_gravity.terms.polynomial import Range
+from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.tree import Tree, beta_tree
 
 Array = NDArray[np.float64]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.compensate.evaluator import Parts, prepare_parts
 from dvrk_gravity.compensate.limits import EffortLimits
+from dvrk_gravity.effects import DirectionalCable, Gravity
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
     ALL_PARAMETERS,
@@ -21,7 +22,6 @@ from dvrk_gravity.model import (
     TorqueModel,
 )
 from dvrk_gravity.parameter import Value, check_all
-from dvrk_gravity.terms import DirectionalCable, Gravity
 
 Array = NDArray[np.float64]
 

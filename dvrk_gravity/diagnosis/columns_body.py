@@ -13,9 +13,9 @@ from dvrk_gravity import gravity
 from dvrk_gravity.arm import GRAVITY, N_JOINTS, Arm
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.effects import Gravity, Payload
 from dvrk_gravity.identification.columns import beta_map, prior_scale
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import Gravity, Payload
 from dvrk_gravity.tree import TREE_LINKS, link_frames
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.diagnosis.motion import Motion
-from dvrk_gravity.terms import CoulombFriction
+from dvrk_gravity.effects import CoulombFriction
 
 Array = NDArray[np.float64]
 Setting = Mapping[str, float]

@@ -22,10 +22,10 @@ from dvrk_gravity.diagnosis.columns_body import (
 )
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.effects import TERMS, Gravity, Payload
+from dvrk_gravity.effects.cogging import MOST_RIPPLES
 from dvrk_gravity.gravity import BETA_NAMES, LinkMass, beta_from_links, regressor
 from dvrk_gravity.model import MODEL_PARAMETERS, TorqueModel
-from dvrk_gravity.terms import TERMS, Gravity, Payload
-from dvrk_gravity.terms.cogging import MOST_RIPPLES
 from dvrk_gravity.tree import TREE_LINKS
 
 Array = NDArray[np.float64]

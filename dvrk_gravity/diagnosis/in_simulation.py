@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.effects import Gravity, TorqueOffset
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import SimulatedArm, simulate
 from dvrk_gravity.simulate.model_plant import STAND_IN, ModelArm
 from dvrk_gravity.simulate.plant import Plant
-from dvrk_gravity.terms import Gravity, TorqueOffset
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects import CoulombFriction, Gravity, State, rigid_body
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass
-from dvrk_gravity.terms import CoulombFriction, Gravity, State, rigid_body
 
 Array = NDArray[np.float64]
 

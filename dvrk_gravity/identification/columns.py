@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
-from dvrk_gravity.identification.posture import OFFSETS, Posture
-from dvrk_gravity.recording.data import Array
-from dvrk_gravity.terms import (
+from dvrk_gravity.effects import (
     CoulombFriction,
     ElasticCable,
     LinearTerm,
@@ -25,7 +23,9 @@ from dvrk_gravity.terms import (
     ViscousFriction,
     rigid_body,
 )
-from dvrk_gravity.terms.polynomial import Range
+from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.identification.posture import OFFSETS, Posture
+from dvrk_gravity.recording.data import Array
 from dvrk_gravity.tree import TREE_LINKS
 
 SPRINGS = 4  # entries of beta, arm and forearm, that a balancing spring can add to
@@ -262,7 +262,7 @@ class Columns:
             theta: The coefficients.
             links: (90,) link parameters to use for those of the base combinations.
         """
-        from dvrk_gravity.terms import Gravity
+        from dvrk_gravity.effects import Gravity
 
         rigid = theta[: self.base.shape[1]]
         springs = theta[len(rigid) : len(rigid) + SPRINGS]

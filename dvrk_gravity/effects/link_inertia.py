@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import rigid_body
+from dvrk_gravity.effects.term import Array, LinearTerm, State, as_value
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
-from dvrk_gravity.terms import rigid_body
-from dvrk_gravity.terms.base import Array, LinearTerm, State, as_value
 from dvrk_gravity.tree import TREE_LINKS
 
 _WEIGHTLESS = np.zeros(3)

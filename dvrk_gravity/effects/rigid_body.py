@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.terms.base import Array
+from dvrk_gravity.effects.term import Array
 from dvrk_gravity.tree import TREE_LINKS, build_tree
 
 PER_LINK = 10

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.effects.directional_cable import DirectionalCable
+from dvrk_gravity.effects.elastic_cable import ElasticCable
+from dvrk_gravity.effects.gravity import Gravity
+from dvrk_gravity.effects.held_load import HeldLoad
+from dvrk_gravity.effects.term import Array, State, Term, as_array, as_value, joint_array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Value
-from dvrk_gravity.terms.base import Array, State, Term, as_array, as_value, joint_array
-from dvrk_gravity.terms.directional_cable import DirectionalCable
-from dvrk_gravity.terms.elastic_cable import ElasticCable
-from dvrk_gravity.terms.gravity import Gravity
-from dvrk_gravity.terms.held_load import HeldLoad
 
 _OF_POSES: tuple[type[Term], ...] = (Gravity, ElasticCable, DirectionalCable, HeldLoad)
 

@@ -9,9 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
-from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Value
-from dvrk_gravity.terms.base import (
+from dvrk_gravity.effects.term import (
     Array,
     Friction,
     State,
@@ -21,6 +19,8 @@ from dvrk_gravity.terms.base import (
     joint_array,
     motor_columns,
 )
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameter import Value
 
 _PLACES = ("joint", "motor")
 _SLOWEST = 1e-4  # rad/s, of a velocity that a level can have

@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.effects import polynomial
+from dvrk_gravity.effects.elastic_cable import ElasticCable
+from dvrk_gravity.effects.term import Array, State, Term, as_array, as_value, joint_array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
-from dvrk_gravity.terms import polynomial
-from dvrk_gravity.terms.base import Array, State, Term, as_array, as_value, joint_array
-from dvrk_gravity.terms.elastic_cable import ElasticCable
 
 
 @dataclass(frozen=True, eq=False)

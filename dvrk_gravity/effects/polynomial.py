@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.effects.term import Array, as_array, as_value, joint_array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
-from dvrk_gravity.terms.base import Array, as_array, as_value, joint_array
 
 MAX_DEGREE = 12
 _FAR = 1e6  # rad, beyond every joint

@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.parameter import Value
-from dvrk_gravity.terms.base import (
+from dvrk_gravity.effects.term import (
     Array,
     LinearTerm,
     State,
@@ -20,6 +19,7 @@ from dvrk_gravity.terms.base import (
     joint_array,
     motor_columns,
 )
+from dvrk_gravity.parameter import Value
 
 # A slope that makes the ramp a sign function, while 0 stays 0.
 _SIGN = np.full(N_JOINTS, 1e9)

@@ -10,10 +10,10 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.effects import polynomial
+from dvrk_gravity.effects.term import Array, State, Term, as_value
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
-from dvrk_gravity.terms import polynomial
-from dvrk_gravity.terms.base import Array, State, Term, as_value
 
 MAX_ORDER = 12
 _KINDS = ("mean", "difference")

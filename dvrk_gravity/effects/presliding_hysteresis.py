@@ -8,9 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
-from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Parameter, Value
-from dvrk_gravity.terms.base import (
+from dvrk_gravity.effects.term import (
     Array,
     LinearTerm,
     State,
@@ -18,6 +16,8 @@ from dvrk_gravity.terms.base import (
     diagonal_columns,
     motor_columns,
 )
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameter import Parameter, Value
 
 _MOST = 8
 _FAR = 1e6  # rad

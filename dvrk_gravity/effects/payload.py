@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import rigid_body
+from dvrk_gravity.effects.term import Array, State, Term, as_value
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
-from dvrk_gravity.terms import rigid_body
-from dvrk_gravity.terms.base import Array, State, Term, as_value
 from dvrk_gravity.tree import TREE_LINKS, Tree, build_tree, link_frames
 
 _LINKS = tuple(f"link{i}" for i in range(1, 8))

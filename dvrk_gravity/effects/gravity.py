@@ -10,8 +10,8 @@ import numpy as np
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import GRAVITY, Arm
+from dvrk_gravity.effects.term import Array, LinearTerm, State, as_value
 from dvrk_gravity.parameter import Parameter, Value
-from dvrk_gravity.terms.base import Array, LinearTerm, State, as_value
 from dvrk_gravity.tree import Tree, beta_tree
 
 

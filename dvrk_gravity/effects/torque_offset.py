@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.parameter import Value
-from dvrk_gravity.terms.base import (
+from dvrk_gravity.effects.term import (
     Array,
     LinearTerm,
     State,
@@ -18,6 +17,7 @@ from dvrk_gravity.terms.base import (
     diagonal_columns,
     joint_array,
 )
+from dvrk_gravity.parameter import Value
 
 
 @dataclass(frozen=True, eq=False)

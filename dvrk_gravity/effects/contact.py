@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.effects.term import Array, State, Term, as_array, as_value, joint_array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Value
-from dvrk_gravity.terms.base import Array, State, Term, as_array, as_value, joint_array
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects import polynomial
+from dvrk_gravity.effects.term import Array, LinearTerm, State, diagonal_columns
 from dvrk_gravity.parameter import Value
-from dvrk_gravity.terms import polynomial
-from dvrk_gravity.terms.base import Array, LinearTerm, State, diagonal_columns
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.effects.term import Array, State, Term, as_value
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
-from dvrk_gravity.terms.base import Array, State, Term, as_value
 
 _FIELDS = (
     ("amplitude", "N·m", "amplitude of each ripple"),

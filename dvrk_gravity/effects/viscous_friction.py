@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.parameter import Value
-from dvrk_gravity.terms.base import (
+from dvrk_gravity.effects.term import (
     Array,
     Friction,
     State,
@@ -20,6 +19,7 @@ from dvrk_gravity.terms.base import (
     joint_array,
     motor_columns,
 )
+from dvrk_gravity.parameter import Value
 
 
 @dataclass(frozen=True, eq=False)
