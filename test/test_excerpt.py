@@ -10,10 +10,10 @@ import pytest
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis import load as loading
 from dvrk_gravity.diagnosis.bench import Bench
-from dvrk_gravity.diagnosis.columns_search import _window
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.run import hypotheses
+from dvrk_gravity.effects.contact import _window
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, RecordingFile, excerpt
 from dvrk_gravity.simulate.world import World

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity.arguments import floats
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects.effect import Effect
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -69,7 +70,7 @@ class State:
         return State(self.q[which], *(None if one is None else one[which] for one in rest))
 
 
-class Term(ABC):
+class Term(Effect):
     """One named physical cause of torque.
 
     Torques are those that the *actuators apply*, expressed in joint space: a
@@ -84,7 +85,6 @@ class Term(ABC):
             lives in a sensor.
     """
 
-    NAME: ClassVar[str]
     PARAMETERS: ClassVar[tuple[Parameter, ...]]
     FRICTION: ClassVar[bool] = False
     COMPENSATED: ClassVar[bool] = True
