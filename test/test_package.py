@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import importlib.util
 import subprocess
 import sys
@@ -52,25 +51,3 @@ def test_the_public_names_import_without_rclpy():
         "sys.exit('rclpy' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=False).returncode == 0
-
-
-def test_what_lies_above_the_nodes_does_not_import_rclpy():
-    package = REPOSITORY / "dvrk_gravity"
-    with_ros = {package / "nodes", package / "demo"}
-    for path in package.rglob("*.py"):
-        if with_ros & set(path.parents):
-            continue
-        top_level = [
-            node for node in ast.parse(path.read_text()).body
-            if isinstance(node, ast.Import | ast.ImportFrom)
-        ]  # fmt: skip
-        names = [
-            name.split(".")[0]
-            for node in top_level
-            for name in (
-                [alias.name for alias in node.names]
-                if isinstance(node, ast.Import)
-                else [node.module or ""]
-            )
-        ]
-        assert not {"rclpy", "sensor_msgs", "std_msgs"} & set(names), path
