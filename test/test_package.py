@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -13,13 +14,35 @@ from conftest import REPOSITORY, executables
 from dvrk_gravity.cli import VERBS
 
 
-def test_the_readme_s_table_of_parameters_is_that_of_the_declarations():
+def test_the_table_of_parameters_in_the_docs_is_that_of_the_declarations():
     path = REPOSITORY / "docs" / "parameter_table.py"
     spec = importlib.util.spec_from_file_location("parameter_table", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     assert "`slew_limit`" in module.table()
-    assert module.written() == (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    assert module.written() == (REPOSITORY / "docs" / "parameters.md").read_text(encoding="utf-8")
+
+
+def anchors(page: str) -> set[str]:
+    """Return the fragments that headings of a Markdown page have."""
+    headings = re.findall(r"^#+ (.*)$", page, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize(
+    "page", [*REPOSITORY.glob("*.md"), *(REPOSITORY / "docs").glob("*.md")], ids=lambda p: p.name
+)
+def test_links_within_the_documentation_lead_somewhere(page):
+    links = re.findall(r"\]\((?!https?:)([^)#]*)(?:#([^)]*))?\)", page.read_text(encoding="utf-8"))
+    for path, fragment in links:
+        target = (page.parent / path) if path else page
+        assert target.exists(), path
+        assert not fragment or fragment in anchors(target.read_text(encoding="utf-8")), fragment
+
+
+def test_the_readme_is_read_in_two_screens():
+    lines = (REPOSITORY / "README.md").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 120
 
 
 def test_every_verb_is_an_executable_and_the_other_way_round():
