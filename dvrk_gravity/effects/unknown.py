@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,18 @@ from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.meaning import Meaning, meanings
 
 Array = NDArray[np.float64]
+Basis = Callable[[Motion], Array]
 
 _CENTRES = 7  # of a smooth function of a position, velocity or acceleration
 _IN_TIME = 12  # of one of time
 _BY_DIRECTION = 5  # of one for each direction of motion
 _DEGREE = 3  # of a product of polynomials of two positions
 _REACH = 1.1  # times half the way, beyond which polynomials are held
+_VARIABLES: Mapping[str, Basis] = {
+    "position": lambda motion: motion.q,
+    "velocity": lambda motion: motion.qd,
+    "acceleration": lambda motion: motion.qdd,
+}
 
 
 class Unknown(Effect):
@@ -35,20 +42,20 @@ class NamelessHypothesis(Hypothesis):
     """A joint's torque is a smooth function of something, which :attr:`form` names.
 
     Attributes:
-        basis: (N, k) functions at the samples of the motion that it was made for.
+        basis: Returns (N, k) functions at the samples of a motion.
         of: Joint whose variable it is a function of; ``None``: of several, or of time.
     """
 
     EFFECT = Unknown
 
-    basis: Array
+    basis: Basis
     of: int | None = None
     of_state: bool = False
 
     def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`; of the motion that it was made for."""
-        del motion, setting
-        return spread(self.site.row(self.arm), *self.basis.T)
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return spread(self.site.row(self.arm), *self.basis(motion).T)
 
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """See :meth:`Hypothesis.describe`."""
@@ -64,39 +71,47 @@ class NamelessHypothesis(Hypothesis):
 def nameless(motion: Motion, joints: Sequence[int]) -> Iterator[NamelessHypothesis]:
     """Yield smooth functions of every variable on some joints."""
     arm, moving = motion.arm, np.flatnonzero(motion.moves).tolist()
-    variables: list[tuple[int, str, Array]] = []
-    for other in moving:
-        variables.append((other, "position", motion.q[:, other]))
-        if not motion.static:
-            variables.append((other, "velocity", motion.qd[:, other]))
-            variables.append((other, "acceleration", motion.qdd[:, other]))
+    kinds = ("position",) if motion.static else tuple(_VARIABLES)
     for joint in joints:
-        for other, kind, values in variables:
-            form = f"{kind} of {arm.joint_names[other]}"
-            yield _smooth(arm, joint, form, kind, _hats(values, _CENTRES), other)
+        for other in moving:
+            for kind in kinds:
+                form = f"{kind} of {arm.joint_names[other]}"
+                basis = partial(_of_variable, kind=kind, other=other)
+                yield _smooth(arm, joint, form, kind, basis, other)
         if not motion.static:
-            yield _smooth(arm, joint, "time", "time", _hats(motion.time, _IN_TIME))
+            yield _smooth(arm, joint, "time", "time", _of_time)
             if motion.moves[joint]:
-                direction = motion.sign(site.joint(joint).row(arm))[:, None]
                 for other in moving:
                     form = f"its direction and position of {arm.joint_names[other]}"
-                    basis = direction * _hats(motion.q[:, other], _BY_DIRECTION)
+                    basis = partial(_by_direction, joint=joint, other=other)
                     yield _smooth(arm, joint, form, "position", basis)
         for other in moving:
             if other != joint and motion.moves[joint]:
-                form = (
-                    f"positions of {arm.joint_names[joint]} and {arm.joint_names[other]} together"
-                )
-                yield _smooth(arm, joint, form, "position", _products(motion, joint, other))
+                pair = f"{arm.joint_names[joint]} and {arm.joint_names[other]}"
+                basis = partial(_products, joint=joint, other=other)
+                yield _smooth(arm, joint, f"positions of {pair} together", "position", basis)
 
 
 def _smooth(
-    arm: Arm, joint: int, form: str, variable: str, basis: Array, of: int | None = None
+    arm: Arm, joint: int, form: str, variable: str, basis: Basis, of: int | None = None
 ) -> NamelessHypothesis:
     return NamelessHypothesis(
         arm=arm, site=site.joint(joint), joints=(joint,), form=form, variable=variable,
         basis=basis, of=of,
     )  # fmt: skip
+
+
+def _of_variable(motion: Motion, kind: str, other: int) -> Array:
+    return _hats(_VARIABLES[kind](motion)[:, other], _CENTRES)
+
+
+def _of_time(motion: Motion) -> Array:
+    return _hats(motion.time, _IN_TIME)
+
+
+def _by_direction(motion: Motion, joint: int, other: int) -> Array:
+    direction = motion.sign(site.joint(joint).row(motion.arm))
+    return direction[:, None] * _hats(motion.q[:, other], _BY_DIRECTION)
 
 
 def _hats(values: Array, count: int) -> Array:
