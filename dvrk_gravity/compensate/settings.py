@@ -15,11 +15,12 @@ from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.effects import DirectionalCable, Gravity
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
-    ALL_PARAMETERS,
-    MODEL_PARAMETERS,
     VERDICT_PARAMETER,
     VERDICTS,
     TorqueModel,
+    all_parameters,
+    arm_of,
+    model_parameters,
 )
 from dvrk_gravity.parameter import Value, check_all
 
@@ -92,23 +93,23 @@ class Settings:
             ConfigError: An unknown name, a value that fails its check, no beta: an arm that is
                 commanded zero torque falls; or a model that was found not fit to compensate with.
         """
-        checked = check_all(ALL_PARAMETERS, values)
-        defaults = {name: entry.default for name, entry in ALL_PARAMETERS.items()}
+        arm = arm_of(values) if before is None else before.model.arm
+        declared = all_parameters(arm)
+        checked = check_all(declared, values)
+        defaults = {name: entry.default for name, entry in declared.items()}
         value: dict[str, Any] = defaults | checked
         if not value["beta"]:
             raise ConfigError("beta", [], "10 gravity parameters, from --params-file for instance")
-        if before is None:
-            model = TorqueModel.from_parameters(checked)
-        elif _of_model(checked) == before._given:
+        of_model = {name: checked[name] for name in model_parameters(arm) if name in checked}
+        if before is not None and of_model == before._given:
             model = before.model
         else:
-            model = TorqueModel.from_parameters(checked, before.model.arm)
+            model = TorqueModel.from_parameters(checked, arm)
         if model.verdict == VERDICTS[-1] and not value["allow_poor_model"]:
             first, *more = model.reason.split("; ")  # joint by joint
             why = f"{first}; …" if more else first
             expected = f"a model to compensate with, or allow_poor_model: true ({why})"
             raise ConfigError(VERDICT_PARAMETER.name, model.verdict, expected)
-        arm = model.arm
         limits = EffortLimits(
             arm,
             np.minimum(value["effort_limit"] or np.inf, arm.effort_limit),
@@ -132,7 +133,7 @@ class Settings:
             value["enabled"],
             value["resume"] == "automatic",
             value["disable_builtin"],
-            _of_model(checked),
+            of_model,
         )
 
     def same_friction(self, other: Settings) -> bool:
@@ -187,7 +188,3 @@ class Settings:
     def _parts(self) -> Parts:
         terms = (term for term in self.model.terms if term.COMPENSATED)
         return prepare_parts(terms, self.friction_ratio)
-
-
-def _of_model(checked: Mapping[str, Value]) -> dict[str, Value]:
-    return {name: value for name, value in checked.items() if name in MODEL_PARAMETERS}

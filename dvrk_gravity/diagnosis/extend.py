@@ -25,7 +25,7 @@ from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.effects import TERMS, Gravity, Payload
 from dvrk_gravity.effects.cogging import MOST_RIPPLES
 from dvrk_gravity.gravity import BETA_NAMES, LinkMass, beta_from_links, regressor
-from dvrk_gravity.model import MODEL_PARAMETERS, TorqueModel
+from dvrk_gravity.model import TorqueModel, model_parameters
 from dvrk_gravity.tree import TREE_LINKS
 
 Array = NDArray[np.float64]
@@ -300,7 +300,7 @@ def _presliding(
     lengths = tuple(values.get(f"{effect}.displacement") or ())
     length = float(np.clip(hypothesis.setting["length"], 1e-4, 10.0))
     result = values | {f"{effect}.displacement": (*lengths, length)}
-    for name in MODEL_PARAMETERS:
+    for name in model_parameters(motion.arm):
         if name.startswith((f"{effect}.joint.", f"{effect}.motor.")) and values.get(name):
             result[name] = (*values[name], 0.0)
     before = tuple(values.get(mine) or np.zeros(len(lengths)).tolist())

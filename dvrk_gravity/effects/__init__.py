@@ -35,6 +35,12 @@ TERMS: tuple[type[Term], ...] = (
     TorqueOffset,
 )
 
+
+def terms() -> tuple[type[Term], ...]:
+    """Return every effect that can be a term of a model, in the order in which files have them."""
+    return TERMS
+
+
 __all__ = [
     "TERMS",
     "Cogging",
@@ -55,4 +61,5 @@ __all__ = [
     "Term",
     "TorqueOffset",
     "ViscousFriction",
+    "terms",
 ]

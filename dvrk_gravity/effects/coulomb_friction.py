@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects.term import (
     Array,
     LinearTerm,
@@ -19,10 +19,9 @@ from dvrk_gravity.effects.term import (
     joint_array,
     motor_columns,
 )
-from dvrk_gravity.parameter import Value
+from dvrk_gravity.parameter import Parameter, Value
 
-# A slope that makes the ramp a sign function, while 0 stays 0.
-_SIGN = np.full(N_JOINTS, 1e9)
+_SIGN: Array = np.array(1e9)  # slope that makes the ramp a sign function, while 0 stays 0
 _LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
 
 
@@ -36,23 +35,14 @@ class CoulombFriction(LinearTerm):
 
     Attributes:
         arm: The arm, for its transmission.
-        joint_positive: (7,) N·m while the joint moves up.
-        joint_negative: (7,) N·m while the joint moves down (also counted positive).
-        motor_positive: (7,) N·m at the motor while it turns up.
-        motor_negative: (7,) N·m at the motor while it turns down.
-        transition_velocity: (7,) rad/s; 0 makes it a sign function.
+        joint_positive: (n,) N·m while the joint moves up.
+        joint_negative: (n,) N·m while the joint moves down (also counted positive).
+        motor_positive: (n,) N·m at the motor while it turns up.
+        motor_negative: (n,) N·m at the motor while it turns down.
+        transition_velocity: (n,) rad/s; 0 makes it a sign function.
     """
 
     NAME = "coulomb_friction"
-    PARAMETERS = (
-        joint_array("coulomb_friction.joint_positive", "N·m", "at the joint, moving up", 0.0),
-        joint_array("coulomb_friction.joint_negative", "N·m", "at the joint, moving down", 0.0),
-        joint_array("coulomb_friction.motor_positive", "N·m", "at the motor, turning up", 0.0),
-        joint_array("coulomb_friction.motor_negative", "N·m", "at the motor, turning down", 0.0),
-        joint_array(
-            "coulomb_friction.transition_velocity", "rad/s", "friction full from there", 0.0
-        ),
-    )
     FRICTION = True
 
     arm: Arm
@@ -63,17 +53,33 @@ class CoulombFriction(LinearTerm):
     transition_velocity: Array
 
     @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        declared = (
+            ("joint_positive", "N·m", "at the joint, moving up"),
+            ("joint_negative", "N·m", "at the joint, moving down"),
+            ("motor_positive", "N·m", "at the motor, turning up"),
+            ("motor_negative", "N·m", "at the motor, turning down"),
+            ("transition_velocity", "rad/s", "friction full from there"),
+        )
+        return tuple(
+            joint_array(arm, f"{cls.NAME}.{name}", unit, meaning, 0.0)
+            for name, unit, meaning in declared
+        )
+
+    @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> CoulombFriction | None:
         """See :meth:`Term.from_parameters`; a direction that is not given equals the other."""
+        n = len(arm.joints)
         levels = {}
         for place in ("joint", "motor"):
             up = values.get(f"{cls.NAME}.{place}_positive") or ()
             down = values.get(f"{cls.NAME}.{place}_negative") or ()
-            levels[f"{place}_positive"] = as_array(up or down, 0.0)
-            levels[f"{place}_negative"] = as_array(down or up, 0.0)
+            levels[f"{place}_positive"] = as_array(up or down, n, 0.0)
+            levels[f"{place}_negative"] = as_array(down or up, n, 0.0)
         if not any(level.any() for level in levels.values()):
             return None
-        transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), 0.02)
+        transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), n, 0.02)
         return cls(arm, **levels, transition_velocity=transition)
 
     def parameters(self) -> dict[str, Value]:
@@ -87,7 +93,7 @@ class CoulombFriction(LinearTerm):
         return values | {f"{self.NAME}.transition_velocity": as_value(self.transition_velocity)}
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) friction torques, N·m; zero where no motion is known."""
+        """Return (…, n) friction torques, N·m; zero where no motion is known."""
         if state.direction is not None:  # no speed: friction is full
             motion, slope = state.direction, _SIGN
         elif state.qd is not None:
@@ -113,7 +119,7 @@ class CoulombFriction(LinearTerm):
 
     def with_theta(self, theta: Array) -> CoulombFriction:
         """See :meth:`LinearTerm.with_theta`."""
-        up, down, motor_up, motor_down = np.reshape(theta, (4, N_JOINTS))
+        up, down, motor_up, motor_down = np.reshape(theta, (4, -1))
         return CoulombFriction(self.arm, up, down, motor_up, motor_down, self.transition_velocity)
 
     def regressor(self, state: State) -> Array:
@@ -123,7 +129,7 @@ class CoulombFriction(LinearTerm):
         elif state.qd is not None:
             motion, slope = state.qd, self._slope
         else:
-            return np.zeros((*state.q.shape, 4 * N_JOINTS))
+            return np.zeros((*state.q.shape, len(self.theta)))
         joint = np.clip(motion * slope, -1.0, 1.0)
         motor = np.clip(self.arm.actuator_position(motion) * slope, -1.0, 1.0)
         columns = [

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import polynomial
 from dvrk_gravity.effects.term import Array, LinearTerm, State, diagonal_columns
-from dvrk_gravity.parameter import Value
+from dvrk_gravity.parameter import Parameter, Value
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,34 +18,40 @@ class ElasticCable(LinearTerm):
     """tau_j = k0 + k1 q_j + k2 q_j^2 + …, q_j held at the edges of the fitted range.
 
     Attributes:
-        coefficients: (degree + 1, 7), lowest power first, N·m/rad^k.
+        arm: The arm, for its joints' names.
+        coefficients: (degree + 1, n), lowest power first, N·m/rad^k.
         valid: Range of positions on which they were fitted.
     """
 
     NAME = "elastic_cable"
-    PARAMETERS = (
-        *polynomial.declare_coefficients("elastic_cable", "elastic torque k0, k1, …"),
-        *polynomial.declare_range("elastic_cable"),
-    )
 
+    arm: Arm
     coefficients: Array
     valid: polynomial.Range
 
     @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return (
+            *polynomial.declare_coefficients(arm, cls.NAME, "elastic torque k0, k1, …"),
+            *polynomial.declare_range(arm, cls.NAME),
+        )
+
+    @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ElasticCable | None:
         """See :meth:`Term.from_parameters`."""
-        coefficients = polynomial.read_coefficients(cls.NAME, values)
+        coefficients = polynomial.read_coefficients(arm, cls.NAME, values)
         if coefficients is None:
             return None
-        return cls(coefficients, polynomial.Range.from_parameters(cls.NAME, values))
+        return cls(arm, coefficients, polynomial.Range.from_parameters(arm, cls.NAME, values))
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
-        coefficients = polynomial.write_coefficients(self.NAME, self.coefficients)
+        coefficients = polynomial.write_coefficients(self.arm, self.NAME, self.coefficients)
         return coefficients | self.valid.parameters(self.NAME)
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) elastic torques, N·m."""
+        """Return (…, n) elastic torques, N·m."""
         return polynomial.evaluate(self.coefficients, self.valid.hold(state.q))
 
     @property
@@ -55,7 +61,7 @@ class ElasticCable(LinearTerm):
 
     def with_theta(self, theta: Array) -> ElasticCable:
         """See :meth:`LinearTerm.with_theta`."""
-        return replace(self, coefficients=np.reshape(theta, (-1, N_JOINTS)))
+        return replace(self, coefficients=np.reshape(theta, (-1, self.coefficients.shape[1])))
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""

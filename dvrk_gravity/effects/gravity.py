@@ -27,22 +27,28 @@ class Gravity(LinearTerm):
     """
 
     NAME = "gravity"
-    PARAMETERS = (
-        Parameter(
-            "beta", (), "N·m", "gravity base parameters (g inside), 10, 12 or 14 of them",
-            lower=-100.0, upper=100.0, lengths=(10, 12, 14),
-        ),
-        Parameter("gravity_enabled", True, "", "gravity flag: false leaves the gravity term out"),
-        Parameter(
-            "gravity_vector", (0.0, 0.0, -GRAVITY), "m/s^2", "gravity in the arm's base frame",
-            lower=-30.0, upper=30.0, lengths=(3,),
-        ),
-    )  # fmt: skip
 
     arm: Arm
     beta: Array
     vector: Array
     enabled: bool = True
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return (
+            Parameter(
+                "beta", (), "N·m", "gravity base parameters (g inside), 10, 12 or 14 of them",
+                lower=-100.0, upper=100.0, lengths=(10, 12, 14),
+            ),
+            Parameter(
+                "gravity_enabled", True, "", "gravity flag: false leaves the gravity term out"
+            ),
+            Parameter(
+                "gravity_vector", (0.0, 0.0, -GRAVITY), "m/s^2", "gravity in the arm's base frame",
+                lower=-30.0, upper=30.0, lengths=(3,),
+            ),
+        )  # fmt: skip
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Gravity | None:
@@ -70,7 +76,7 @@ class Gravity(LinearTerm):
         return replace(self, enabled=enabled)
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) gravity torques: one pose by Pinocchio, many in closed form."""
+        """Return (…, n) gravity torques: one pose by Pinocchio, many in closed form."""
         if not self.enabled:
             return np.zeros(state.q.shape)
         if state.q.ndim == 1:

@@ -16,7 +16,6 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 from dvrk_gravity.tree import TREE_LINKS, Tree, build_tree, link_frames
 
-_LINKS = tuple(f"link{i}" for i in range(1, 8))
 _WEIGHTLESS = np.zeros(3)
 
 
@@ -29,7 +28,7 @@ class Payload(Term):
 
     Attributes:
         arm: The arm.
-        link: ``link1`` to ``link7``.
+        link: The link that carries it, ``link1`` to that of the last joint.
         mass: kg.
         first_moment: (3,) mass times its place in the link's distal DH frame, kg·m.
         vector: (3,) gravity in the base frame, m/s^2.
@@ -37,14 +36,6 @@ class Payload(Term):
     """
 
     NAME = "payload"
-    PARAMETERS = (
-        Parameter("payload.mass", 0.0, "kg", "mass carried by a link", lower=0.0, upper=10.0),
-        Parameter(
-            "payload.first_moment", (), "kg·m", "mass times its place in the link's DH frame",
-            lower=-10.0, upper=10.0, lengths=(3,),
-        ),
-        Parameter("payload.link", "link7", "", "link that carries it", choices=_LINKS),
-    )  # fmt: skip
 
     arm: Arm
     link: str
@@ -52,6 +43,19 @@ class Payload(Term):
     first_moment: Array
     vector: Array
     weighs: bool = True
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        links = _links(arm)
+        return (
+            Parameter("payload.mass", 0.0, "kg", "mass carried by a link", lower=0.0, upper=10.0),
+            Parameter(
+                "payload.first_moment", (), "kg·m", "mass times its place in the link's DH frame",
+                lower=-10.0, upper=10.0, lengths=(3,),
+            ),
+            Parameter("payload.link", links[-1], "", "link that carries it", choices=links),
+        )  # fmt: skip
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Payload | None:
@@ -66,7 +70,7 @@ class Payload(Term):
         vector = values.get("gravity_vector")
         return cls(
             arm,
-            str(values.get("payload.link", "link7")),
+            str(values.get("payload.link", _links(arm)[-1])),
             mass,
             moment,
             arm.gravity if vector is None else np.array(vector),
@@ -95,7 +99,7 @@ class Payload(Term):
         return build_tree(self.arm, {self.link: self.inertia}, gravity)
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) torques of weight and inertia, N·m; at rest where no motion is known."""
+        """Return (…, n) torques of weight and inertia, N·m; at rest where no motion is known."""
         q, qd, qdd = (
             None if array is None else array.reshape(-1, array.shape[-1])
             for array in (state.q, state.qd, state.qdd)
@@ -112,3 +116,8 @@ class Payload(Term):
         body = link_frames(self.arm)[self.link].act(self.inertia)
         rows[TREE_LINKS.index(self.link)] = body.toDynamicParameters()
         return rows.ravel()
+
+
+def _links(arm: Arm) -> tuple[str, ...]:
+    """Return the links of the chain, which a thing can be fastened to."""
+    return tuple(f"link{i}" for i in range(1, len(arm.joints) + 1))
