@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from dvrk_gravity import json_file, text_file, yaml_file
 from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arm import Arm
-from dvrk_gravity.effects import DirectionalCable, State, Term, terms
+from dvrk_gravity.effects import State, Term, terms
 from dvrk_gravity.effects.term import as_array
 from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
@@ -248,11 +248,7 @@ class TorqueModel:
 
     def physical(self) -> TorqueModel:
         """Return the model of the arm itself: friction whole, not by the console's ratio."""
-        terms = tuple(
-            term.with_full_ratio() if isinstance(term, DirectionalCable) else term
-            for term in self.terms
-        )
-        return replace(self, terms=terms)
+        return replace(self, terms=tuple(term.whole() for term in self.terms))
 
 
 def _ros_parameters(content: Mapping[str, Any]) -> Mapping[str, Any]:

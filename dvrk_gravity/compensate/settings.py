@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.compensate.evaluator import Parts, prepare_parts
 from dvrk_gravity.compensate.limits import EffortLimits
-from dvrk_gravity.effects import DirectionalCable, Gravity
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
     VERDICT_PARAMETER,
@@ -148,8 +147,7 @@ class Settings:
     @property
     def weightless(self) -> bool:
         """Whether gravity is left out."""
-        gravity = self.model.term(Gravity.NAME)
-        return not (isinstance(gravity, Gravity) and gravity.enabled and gravity.beta.any())
+        return not any(term.carries_arm for term in self.model.terms)
 
     def torque(self, q: Array, qd: Array | None) -> Array:
         """Return the (7,) torque to apply at (7,) positions and velocities, before limits, N·m.
@@ -172,10 +170,8 @@ class Settings:
         """(7,) largest part of any friction that is compensated at a joint, 0 to 1."""
         part = np.zeros(len(self.friction_ratio))
         for term in self.model.terms:
-            if isinstance(term, DirectionalCable):
-                part = np.maximum(part, term.scaled(self.friction_ratio).ratio)
-            elif term.FRICTION and term.COMPENSATED:
-                part = np.maximum(part, self.friction_ratio)
+            if term.COMPENSATED:
+                part = np.maximum(part, term.friction_part(self.friction_ratio))
         # What rubs at a motor is felt at each joint that it moves.
         coupled = self.limits.coupled
         return np.where(coupled, part[coupled].max(initial=0.0), part)

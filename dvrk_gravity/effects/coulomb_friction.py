@@ -11,6 +11,7 @@ import numpy as np
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects.term import (
     Array,
+    Evaluator,
     LinearTerm,
     State,
     as_array,
@@ -111,6 +112,25 @@ class CoulombFriction(LinearTerm):
     def scaled(self, part: Array) -> CoulombFriction:
         """See :meth:`Term.scaled`."""
         return replace(self, **{name: part * getattr(self, name) for name in _LEVELS})
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        # Joints and motors side by side, motion upwards and downwards one above the other.
+        n = len(self.joint_positive)
+        motion = np.vstack([np.eye(n), self.arm.joint_to_actuator])
+        slope = np.tile(self._slope, 2)
+        lower = np.repeat([[0.0], [-1.0]], 2 * n, axis=1)
+        upwards = np.concatenate([self.joint_positive, self.motor_positive])
+        downwards = np.concatenate([self.joint_negative, self.motor_negative])
+        spread = np.diag(np.concatenate([upwards, downwards])) @ np.vstack([motion, motion])
+
+        def evaluate(q: Array, qd: Array | None) -> Array:
+            if qd is None:
+                return np.zeros(n)
+            part = np.minimum(np.maximum(motion.dot(qd) * slope, lower), lower + 1.0)
+            return part.ravel().dot(spread)
+
+        return evaluate
 
     @property
     def theta(self) -> Array:

@@ -11,7 +11,15 @@ import numpy as np
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import polynomial
 from dvrk_gravity.effects.elastic_cable import ElasticCable
-from dvrk_gravity.effects.term import Array, State, Term, as_array, as_value, joint_array
+from dvrk_gravity.effects.term import (
+    Array,
+    Evaluator,
+    State,
+    Term,
+    as_array,
+    as_value,
+    joint_array,
+)
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -128,8 +136,16 @@ class DirectionalCable(Term):
         ratio = np.minimum(self.ratio, part)
         return replace(self, positive=half, negative=-half, ratio=ratio)
 
-    def with_full_ratio(self) -> DirectionalCable:
-        """Return the term as physics rather than as a compensation: the whole difference."""
+    def split(self, part: Array) -> tuple[Term, Term]:
+        """See :meth:`Term.split`."""
+        return self.elastic(), self.scaled(part)
+
+    def friction_part(self, part: Array) -> Array:
+        """See :meth:`Term.friction_part`."""
+        return np.minimum(self.ratio, part)
+
+    def whole(self) -> DirectionalCable:
+        """See :meth:`Term.whole`: the whole difference between the directions."""
         return replace(self, ratio=np.ones_like(self.ratio))
 
     def blend(self, state: State) -> Array | None:
@@ -152,6 +168,35 @@ class DirectionalCable(Term):
         if blend is not None:
             torque += blend * polynomial.evaluate(self._half_difference, q)
         return torque
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        both, sum_up = self.prepare_parts(self.ratio), np.ones(2).dot
+        return lambda q, qd: sum_up(both(q, qd))
+
+    def prepare_parts(self, part: Array) -> Evaluator:
+        """See :meth:`Term.prepare_parts`: both parts share their powers of the position."""
+        elastic, friction = self.elastic(), self.scaled(part)
+        if friction.shape != "linear":
+            return lambda q, qd: np.stack([elastic.torque(State(q)), friction.torque(State(q, qd))])
+        count, n = elastic.coefficients.shape
+        slope = friction.ratio / (friction.saturation_velocity - friction.dead_band)
+        both = np.vstack([elastic.coefficients, friction.positive * slope])
+        # A velocity cut at the one less the same velocity cut at the other: the blend's ramp.
+        edges = np.array([friction.saturation_velocity, friction.dead_band])
+        lowest, full_less_dead = -edges, np.array([1.0, -1.0]).dot
+        powers = polynomial.prepare_powers(elastic.valid, count)
+        sum_up = np.repeat(np.eye(2), count, axis=1).dot
+        factors = np.zeros((2 * count, n))
+        plain, blended = factors[:count], factors[count:]
+
+        def evaluate(q: Array, qd: Array | None) -> Array:
+            powers(q, plain)
+            ramp = 0.0 if qd is None else full_less_dead(np.minimum(np.maximum(qd, lowest), edges))
+            np.multiply(plain, ramp, blended)
+            return sum_up(both * factors)
+
+        return evaluate
 
     @cached_property
     def _slope(self) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import polynomial
-from dvrk_gravity.effects.term import Array, LinearTerm, State, diagonal_columns
+from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, diagonal_columns
 from dvrk_gravity.parameter import Parameter, Value
 
 
@@ -53,6 +53,13 @@ class ElasticCable(LinearTerm):
     def torque(self, state: State) -> Array:
         """Return (…, n) elastic torques, N·m."""
         return polynomial.evaluate(self.coefficients, self.valid.hold(state.q))
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        coefficients = self.coefficients
+        powers = polynomial.prepare_powers(self.valid, len(coefficients))
+        sum_up = np.ones(len(coefficients)).dot
+        return lambda q, qd: sum_up(coefficients * powers(q))
 
     @property
     def theta(self) -> Array:

@@ -10,7 +10,8 @@ import numpy as np
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import GRAVITY, Arm
-from dvrk_gravity.effects.term import Array, LinearTerm, State, as_value
+from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, as_value
+from dvrk_gravity.effects.weight import weight_evaluator
 from dvrk_gravity.parameter import Parameter, Value
 from dvrk_gravity.tree import Tree, beta_tree
 
@@ -82,6 +83,19 @@ class Gravity(LinearTerm):
         if state.q.ndim == 1:
             return self._tree.gravity(state.q)
         return gravity.torque(state.q, self.beta, self.vector)
+
+    @property
+    def carries_arm(self) -> bool:
+        """See :meth:`Term.carries_arm`."""
+        return self.enabled and bool(self.beta.any())
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        if not self.enabled:
+            return super().prepare()
+        return weight_evaluator(
+            beta_tree(self.arm, self.beta, self.vector)
+        )  # a workspace of its own
 
     @property
     def theta(self) -> Array:

@@ -11,7 +11,8 @@ import pinocchio as pin
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import rigid_body
-from dvrk_gravity.effects.term import Array, State, Term, as_value
+from dvrk_gravity.effects.term import Array, Evaluator, State, Term, as_value
+from dvrk_gravity.effects.weight import weight_evaluator
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 from dvrk_gravity.tree import TREE_LINKS, Tree, build_tree, link_frames
@@ -97,6 +98,10 @@ class Payload(Term):
         """Tree whose gravity torques are the payload's."""
         gravity = self.vector if self.weighs else _WEIGHTLESS
         return build_tree(self.arm, {self.link: self.inertia}, gravity)
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`: its weight alone."""
+        return weight_evaluator(self.weight)
 
     def torque(self, state: State) -> Array:
         """Return (…, n) torques of weight and inertia, N·m; at rest where no motion is known."""

@@ -6,7 +6,7 @@ edge it stays within what the data ever showed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,3 +116,15 @@ def evaluate(coefficients: Array, q: Array) -> Array:
         result *= q
         result += row
     return result
+
+
+def prepare_powers(valid: Range, count: int) -> Callable[..., Array]:
+    """Return what makes (count, n) powers 0, 1, … of (n,) positions held within a range."""
+    lower, upper = valid.lower, valid.upper
+    steps = np.ones((count, len(lower)))
+
+    def powers(q: Array, out: Array | None = None) -> Array:
+        steps[1:] = np.minimum(np.maximum(q, lower), upper)
+        return np.multiply.accumulate(steps, 0, None, out)
+
+    return powers

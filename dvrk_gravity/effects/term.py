@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -16,6 +16,8 @@ from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
 
 Array = NDArray[np.float64]
+Evaluator = Callable[[Array, "Array | None"], Array]
+"""Torque (n,) of one sample from positions (n,) and velocities (n,), ``None`` where unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +120,46 @@ class Term(ABC):
         """Return (…, n) joint torques, N·m."""
 
     def scaled(self, part: Array) -> Term:
-        """Return the friction of which (n,) parts are left at each joint and its motor."""
+        """Return the friction of which (n,) parts are left at each joint and its motor.
+
+        Raises:
+            NotImplementedError: The effect is no friction and has none.
+        """
         raise NotImplementedError(f"{self.NAME} is no friction")
+
+    def whole(self) -> Term:
+        """Return the term as physics, not as the part of it that is compensated."""
+        return self
+
+    def split(self, part: Array) -> tuple[Term | None, Term | None]:
+        """Return what a compensator applies of the term: without friction, and friction.
+
+        The first is applied as at rest: a compensator leaves inertia to the hand.
+
+        Args:
+            part: (n,) part of friction that is compensated at each joint and its motor.
+        """
+        return (None, self.scaled(part)) if self.FRICTION else (self, None)
+
+    def friction_part(self, part: Array) -> Array:
+        """Return (n,) the part of its friction that :meth:`split` leaves; zeros if it has none."""
+        return part if self.FRICTION else np.zeros_like(part)
+
+    @property
+    def carries_arm(self) -> bool:
+        """Whether it is what holds the arm itself up against gravity."""
+        return False
+
+    def prepare(self) -> Evaluator:
+        """Return an evaluator of one sample, equal to :meth:`torque` but faster.
+
+        Of what is no friction it may be the torque at rest, which is what a compensator asks for.
+        """
+        return lambda q, qd: self.torque(State(q, qd))
+
+    def prepare_parts(self, part: Array) -> Evaluator | None:
+        """Return an evaluator of both parts of :meth:`split`, (2, n), if the term has both."""
+        return None
 
 
 class LinearTerm(Term):

@@ -11,6 +11,7 @@ import numpy as np
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects.term import (
     Array,
+    Evaluator,
     Friction,
     State,
     as_array,
@@ -61,6 +62,11 @@ class ViscousFriction(Friction):
         if state.qd is None:
             return np.zeros(state.q.shape)
         return state.qd @ self._damping
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        damping = self._damping
+        return lambda q, qd: np.zeros(len(damping)) if qd is None else qd.dot(damping)
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
