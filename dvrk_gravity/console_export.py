@@ -181,7 +181,7 @@ def _cable(model: TorqueModel) -> DirectionalCable:
         )
         # The same set for both directions: any blend does.
         blend = (np.full(N_JOINTS, 0.02), np.full(N_JOINTS, 0.2), np.zeros(N_JOINTS))
-        cable = DirectionalCable(zeros, zeros, valid, *blend)
+        cable = DirectionalCable(model.arm, zeros, zeros, valid, *blend)
     if isinstance(elastic, ElasticCable):
         edges = ((elastic.valid.lower, cable.valid.lower), (elastic.valid.upper, cable.valid.upper))
         if not all(np.array_equal(*pair) for pair in edges):

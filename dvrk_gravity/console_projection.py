@@ -161,7 +161,7 @@ def _still_cable(model: TorqueModel) -> DirectionalCable:
     zeros, everywhere = np.zeros((N_POWERS, N_JOINTS)), np.full(N_JOINTS, np.inf)
     dead_band = np.array(_setting(model, DEAD_BAND))
     return DirectionalCable(
-        zeros, zeros, Range(-everywhere, everywhere),
+        model.arm, zeros, zeros, Range(-everywhere, everywhere),
         dead_band, np.maximum(SATURATION, 2.0 * dead_band), np.zeros(N_JOINTS),
     )  # fmt: skip
 

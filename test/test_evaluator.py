@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.compensate.evaluator import prepare, prepare_sum
+from dvrk_gravity.compensate.evaluator import prepare_sum
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.effects import State
+from dvrk_gravity.effects import State, Term
 
 # All of the friction is compensated: the torque to apply is the model's.
 BASE = TorqueModel.load(MODEL_FILE).parameters() | {
@@ -52,7 +52,7 @@ def test_one_sample_has_the_model_s_torque(name, q, qd):
     )
     for term in settings.model.terms:
         np.testing.assert_allclose(
-            prepare(term)(q, qd), term.torque(State(q, qd)), rtol=1e-12, atol=1e-12
+            term.prepare()(q, qd), term.torque(State(q, qd)), rtol=1e-12, atol=1e-12
         )
 
 
@@ -69,9 +69,22 @@ def test_no_terms_make_no_torque():
     np.testing.assert_array_equal(prepare_sum([])(np.ones(7), None), np.zeros(7))
 
 
-def test_a_term_that_is_not_known_here_is_evaluated_all_the_same():
-    class Double:
+def test_a_term_that_only_has_a_torque_is_evaluated_all_the_same():
+    class Double(Term):
+        NAME = "double"
+
+        @classmethod
+        def schema(cls, arm):
+            return ()
+
+        @classmethod
+        def from_parameters(cls, arm, values):
+            return cls()
+
+        def parameters(self):
+            return {}
+
         def torque(self, state):
             return 2.0 * state.q
 
-    np.testing.assert_array_equal(prepare(Double())(np.ones(7), None), np.full(7, 2.0))
+    np.testing.assert_array_equal(prepare_sum([Double()])(np.ones(7), None), np.full(7, 2.0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -125,7 +126,7 @@ def test_a_range_known_for_some_joints_only_stays_so():
         {f"elastic_cable.{joint}": [0.0, 1.0] for joint in JOINT_NAMES}
     )
     edge = np.array([1.0, 2.0, np.inf, np.inf, 3.0, np.inf, 0.5])
-    held = type(model.terms[0])(model.terms[0].coefficients, Range(-edge, edge))
+    held = replace(model.terms[0], valid=Range(-edge, edge))
     model = TorqueModel(model.arm, (held,))
     again = TorqueModel.from_parameters(model.parameters())
     q = np.full((1, 7), 9.0)

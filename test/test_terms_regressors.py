@@ -31,7 +31,7 @@ ZERO = np.zeros(7)
 ELEMENTS = np.zeros((2, 7))
 TERMS = [
     Gravity(ARM, np.zeros(12), ARM.gravity),
-    ElasticCable(np.zeros((4, 7)), Range(np.full(7, -0.5), np.full(7, 0.5))),
+    ElasticCable(ARM, np.zeros((4, 7)), Range(np.full(7, -0.5), np.full(7, 0.5))),
     CoulombFriction(ARM, ZERO, ZERO, ZERO, ZERO, np.full(7, 0.05)),
     StribeckFriction(ARM, ZERO, ZERO, np.full(7, 0.3), np.full(7, 0.5), np.full(7, 0.05)),
     ViscousFriction(ARM, ZERO, ZERO),

@@ -128,10 +128,7 @@ def _load_entry_points() -> None:
         register(entry.load())
 
 
-TERMS = terms()
-
 __all__ = [
-    "TERMS",
     "BaseTilt",
     "Cogging",
     "Contact",

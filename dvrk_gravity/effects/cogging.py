@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Filtered, Motion, Residual
@@ -47,14 +47,6 @@ class Cogging(Term):
     MEANINGS = meanings(
         amplitude=Meaning("N·m"), cycles_per_revolution=Meaning("1/rev"), phase=Meaning("rad")
     )
-    PARAMETERS = tuple(
-        Parameter(
-            f"cogging.{field}.{joint}", (), unit, f"{meaning}, {joint}",
-            lengths=tuple(range(1, MOST_RIPPLES + 1)),
-        )
-        for field, unit, meaning in _FIELDS
-        for joint in JOINT_NAMES
-    )  # fmt: skip
 
     arm: Arm
     motor: Array
@@ -63,11 +55,23 @@ class Cogging(Term):
     phase: Array
 
     @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return tuple(
+            Parameter(
+                f"cogging.{field}.{joint}", (), unit, f"{meaning}, {joint}",
+                lengths=tuple(range(1, MOST_RIPPLES + 1)),
+            )
+            for field, unit, meaning in _FIELDS
+            for joint in arm.joint_names
+        )  # fmt: skip
+
+    @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Cogging | None:
         """See :meth:`Term.from_parameters`; every ripple needs all three numbers."""
         motors: list[int] = []
         numbers: dict[str, list[float]] = {field: [] for field, _, _ in _FIELDS}
-        for motor, joint in enumerate(JOINT_NAMES):
+        for motor, joint in enumerate(arm.joint_names):
             names = [f"{cls.NAME}.{field}.{joint}" for field in numbers]
             given = [values.get(name) or () for name in names]
             count = max(len(one) for one in given if isinstance(one, tuple))
@@ -88,12 +92,12 @@ class Cogging(Term):
         return {
             f"{self.NAME}.{field}.{joint}": as_value(array[self.motor == motor])
             for (field, _, _), array in zip(_FIELDS, numbers, strict=True)
-            for motor, joint in enumerate(JOINT_NAMES)
+            for motor, joint in enumerate(self.arm.joint_names)
             if (self.motor == motor).any()
         }
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) torques, N·m."""
+        """Return (…, n) torques, N·m."""
         ripple = self.amplitude * np.cos(state.q @ self._turns.T + self.phase)
         return ripple @ self.arm.joint_to_actuator[self.motor]
 
@@ -136,7 +140,7 @@ class Cogging(Term):
 
     @cached_property
     def _turns(self) -> Array:
-        """(K, 7) rad of each ripple's phase per rad of the joints."""
+        """(K, n) rad of each ripple's phase per rad of the joints."""
         return self.cycles[:, None] * self.arm.joint_to_actuator[self.motor]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion, Residual
@@ -16,7 +16,7 @@ from dvrk_gravity.effects.meaning import Estimate, Meaning, meanings
 from dvrk_gravity.effects.merging import array, position_offset
 from dvrk_gravity.effects.term import Array, State, Term, as_array, as_value, joint_array
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Value
+from dvrk_gravity.parameter import Parameter, Value
 
 _BIN = 0.25  # s
 _SHORTEST, _LONGEST = 0.75, 0.5  # s, and part of the recording
@@ -33,10 +33,10 @@ class Contact(Term):
     A wall pushes back with a positive stiffness; the compensator does not push against it.
 
     Attributes:
-        above: (7,) N·m/rad of the wall that begins above ``above_position``.
-        above_position: (7,) rad.
-        below: (7,) N·m/rad of the wall that begins below ``below_position``.
-        below_position: (7,) rad.
+        above: (n,) N·m/rad of the wall that begins above ``above_position``.
+        above_position: (n,) rad.
+        below: (n,) N·m/rad of the wall that begins below ``below_position``.
+        below_position: (n,) rad.
     """
 
     NAME = "contact"
@@ -50,12 +50,6 @@ class Contact(Term):
         end=Meaning("s"),
         position=Meaning("rad"),
     )
-    PARAMETERS = (
-        joint_array("contact.above", "N·m/rad", "stiffness of a wall above a position"),
-        joint_array("contact.above_position", "rad", "where it begins"),
-        joint_array("contact.below", "N·m/rad", "stiffness of a wall below a position"),
-        joint_array("contact.below_position", "rad", "where it begins"),
-    )
     COMPENSATED = False
 
     above: Array
@@ -64,16 +58,27 @@ class Contact(Term):
     below_position: Array
 
     @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return (
+            joint_array(arm, "contact.above", "N·m/rad", "stiffness of a wall above a position"),
+            joint_array(arm, "contact.above_position", "rad", "where it begins"),
+            joint_array(arm, "contact.below", "N·m/rad", "stiffness of a wall below a position"),
+            joint_array(arm, "contact.below_position", "rad", "where it begins"),
+        )
+
+    @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Contact | None:
         """See :meth:`Term.from_parameters`; where there is a stiffness, there must be a place."""
+        n = len(arm.joints)
         arrays: list[Array] = []
         for side in ("above", "below"):
-            stiffness = as_array(values.get(f"{cls.NAME}.{side}"), 0.0)
+            stiffness = as_array(values.get(f"{cls.NAME}.{side}"), n, 0.0)
             place = values.get(f"{cls.NAME}.{side}_position")
             if stiffness.any() and not place:
-                joint = JOINT_NAMES[int(np.argmax(stiffness != 0.0))]
+                joint = arm.joint_names[int(np.argmax(stiffness != 0.0))]
                 raise ConfigError(f"{cls.NAME}.{side}_position of {joint}", None, "a position")
-            arrays += [stiffness, as_array(place, 0.0)]
+            arrays += [stiffness, as_array(place, n, 0.0)]
         term = cls(*arrays)
         return term if term.above.any() or term.below.any() else None
 
@@ -116,7 +121,7 @@ class Contact(Term):
             )  # fmt: skip
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) torques, N·m."""
+        """Return (…, n) torques, N·m."""
         over = np.maximum(state.q - self.above_position, 0.0)
         under = np.minimum(state.q - self.below_position, 0.0)
         return self.above * over + self.below * under

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
@@ -18,6 +18,7 @@ from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
 from dvrk_gravity.effects.merging import array
 from dvrk_gravity.effects.term import (
     Array,
+    Evaluator,
     LinearTerm,
     State,
     as_array,
@@ -26,11 +27,10 @@ from dvrk_gravity.effects.term import (
     joint_array,
     motor_columns,
 )
-from dvrk_gravity.parameter import Value
+from dvrk_gravity.parameter import Parameter, Value
 
-# A slope that makes the ramp a sign function, while 0 stays 0.
-_SIGN = np.full(N_JOINTS, 1e9)
 _DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance
+_SIGN: Array = np.array(1e9)  # slope that makes the ramp a sign function, while 0 stays 0
 _LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
 
 
@@ -44,26 +44,17 @@ class CoulombFriction(LinearTerm):
 
     Attributes:
         arm: The arm, for its transmission.
-        joint_positive: (7,) N·m while the joint moves up.
-        joint_negative: (7,) N·m while the joint moves down (also counted positive).
-        motor_positive: (7,) N·m at the motor while it turns up.
-        motor_negative: (7,) N·m at the motor while it turns down.
-        transition_velocity: (7,) rad/s; 0 makes it a sign function.
+        joint_positive: (n,) N·m while the joint moves up.
+        joint_negative: (n,) N·m while the joint moves down (also counted positive).
+        motor_positive: (n,) N·m at the motor while it turns up.
+        motor_negative: (n,) N·m at the motor while it turns down.
+        transition_velocity: (n,) rad/s; 0 makes it a sign function.
     """
 
     NAME = "coulomb_friction"
     TITLE = "Coulomb friction"
     MEANINGS = meanings(
         positive=size("N·m", MORE, "moving up"), negative=size("N·m", MORE, "moving down")
-    )
-    PARAMETERS = (
-        joint_array("coulomb_friction.joint_positive", "N·m", "at the joint, moving up", 0.0),
-        joint_array("coulomb_friction.joint_negative", "N·m", "at the joint, moving down", 0.0),
-        joint_array("coulomb_friction.motor_positive", "N·m", "at the motor, turning up", 0.0),
-        joint_array("coulomb_friction.motor_negative", "N·m", "at the motor, turning down", 0.0),
-        joint_array(
-            "coulomb_friction.transition_velocity", "rad/s", "friction full from there", 0.0
-        ),
     )
     FRICTION = True
 
@@ -75,17 +66,33 @@ class CoulombFriction(LinearTerm):
     transition_velocity: Array
 
     @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        declared = (
+            ("joint_positive", "N·m", "at the joint, moving up"),
+            ("joint_negative", "N·m", "at the joint, moving down"),
+            ("motor_positive", "N·m", "at the motor, turning up"),
+            ("motor_negative", "N·m", "at the motor, turning down"),
+            ("transition_velocity", "rad/s", "friction full from there"),
+        )
+        return tuple(
+            joint_array(arm, f"{cls.NAME}.{name}", unit, meaning, 0.0)
+            for name, unit, meaning in declared
+        )
+
+    @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> CoulombFriction | None:
         """See :meth:`Term.from_parameters`; a direction that is not given equals the other."""
+        n = len(arm.joints)
         levels = {}
         for place in ("joint", "motor"):
             up = values.get(f"{cls.NAME}.{place}_positive") or ()
             down = values.get(f"{cls.NAME}.{place}_negative") or ()
-            levels[f"{place}_positive"] = as_array(up or down, 0.0)
-            levels[f"{place}_negative"] = as_array(down or up, 0.0)
+            levels[f"{place}_positive"] = as_array(up or down, n, 0.0)
+            levels[f"{place}_negative"] = as_array(down or up, n, 0.0)
         if not any(level.any() for level in levels.values()):
             return None
-        transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), 0.02)
+        transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), n, 0.02)
         return cls(arm, **levels, transition_velocity=transition)
 
     def parameters(self) -> dict[str, Value]:
@@ -99,7 +106,7 @@ class CoulombFriction(LinearTerm):
         return values | {f"{self.NAME}.transition_velocity": as_value(self.transition_velocity)}
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) friction torques, N·m; zero where no motion is known."""
+        """Return (…, n) friction torques, N·m; zero where no motion is known."""
         if state.direction is not None:  # no speed: friction is full
             motion, slope = state.direction, _SIGN
         elif state.qd is not None:
@@ -118,6 +125,25 @@ class CoulombFriction(LinearTerm):
         """See :meth:`Term.scaled`."""
         return replace(self, **{name: part * getattr(self, name) for name in _LEVELS})
 
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        # Joints and motors side by side, motion upwards and downwards one above the other.
+        n = len(self.joint_positive)
+        motion = np.vstack([np.eye(n), self.arm.joint_to_actuator])
+        slope = np.tile(self._slope, 2)
+        lower = np.repeat([[0.0], [-1.0]], 2 * n, axis=1)
+        upwards = np.concatenate([self.joint_positive, self.motor_positive])
+        downwards = np.concatenate([self.joint_negative, self.motor_negative])
+        spread = np.diag(np.concatenate([upwards, downwards])) @ np.vstack([motion, motion])
+
+        def evaluate(q: Array, qd: Array | None) -> Array:
+            if qd is None:
+                return np.zeros(n)
+            part = np.minimum(np.maximum(motion.dot(qd) * slope, lower), lower + 1.0)
+            return part.ravel().dot(spread)
+
+        return evaluate
+
     @property
     def theta(self) -> Array:
         """See :meth:`LinearTerm.theta`: joint up, joint down, motor up, motor down."""
@@ -125,7 +151,7 @@ class CoulombFriction(LinearTerm):
 
     def with_theta(self, theta: Array) -> CoulombFriction:
         """See :meth:`LinearTerm.with_theta`."""
-        up, down, motor_up, motor_down = np.reshape(theta, (4, N_JOINTS))
+        up, down, motor_up, motor_down = np.reshape(theta, (4, -1))
         return CoulombFriction(self.arm, up, down, motor_up, motor_down, self.transition_velocity)
 
     def regressor(self, state: State) -> Array:
@@ -135,7 +161,7 @@ class CoulombFriction(LinearTerm):
         elif state.qd is not None:
             motion, slope = state.qd, self._slope
         else:
-            return np.zeros((*state.q.shape, 4 * N_JOINTS))
+            return np.zeros((*state.q.shape, len(self.theta)))
         joint = np.clip(motion * slope, -1.0, 1.0)
         motor = np.clip(self.arm.actuator_position(motion) * slope, -1.0, 1.0)
         columns = [

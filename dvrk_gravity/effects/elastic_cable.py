@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import polynomial, site
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.merging import position_offset
-from dvrk_gravity.effects.term import Array, LinearTerm, State, diagonal_columns
-from dvrk_gravity.parameter import Value
+from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, diagonal_columns
+from dvrk_gravity.parameter import Parameter, Value
 
 _DEGREES = (1, 2, 3, 4, 6)
 _REACH = 1.1  # times half the way, beyond which a polynomial is held
@@ -27,7 +27,8 @@ class ElasticCable(LinearTerm):
     """tau_j = k0 + k1 q_j + k2 q_j^2 + …, q_j held at the edges of the fitted range.
 
     Attributes:
-        coefficients: (degree + 1, 7), lowest power first, N·m/rad^k.
+        arm: The arm, for its joints' names.
+        coefficients: (degree + 1, n), lowest power first, N·m/rad^k.
         valid: Range of positions on which they were fitted.
     """
 
@@ -37,29 +38,34 @@ class ElasticCable(LinearTerm):
         lowest=Meaning("N·m", 0.0, label="least torque", certain=True),
         highest=Meaning("N·m", 0.0, label="greatest torque", certain=True),
     )
-    PARAMETERS = (
-        *polynomial.declare_coefficients("elastic_cable", "elastic torque k0, k1, …"),
-        *polynomial.declare_range("elastic_cable"),
-    )
 
+    arm: Arm
     coefficients: Array
     valid: polynomial.Range
 
     @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return (
+            *polynomial.declare_coefficients(arm, cls.NAME, "elastic torque k0, k1, …"),
+            *polynomial.declare_range(arm, cls.NAME),
+        )
+
+    @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ElasticCable | None:
         """See :meth:`Term.from_parameters`."""
-        coefficients = polynomial.read_coefficients(cls.NAME, values)
+        coefficients = polynomial.read_coefficients(arm, cls.NAME, values)
         if coefficients is None:
             return None
-        return cls(coefficients, polynomial.Range.from_parameters(cls.NAME, values))
+        return cls(arm, coefficients, polynomial.Range.from_parameters(arm, cls.NAME, values))
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
-        coefficients = polynomial.write_coefficients(self.NAME, self.coefficients)
+        coefficients = polynomial.write_coefficients(self.arm, self.NAME, self.coefficients)
         return coefficients | self.valid.parameters(self.NAME)
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) elastic torques, N·m."""
+        """Return (…, n) elastic torques, N·m."""
         return polynomial.evaluate(self.coefficients, self.valid.hold(state.q))
 
     @classmethod
@@ -88,6 +94,13 @@ class ElasticCable(LinearTerm):
                     middle=float(middle[joint]), half=float(half[joint]),
                 )  # fmt: skip
 
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        coefficients = self.coefficients
+        powers = polynomial.prepare_powers(self.valid, len(coefficients))
+        sum_up = np.ones(len(coefficients)).dot
+        return lambda q, qd: sum_up(coefficients * powers(q))
+
     @property
     def theta(self) -> Array:
         """See :meth:`LinearTerm.theta`: all joints' k0, then all their k1, …."""
@@ -95,7 +108,7 @@ class ElasticCable(LinearTerm):
 
     def with_theta(self, theta: Array) -> ElasticCable:
         """See :meth:`LinearTerm.with_theta`."""
-        return replace(self, coefficients=np.reshape(theta, (-1, N_JOINTS)))
+        return replace(self, coefficients=np.reshape(theta, (-1, self.coefficients.shape[1])))
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""

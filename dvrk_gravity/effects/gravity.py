@@ -11,7 +11,8 @@ import numpy as np
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import GRAVITY, Arm
 from dvrk_gravity.effects.merging import Values
-from dvrk_gravity.effects.term import Array, LinearTerm, State, as_value
+from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, as_value
+from dvrk_gravity.effects.weight import weight_evaluator
 from dvrk_gravity.parameter import Parameter, Value
 from dvrk_gravity.tree import Tree, beta_tree
 
@@ -30,22 +31,28 @@ class Gravity(LinearTerm):
     """
 
     NAME = "gravity"
-    PARAMETERS = (
-        Parameter(
-            "beta", (), "N·m", "gravity base parameters (g inside), 10, 12 or 14 of them",
-            lower=-100.0, upper=100.0, lengths=_SIZES,
-        ),
-        Parameter("gravity_enabled", True, "", "gravity flag: false leaves the gravity term out"),
-        Parameter(
-            "gravity_vector", (0.0, 0.0, -GRAVITY), "m/s^2", "gravity in the arm's base frame",
-            lower=-30.0, upper=30.0, lengths=(3,),
-        ),
-    )  # fmt: skip
 
     arm: Arm
     beta: Array
     vector: Array
     enabled: bool = True
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return (
+            Parameter(
+                "beta", (), "N·m", "gravity base parameters (g inside), 10, 12 or 14 of them",
+                lower=-100.0, upper=100.0, lengths=(10, 12, 14),
+            ),
+            Parameter(
+                "gravity_enabled", True, "", "gravity flag: false leaves the gravity term out"
+            ),
+            Parameter(
+                "gravity_vector", (0.0, 0.0, -GRAVITY), "m/s^2", "gravity in the arm's base frame",
+                lower=-30.0, upper=30.0, lengths=(3,),
+            ),
+        )  # fmt: skip
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Gravity | None:
@@ -73,12 +80,25 @@ class Gravity(LinearTerm):
         return replace(self, enabled=enabled)
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) gravity torques: one pose by Pinocchio, many in closed form."""
+        """Return (…, n) gravity torques: one pose by Pinocchio, many in closed form."""
         if not self.enabled:
             return np.zeros(state.q.shape)
         if state.q.ndim == 1:
             return self._tree.gravity(state.q)
         return gravity.torque(state.q, self.beta, self.vector)
+
+    @property
+    def carries_arm(self) -> bool:
+        """See :meth:`Term.carries_arm`."""
+        return self.enabled and bool(self.beta.any())
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        if not self.enabled:
+            return super().prepare()
+        return weight_evaluator(
+            beta_tree(self.arm, self.beta, self.vector)
+        )  # a workspace of its own
 
     @property
     def theta(self) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import polynomial
 from dvrk_gravity.effects.term import Array, State, Term, as_value
 from dvrk_gravity.errors import ConfigError
@@ -34,35 +34,43 @@ class HeldLoad(Term):
     of approach, it is zero, and the compensator never applies it.
 
     Attributes:
-        orders: (K, 7) order of each joint's polynomial in each function.
-        mean: (K, 7) N·m, whichever way the pose was approached.
-        difference: (K, 7) N·m along the direction in which the joint came.
+        arm: The arm, for its joints' names.
+        orders: (K, n) order of each joint's polynomial in each function.
+        mean: (K, n) N·m, whichever way the pose was approached.
+        difference: (K, n) N·m along the direction in which the joint came.
         valid: Range of positions that were posed.
     """
 
     NAME = "held_load"
-    PARAMETERS = (
-        Parameter(
-            "held_load.orders", (), "order",
-            "order of each joint's Chebyshev polynomial, function by function",
-            lower=0.0, upper=float(MAX_ORDER),
-        ),
-        *(
-            Parameter(f"held_load.{kind}.{joint}", (), "N·m", f"{text} of each function, {joint}")
-            for kind, text in (
-                ("mean", "size, either way"),
-                ("difference", "size, along the approach"),
-            )
-            for joint in JOINT_NAMES
-        ),
-        *polynomial.declare_range("held_load"),
-    )  # fmt: skip
     COMPENSATED = False
 
+    arm: Arm
     orders: NDArray[np.int64]
     mean: Array
     difference: Array
     valid: polynomial.Range
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return (
+            Parameter(
+                f"{cls.NAME}.orders", (), "order",
+                "order of each joint's Chebyshev polynomial, function by function",
+                lower=0.0, upper=float(MAX_ORDER),
+            ),
+            *(
+                Parameter(
+                    f"{cls.NAME}.{kind}.{joint}", (), "N·m", f"{text} of each function, {joint}"
+                )
+                for kind, text in (
+                    ("mean", "size, either way"),
+                    ("difference", "size, along the approach"),
+                )
+                for joint in arm.joint_names
+            ),
+            *polynomial.declare_range(arm, cls.NAME),
+        )  # fmt: skip
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> HeldLoad | None:
@@ -70,16 +78,17 @@ class HeldLoad(Term):
         flat = np.array(values.get(f"{cls.NAME}.orders") or ())
         if not len(flat):
             return None
-        if len(flat) % N_JOINTS or (flat != np.round(flat)).any():
+        n = len(arm.joints)
+        if len(flat) % n or (flat != np.round(flat)).any():
             raise ConfigError(
                 f"{cls.NAME}.orders",
                 values[f"{cls.NAME}.orders"],
-                f"whole numbers, {N_JOINTS} for each function",
+                f"whole numbers, {n} for each function",
             )
-        orders = flat.astype(np.int64).reshape(-1, N_JOINTS)
+        orders = flat.astype(np.int64).reshape(-1, n)
         sizes = {kind: np.zeros(orders.shape) for kind in _KINDS}
         for kind in _KINDS:
-            for column, joint in enumerate(JOINT_NAMES):
+            for column, joint in enumerate(arm.joint_names):
                 given = values.get(f"{cls.NAME}.{kind}.{joint}") or ()
                 assert isinstance(given, tuple)
                 if given and len(given) != len(orders):
@@ -90,27 +99,29 @@ class HeldLoad(Term):
                     )
                 if given:
                     sizes[kind][:, column] = given
-        valid = polynomial.Range.from_parameters(cls.NAME, values)
+        valid = polynomial.Range.from_parameters(arm, cls.NAME, values)
         used = orders.any(axis=0)
         for column in np.flatnonzero(used & ~np.isfinite(valid.upper - valid.lower)).tolist():
             raise ConfigError(
-                f"{cls.NAME}.valid_lower of {JOINT_NAMES[column]}", None, "a range that has edges"
+                f"{cls.NAME}.valid_lower of {arm.joint_names[column]}",
+                None,
+                "a range that has edges",
             )
-        return cls(orders, **sizes, valid=valid)
+        return cls(arm, orders, **sizes, valid=valid)
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
         sizes = {
             f"{self.NAME}.{kind}.{joint}": as_value(getattr(self, kind)[:, column])
             for kind in _KINDS
-            for column, joint in enumerate(JOINT_NAMES)
+            for column, joint in enumerate(self.arm.joint_names)
             if getattr(self, kind)[:, column].any()
         }
         orders = as_value(self.orders.astype(float).ravel())
         return {f"{self.NAME}.orders": orders, **sizes, **self.valid.parameters(self.NAME)}
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) torques, N·m: both parts, the mean, or zero, by what is known."""
+        """Return (…, n) torques, N·m: both parts, the mean, or zero, by what is known."""
         if state.direction is None and state.qd is not None:
             return np.zeros(state.q.shape)
         functions = pose_functions(state.q, self.orders, self.valid)
@@ -121,7 +132,7 @@ class HeldLoad(Term):
 
 
 def pose_functions(q: Array, orders: NDArray[np.int64], valid: polynomial.Range) -> Array:
-    """Return (…, K) products of Chebyshev polynomials of (K, 7) orders at (…, 7) positions."""
+    """Return (…, K) products of Chebyshev polynomials of (K, n) orders at (…, n) positions."""
     used = orders.any(axis=0)
     centre = np.where(used, 0.5 * (valid.lower + valid.upper), 0.0)
     half = np.where(used, 0.5 * (valid.upper - valid.lower), 1.0)

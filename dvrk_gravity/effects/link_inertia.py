@@ -47,20 +47,24 @@ class LinkInertia(LinearTerm):
         inertia=size("kg·m^2", MORE),
         **{f"inertia_{axis}{axis}": size("kg·m^2", MORE) for axis in AXES},
     )
-    PARAMETERS = tuple(
-        Parameter(
-            f"link_inertia.{body}",
-            (),
-            "kg, kg·m, kg·m^2",
-            f"{body} in its joint's frame: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz",
-            lengths=(rigid_body.PER_LINK,),
-        )
-        for body in TREE_LINKS
-    )
     COMPENSATED = False  # a compensator holds; it knows no acceleration
 
     arm: Arm
     links: Array
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return tuple(
+            Parameter(
+                f"{cls.NAME}.{body}",
+                (),
+                "kg, kg·m, kg·m^2",
+                f"{body} in its joint's frame: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz",
+                lengths=(rigid_body.PER_LINK,),
+            )
+            for body in TREE_LINKS
+        )
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> LinkInertia | None:
@@ -79,7 +83,7 @@ class LinkInertia(LinearTerm):
         }
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) torques, N·m; zero where no motion is known."""
+        """Return (…, n) torques, N·m; zero where no motion is known."""
         if state.qd is None and state.qdd is None:
             return np.zeros(state.q.shape)
         q, qd, qdd = (
@@ -113,12 +117,12 @@ class LinkInertia(LinearTerm):
 
     def with_theta(self, theta: Array) -> LinkInertia:
         """See :meth:`LinearTerm.with_theta`."""
-        return replace(self, links=np.reshape(theta, (len(TREE_LINKS), rigid_body.PER_LINK)))
+        return replace(self, links=np.reshape(theta, self.links.shape))
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
         if state.q.ndim != 2:
-            raise ShapeError("q", state.q.shape, "(N, 7)")
+            raise ShapeError("q", state.q.shape, "(N, n)")
         return rigid_body.regressor(self.arm, state.q, state.qd, state.qdd, _WEIGHTLESS)
 
 

@@ -24,12 +24,12 @@ from dvrk_gravity.effects.links import (
 )
 from dvrk_gravity.effects.meaning import Meaning, meanings
 from dvrk_gravity.effects.merging import Values
-from dvrk_gravity.effects.term import Array, State, Term, as_value
+from dvrk_gravity.effects.term import Array, Evaluator, State, Term, as_value
+from dvrk_gravity.effects.weight import weight_evaluator
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 from dvrk_gravity.tree import TREE_LINKS, Tree, build_tree, link_frames
 
-_LINKS = tuple(f"link{i}" for i in range(1, 8))
 _WEIGHTLESS = np.zeros(3)
 
 
@@ -46,7 +46,7 @@ class Payload(Term):
 
     Attributes:
         arm: The arm.
-        link: ``link1`` to ``link7``.
+        link: The link that carries it, ``link1`` to that of the last joint.
         mass: kg.
         first_moment: (3,) mass times its place in the link's distal DH frame, kg·m.
         vector: (3,) gravity in the base frame, m/s^2.
@@ -59,14 +59,6 @@ class Payload(Term):
         **{f"first_moment_{axis}": Meaning("kg·m") for axis in AXES},
         **{axis: Meaning("m", reported=False) for axis in AXES},
     )
-    PARAMETERS = (
-        Parameter("payload.mass", 0.0, "kg", "mass carried by a link", lower=0.0, upper=10.0),
-        Parameter(
-            "payload.first_moment", (), "kg·m", "mass times its place in the link's DH frame",
-            lower=-10.0, upper=10.0, lengths=(3,),
-        ),
-        Parameter("payload.link", "link7", "", "link that carries it", choices=_LINKS),
-    )  # fmt: skip
 
     arm: Arm
     link: str
@@ -74,6 +66,19 @@ class Payload(Term):
     first_moment: Array
     vector: Array
     weighs: bool = True
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        links = _links(arm)
+        return (
+            Parameter("payload.mass", 0.0, "kg", "mass carried by a link", lower=0.0, upper=10.0),
+            Parameter(
+                "payload.first_moment", (), "kg·m", "mass times its place in the link's DH frame",
+                lower=-10.0, upper=10.0, lengths=(3,),
+            ),
+            Parameter("payload.link", links[-1], "", "link that carries it", choices=links),
+        )  # fmt: skip
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Payload | None:
@@ -88,7 +93,7 @@ class Payload(Term):
         vector = values.get("gravity_vector")
         return cls(
             arm,
-            str(values.get("payload.link", "link7")),
+            str(values.get("payload.link", _links(arm)[-1])),
             mass,
             moment,
             arm.gravity if vector is None else np.array(vector),
@@ -116,8 +121,12 @@ class Payload(Term):
         gravity = self.vector if self.weighs else _WEIGHTLESS
         return build_tree(self.arm, {self.link: self.inertia}, gravity)
 
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`: its weight alone."""
+        return weight_evaluator(self.weight)
+
     def torque(self, state: State) -> Array:
-        """Return (…, 7) torques of weight and inertia, N·m; at rest where no motion is known."""
+        """Return (…, n) torques of weight and inertia, N·m; at rest where no motion is known."""
         q, qd, qdd = (
             None if array is None else array.reshape(-1, array.shape[-1])
             for array in (state.q, state.qd, state.qdd)
@@ -184,3 +193,8 @@ class PayloadHypothesis(Hypothesis):
         if result is None:
             return None
         return with_inertia(result, link, self._directions(self.setting) @ theta)
+
+
+def _links(arm: Arm) -> tuple[str, ...]:
+    """Return the links of the chain, which a thing can be fastened to."""
+    return tuple(f"link{i}" for i in range(1, len(arm.joints) + 1))

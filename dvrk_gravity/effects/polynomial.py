@@ -6,12 +6,12 @@ edge it stays within what the data ever showed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects.term import Array, as_array, as_value, joint_array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
@@ -20,9 +20,9 @@ MAX_DEGREE = 12
 _FAR = 1e6  # rad, beyond every joint
 
 
-def declare_coefficients(prefix: str, meaning: str) -> Iterator[Parameter]:
+def declare_coefficients(arm: Arm, prefix: str, meaning: str) -> Iterator[Parameter]:
     """Declare ``prefix.JOINT`` for each joint: k0, k1, … of k0 + k1 q + …."""
-    for joint in JOINT_NAMES:
+    for joint in arm.joint_names:
         yield Parameter(
             f"{prefix}.{joint}",
             (),
@@ -32,32 +32,36 @@ def declare_coefficients(prefix: str, meaning: str) -> Iterator[Parameter]:
         )
 
 
-def declare_range(prefix: str) -> tuple[Parameter, ...]:
+def declare_range(arm: Arm, prefix: str) -> tuple[Parameter, ...]:
     """Declare the range of positions outside which the polynomial's argument is held."""
     return (
-        joint_array(f"{prefix}.valid_lower", "rad", "lower edge of the range it was fitted on"),
-        joint_array(f"{prefix}.valid_upper", "rad", "upper edge of the range it was fitted on"),
+        joint_array(
+            arm, f"{prefix}.valid_lower", "rad", "lower edge of the range it was fitted on"
+        ),
+        joint_array(
+            arm, f"{prefix}.valid_upper", "rad", "upper edge of the range it was fitted on"
+        ),
     )
 
 
-def read_coefficients(prefix: str, values: Mapping[str, Value]) -> Array | None:
-    """Return (degree + 1, 7) coefficients, lowest power first; ``None`` if not given."""
-    given = {joint: values.get(f"{prefix}.{joint}", ()) for joint in JOINT_NAMES}
+def read_coefficients(arm: Arm, prefix: str, values: Mapping[str, Value]) -> Array | None:
+    """Return (degree + 1, n) coefficients, lowest power first; ``None`` if not given."""
+    given = {joint: values.get(f"{prefix}.{joint}", ()) for joint in arm.joint_names}
     length = max(len(value) for value in given.values() if isinstance(value, tuple))
     if length == 0:
         return None
-    coefficients = np.zeros((length, N_JOINTS))
+    coefficients = np.zeros((length, len(given)))
     for column, value in enumerate(given.values()):
         if isinstance(value, tuple):
             coefficients[: len(value), column] = value
     return coefficients
 
 
-def write_coefficients(prefix: str, coefficients: Array) -> dict[str, Value]:
+def write_coefficients(arm: Arm, prefix: str, coefficients: Array) -> dict[str, Value]:
     """Return the values that :func:`read_coefficients` reads; joints with zeros only left out."""
     return {
         f"{prefix}.{joint}": as_value(coefficients[:, column])
-        for column, joint in enumerate(JOINT_NAMES)
+        for column, joint in enumerate(arm.joint_names)
         if coefficients[:, column].any()
     }
 
@@ -67,23 +71,23 @@ class Range:
     """Positions on which a polynomial was fitted.
 
     Attributes:
-        lower: (7,) rad; ``-inf`` where there is no edge.
-        upper: (7,) rad.
+        lower: (n,) rad; ``-inf`` where there is no edge.
+        upper: (n,) rad.
     """
 
     lower: Array
     upper: Array
 
     @classmethod
-    def from_parameters(cls, prefix: str, values: Mapping[str, Value]) -> Range:
+    def from_parameters(cls, arm: Arm, prefix: str, values: Mapping[str, Value]) -> Range:
         """Read ``prefix.valid_lower`` and ``prefix.valid_upper``.
 
         Raises:
             ConfigError: A lower edge above its upper edge.
         """
-        lower = as_array(values.get(f"{prefix}.valid_lower"), -np.inf)
-        upper = as_array(values.get(f"{prefix}.valid_upper"), np.inf)
-        for joint, low, high in zip(JOINT_NAMES, lower.tolist(), upper.tolist(), strict=True):
+        lower = as_array(values.get(f"{prefix}.valid_lower"), len(arm.joints), -np.inf)
+        upper = as_array(values.get(f"{prefix}.valid_upper"), len(arm.joints), np.inf)
+        for joint, low, high in zip(arm.joint_names, lower.tolist(), upper.tolist(), strict=True):
             if low > high:
                 raise ConfigError(
                     f"{prefix}.valid_lower of {joint}", low, f"at most valid_upper ({high:g})"
@@ -101,14 +105,26 @@ class Range:
         }
 
     def hold(self, q: Array) -> Array:
-        """Return (…, 7) positions with those outside the range at its edge."""
+        """Return (…, n) positions with those outside the range at its edge."""
         return np.minimum(np.maximum(q, self.lower), self.upper)
 
 
 def evaluate(coefficients: Array, q: Array) -> Array:
-    """Return (…, 7) values of (degree + 1, 7) coefficients at (…, 7) positions (Horner)."""
+    """Return (…, n) values of (degree + 1, n) coefficients at (…, n) positions (Horner)."""
     result = np.broadcast_to(coefficients[-1], q.shape).copy()
     for row in coefficients[-2::-1]:
         result *= q
         result += row
     return result
+
+
+def prepare_powers(valid: Range, count: int) -> Callable[..., Array]:
+    """Return what makes (count, n) powers 0, 1, … of (n,) positions held within a range."""
+    lower, upper = valid.lower, valid.upper
+    steps = np.ones((count, len(lower)))
+
+    def powers(q: Array, out: Array | None = None) -> Array:
+        steps[1:] = np.minimum(np.maximum(q, lower), upper)
+        return np.multiply.accumulate(steps, 0, None, out)
+
+    return powers

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
@@ -35,35 +35,21 @@ _LENGTHS = (0.02, 0.06, 0.15, 0.35)  # of half the way of the joint, from which 
 _PLACES = ("joint", "motor")
 
 
-def _declare(place: str) -> tuple[Parameter, ...]:
-    return tuple(
-        Parameter(
-            f"presliding_hysteresis.{place}.{joint}",
-            (),
-            "N·m",
-            f"friction of each element at the {place}, {joint}",
-            lower=0.0,
-            lengths=tuple(range(1, _MOST + 1)),
-        )
-        for joint in JOINT_NAMES
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class PreslidingHysteresis(LinearTerm):
     """Elements in parallel, each an elastic contact that yields (Dahl 1968; Maxwell slip).
 
     Element k pushes with levels[k] z_k against the motion of a joint or motor, where
     dz_k = (sign(dx) - z_k) |dx| / displacement[k]: after a reversal it takes that
-    displacement, not a time, to build up. Samples of an (N, 7) state follow each other in time;
+    displacement, not a time, to build up. Samples of an (N, n) state follow each other in time;
     before the first one the arm is taken to have slid as it does there. A single sample has no
     past, and a velocity then gives the level that it would end at.
 
     Attributes:
         arm: The arm, for its transmission.
         displacement: (K,) rad.
-        joint: (K, 7) levels at the joints, N·m.
-        motor: (K, 7) levels at the motors, N·m.
+        joint: (K, n) levels at the joints, N·m.
+        motor: (K, n) levels at the motors, N·m.
     """
 
     NAME = "presliding_hysteresis"
@@ -72,15 +58,6 @@ class PreslidingHysteresis(LinearTerm):
         length=Meaning("rad", label="builds up over"),
         coulomb=size("N·m", MORE, "Coulomb friction beside it"),
     )
-    PARAMETERS = (
-        Parameter(
-            "presliding_hysteresis.displacement", (), "rad",
-            "displacement over which each element builds up",
-            lower=_DISPLACEMENTS[0], upper=_DISPLACEMENTS[1], lengths=tuple(range(1, _MOST + 1)),
-        ),
-        *_declare("joint"),
-        *_declare("motor"),
-    )  # fmt: skip
     FRICTION = True
     COMPENSATED = False
 
@@ -90,13 +67,34 @@ class PreslidingHysteresis(LinearTerm):
     motor: Array
 
     @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        lengths = tuple(range(1, _MOST + 1))
+        return (
+            Parameter(
+                f"{cls.NAME}.displacement", (), "rad",
+                "displacement over which each element builds up",
+                lower=1e-4, upper=10.0, lengths=lengths,
+            ),
+            *(
+                Parameter(
+                    f"{cls.NAME}.{place}.{joint}", (), "N·m",
+                    f"friction of each element at the {place}, {joint}",
+                    lower=0.0, lengths=lengths,
+                )
+                for place in _PLACES
+                for joint in arm.joint_names
+            ),
+        )  # fmt: skip
+
+    @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> PreslidingHysteresis | None:
         """See :meth:`Term.from_parameters`."""
         displacement = values.get(f"{cls.NAME}.displacement") or ()
         assert isinstance(displacement, tuple)
-        levels = {place: np.zeros((len(displacement), N_JOINTS)) for place in _PLACES}
+        levels = {place: np.zeros((len(displacement), len(arm.joints))) for place in _PLACES}
         for place in _PLACES:
-            for column, joint in enumerate(JOINT_NAMES):
+            for column, joint in enumerate(arm.joint_names):
                 given = values.get(f"{cls.NAME}.{place}.{joint}") or ()
                 assert isinstance(given, tuple)
                 if given and len(given) != len(displacement):
@@ -116,13 +114,13 @@ class PreslidingHysteresis(LinearTerm):
             levels = getattr(self, place)
             values |= {
                 f"{self.NAME}.{place}.{joint}": as_value(levels[:, column])
-                for column, joint in enumerate(JOINT_NAMES)
+                for column, joint in enumerate(self.arm.joint_names)
                 if levels[:, column].any()
             }
         return values
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) friction torques, N·m; zero where no motion is known."""
+        """Return (…, n) friction torques, N·m; zero where no motion is known."""
         elements = self.elements(state)
         joint = (self.joint * elements[..., 0, :]).sum(axis=-2)
         motor = (self.motor * elements[..., 1, :]).sum(axis=-2)
@@ -139,8 +137,8 @@ class PreslidingHysteresis(LinearTerm):
 
     def with_theta(self, theta: Array) -> PreslidingHysteresis:
         """See :meth:`LinearTerm.with_theta`."""
-        levels = np.reshape(theta, (len(self.displacement), 2 * N_JOINTS))
-        return replace(self, joint=levels[:, :N_JOINTS], motor=levels[:, N_JOINTS:])
+        levels = np.reshape(theta, (len(self.displacement), 2, -1))
+        return replace(self, joint=levels[:, 0], motor=levels[:, 1])
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
@@ -164,7 +162,7 @@ class PreslidingHysteresis(LinearTerm):
                     )  # fmt: skip
 
     def columns(self, elements: Array) -> Array:
-        """Return (N, 7, 14 K) regressor from (N, K, 2, 7) states of the elements."""
+        """Return (N, n, 2 n K) regressor from (N, K, 2, n) states of the elements."""
         columns = []
         for k in range(len(self.displacement)):
             columns.append(diagonal_columns(elements[..., k, 0, :]))
@@ -172,15 +170,16 @@ class PreslidingHysteresis(LinearTerm):
         return np.concatenate(columns, axis=-1)
 
     def elements(self, state: State, before: Array | None = None) -> Array:
-        """Return (…, K, 2, 7) states z of the elements, -1 to 1: at the joints, at the motors.
+        """Return (…, K, 2, n) states z of the elements, -1 to 1: at the joints, at the motors.
 
         Args:
             state: As :meth:`torque` takes it.
-            before: (K, 2, 7) states at the first of (N, 7) samples, where they are known.
+            before: (K, 2, n) states at the first of (N, n) samples, where they are known.
         """
+        count, n = len(self.displacement), state.q.shape[-1]
         motion = state.qd if state.direction is None else state.direction
         if motion is None:
-            return np.zeros((*state.q.shape[:-1], len(self.displacement), 2, N_JOINTS))
+            return np.zeros((*state.q.shape[:-1], count, 2, n))
         motion = np.stack([motion, self.arm.actuator_position(motion)], axis=-2)
         if state.direction is not None or state.q.ndim != 2 or len(state.q) < 2:
             # Approached from far, or as far as the velocity goes in a moment.
@@ -189,7 +188,7 @@ class PreslidingHysteresis(LinearTerm):
             return np.clip(motion[..., None, :, :] * reach[:, None, None], -1.0, 1.0)
         position = np.stack([state.q, self.arm.actuator_position(state.q)], axis=-2)
         if before is None:
-            before = np.broadcast_to(np.sign(motion[0]), (len(self.displacement), 2, N_JOINTS))
+            before = np.broadcast_to(np.sign(motion[0]), (count, 2, n))
         return _build_up(position, before, self.displacement)
 
 

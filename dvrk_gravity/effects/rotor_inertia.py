@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
@@ -22,7 +22,7 @@ from dvrk_gravity.effects.term import (
     joint_array,
     motor_columns,
 )
-from dvrk_gravity.parameter import Value
+from dvrk_gravity.parameter import Parameter, Value
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,23 +31,29 @@ class RotorInertia(LinearTerm):
 
     Attributes:
         arm: The arm, for its transmission.
-        motor: (7,) reflected inertia at the motors, kg·m^2.
+        motor: (n,) reflected inertia at the motors, kg·m^2.
     """
 
     NAME = "rotor_inertia"
     MEANINGS = meanings(inertia=size("kg·m^2", MORE))
-    PARAMETERS = (
-        joint_array("rotor_inertia.motor", "kg·m^2", "reflected inertia at the motor", 0.0),
-    )
     COMPENSATED = False  # a compensator holds; it knows no acceleration
 
     arm: Arm
     motor: Array
 
     @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return (
+            joint_array(
+                arm, "rotor_inertia.motor", "kg·m^2", "reflected inertia at the motor", 0.0
+            ),
+        )
+
+    @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> RotorInertia | None:
         """See :meth:`Term.from_parameters`."""
-        motor = as_array(values.get("rotor_inertia.motor"), 0.0)
+        motor = as_array(values.get("rotor_inertia.motor"), len(arm.joints), 0.0)
         return cls(arm, motor) if motor.any() else None
 
     def parameters(self) -> dict[str, Value]:
@@ -55,7 +61,7 @@ class RotorInertia(LinearTerm):
         return {"rotor_inertia.motor": as_value(self.motor)}
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) torques, N·m; zero where the acceleration is unknown."""
+        """Return (…, n) torques, N·m; zero where the acceleration is unknown."""
         if state.qdd is None:
             return np.zeros(state.q.shape)
         return self.arm.joint_effort(self.motor * self.arm.actuator_position(state.qdd))
@@ -81,7 +87,7 @@ class RotorInertia(LinearTerm):
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
         if state.qdd is None:
-            return np.zeros((*state.q.shape, N_JOINTS))
+            return np.zeros((*state.q.shape, len(self.motor)))
         return motor_columns(self.arm, self.arm.actuator_position(state.qdd))
 
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects.directional_cable import DirectionalCable
 from dvrk_gravity.effects.elastic_cable import ElasticCable
 from dvrk_gravity.effects.gravity import Gravity
 from dvrk_gravity.effects.held_load import HeldLoad
 from dvrk_gravity.effects.term import Array, State, Term, as_array, as_value, joint_array
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Value
+from dvrk_gravity.parameter import Parameter, Value
 
 _OF_POSES: tuple[type[Term], ...] = (Gravity, ElasticCable, DirectionalCable, HeldLoad)
 
@@ -30,17 +30,11 @@ class ShownTorque(Term):
 
     Attributes:
         terms: The terms whose sum is bounded.
-        lower: (7,) N·m.
-        upper: (7,) N·m.
+        lower: (n,) N·m.
+        upper: (n,) N·m.
     """
 
     NAME = "shown_torque"
-    PARAMETERS = (
-        joint_array("shown_torque.lower", "N·m", "least torque measured at poses, less its noise"),
-        joint_array(
-            "shown_torque.upper", "N·m", "greatest torque measured at poses, plus its noise"
-        ),
-    )
     COMPENSATED = False
 
     terms: tuple[Term, ...]
@@ -48,13 +42,23 @@ class ShownTorque(Term):
     upper: Array
 
     @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        low = "least torque measured at poses, less its noise"
+        high = "greatest torque measured at poses, plus its noise"
+        return (
+            joint_array(arm, f"{cls.NAME}.lower", "N·m", low),
+            joint_array(arm, f"{cls.NAME}.upper", "N·m", high),
+        )
+
+    @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ShownTorque | None:
         """See :meth:`Term.from_parameters`."""
         if not values.get(f"{cls.NAME}.lower") and not values.get(f"{cls.NAME}.upper"):
             return None
-        lower = as_array(values.get(f"{cls.NAME}.lower"), -np.inf)
-        upper = as_array(values.get(f"{cls.NAME}.upper"), np.inf)
-        for joint, low, high in zip(JOINT_NAMES, lower.tolist(), upper.tolist(), strict=True):
+        lower = as_array(values.get(f"{cls.NAME}.lower"), len(arm.joints), -np.inf)
+        upper = as_array(values.get(f"{cls.NAME}.upper"), len(arm.joints), np.inf)
+        for joint, low, high in zip(arm.joint_names, lower.tolist(), upper.tolist(), strict=True):
             if low > high:
                 raise ConfigError(f"{cls.NAME}.lower of {joint}", low, f"at most upper ({high:g})")
         built = (term.from_parameters(arm, values) for term in _OF_POSES)
@@ -70,6 +74,6 @@ class ShownTorque(Term):
         }
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) torques that bring the sum within the bounds, N·m."""
+        """Return (…, n) torques that bring the sum within the bounds, N·m."""
         total = sum((term.torque(state) for term in self.terms), start=np.zeros(state.q.shape))
         return np.clip(total, self.lower, self.upper) - total

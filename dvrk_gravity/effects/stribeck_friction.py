@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.friction_sites import friction_sites
@@ -25,7 +25,7 @@ from dvrk_gravity.effects.term import (
     motor_columns,
 )
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Value
+from dvrk_gravity.parameter import Parameter, Value
 
 _PLACES = ("joint", "motor")
 _SPEEDS = (0.12, 0.3, 0.7)  # of the RMS speed, from which the search begins
@@ -42,11 +42,11 @@ class StribeckFriction(Friction):
 
     Attributes:
         arm: The arm, for its transmission.
-        joint: (7,) levels at rest at the joints, N·m.
-        motor: (7,) levels at rest at the motors, N·m.
-        joint_velocity: (7,) speeds of the joints at which 1/e is left, rad/s.
-        motor_velocity: (7,) speeds of the motors at which 1/e is left, rad/s.
-        transition_velocity: (7,) rad/s; 0 makes it jump with the sign.
+        joint: (n,) levels at rest at the joints, N·m.
+        motor: (n,) levels at rest at the motors, N·m.
+        joint_velocity: (n,) speeds of the joints at which 1/e is left, rad/s.
+        motor_velocity: (n,) speeds of the motors at which 1/e is left, rad/s.
+        transition_velocity: (n,) rad/s; 0 makes it jump with the sign.
     """
 
     NAME = "stribeck_friction"
@@ -55,40 +55,44 @@ class StribeckFriction(Friction):
         level=Meaning("N·m", 0.0, label="greater at rest by", least=0.0),
         velocity=Meaning("rad/s", label="gone above about"),
     )
-    PARAMETERS = (
-        joint_array("stribeck_friction.joint", "N·m", "level at rest, at the joint", 0.0),
-        joint_array("stribeck_friction.motor", "N·m", "level at rest, at the motor", 0.0),
-        joint_array(
-            "stribeck_friction.joint_velocity", "rad/s", "the joint's speed that leaves 1/e", 0.0
-        ),
-        joint_array(
-            "stribeck_friction.motor_velocity", "rad/s", "the motor's speed that leaves 1/e", 0.0
-        ),
-        joint_array(
-            "stribeck_friction.transition_velocity", "rad/s", "sign complete from there", 0.0
-        ),
-    )
+
     joint_velocity: Array
     motor_velocity: Array
     transition_velocity: Array
 
     @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        declared = (
+            ("joint", "N·m", "level at rest, at the joint"),
+            ("motor", "N·m", "level at rest, at the motor"),
+            ("joint_velocity", "rad/s", "the joint's speed that leaves 1/e"),
+            ("motor_velocity", "rad/s", "the motor's speed that leaves 1/e"),
+            ("transition_velocity", "rad/s", "sign complete from there"),
+        )
+        return tuple(
+            joint_array(arm, f"{cls.NAME}.{name}", unit, meaning, 0.0)
+            for name, unit, meaning in declared
+        )
+
+    @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> StribeckFriction | None:
         """See :meth:`Term.from_parameters`; where there is a level, there must be a velocity."""
-        levels = {place: as_array(values.get(f"{cls.NAME}.{place}"), 0.0) for place in _PLACES}
+        n = len(arm.joints)
+        levels = {p: as_array(values.get(f"{cls.NAME}.{p}"), n, 0.0) for p in _PLACES}
         if not any(level.any() for level in levels.values()):
             return None
         speeds = {}
         for place, level in levels.items():
             name = f"{cls.NAME}.{place}_velocity"
-            speeds[f"{place}_velocity"] = speed = as_array(values.get(name), 0.0)
+            speeds[f"{place}_velocity"] = speed = as_array(values.get(name), n, 0.0)
             for index in np.flatnonzero((level > 0.0) & (speed < _SLOWEST)).tolist():
                 raise ConfigError(
-                    f"{name} of {JOINT_NAMES[index]}",
+                    f"{name} of {arm.joint_names[index]}",
                     float(speed[index]),
                     f"at least {_SLOWEST:g} rad/s beside a level of {level[index]:g} N·m",
                 )
-        transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), 0.02)
+        transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), n, 0.02)
         return cls(arm, **levels, **speeds, transition_velocity=transition)
 
     def parameters(self) -> dict[str, Value]:
@@ -99,7 +103,7 @@ class StribeckFriction(Friction):
         return {f"{self.NAME}.{name}": as_value(getattr(self, name)) for name in names}
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) friction torques, N·m; zero where no motion is known."""
+        """Return (…, n) friction torques, N·m; zero where no motion is known."""
         parts = self._parts(state)
         if parts is None:
             return np.zeros(state.q.shape)
@@ -110,7 +114,7 @@ class StribeckFriction(Friction):
         """See :meth:`LinearTerm.regressor`."""
         parts = self._parts(state)
         if parts is None:
-            return np.zeros((*state.q.shape, 2 * N_JOINTS))
+            return np.zeros((*state.q.shape, len(self.theta)))
         joint, motor = parts
         columns = [diagonal_columns(joint), motor_columns(self.arm, motor)]
         return np.concatenate(columns, axis=-1)
@@ -129,7 +133,7 @@ class StribeckFriction(Friction):
                 )  # fmt: skip
 
     def _parts(self, state: State) -> tuple[Array, Array] | None:
-        """Return (…, 7) torques per level at the joints and at the motors."""
+        """Return (…, n) torques per level at the joints and at the motors."""
         if state.direction is not None:
             return np.sign(state.direction), np.sign(self.arm.actuator_position(state.direction))
         if state.qd is None:
@@ -149,7 +153,7 @@ class StribeckFriction(Friction):
     def _inverse(self) -> tuple[Array, Array]:
         """1 / velocity at the joints and at the motors; 0 where there is none, nor a level."""
         joint, motor = (
-            np.divide(1.0, speed, out=np.zeros(N_JOINTS), where=speed >= _SLOWEST)
+            np.divide(1.0, speed, out=np.zeros(speed.shape), where=speed >= _SLOWEST)
             for speed in (self.joint_velocity, self.motor_velocity)
         )
         return joint, motor

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
@@ -22,7 +22,7 @@ from dvrk_gravity.effects.term import (
     diagonal_columns,
     joint_array,
 )
-from dvrk_gravity.parameter import Value
+from dvrk_gravity.parameter import Parameter, Value
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,20 +34,24 @@ class TorqueOffset(LinearTerm):
     feel is the constant of ``elastic_cable``; efforts alone cannot tell one from the other.
 
     Attributes:
-        offset: (7,) N·m.
+        offset: (n,) N·m.
     """
 
     NAME = "torque_offset"
     MEANINGS = meanings(offset=size("N·m", READS, "reads"))
-    PARAMETERS = (joint_array("torque_offset", "N·m", "measured minus applied effort"),)
     COMPENSATED = False
 
     offset: Array
 
     @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return (joint_array(arm, cls.NAME, "N·m", "measured minus applied effort"),)
+
+    @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> TorqueOffset | None:
         """See :meth:`Term.from_parameters`."""
-        offset = as_array(values.get(cls.NAME), 0.0)
+        offset = as_array(values.get(cls.NAME), len(arm.joints), 0.0)
         return cls(offset) if offset.any() else None
 
     def parameters(self) -> dict[str, Value]:
@@ -55,7 +59,7 @@ class TorqueOffset(LinearTerm):
         return {self.NAME: as_value(self.offset)}
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) the offset, N·m."""
+        """Return (…, n) the offset, N·m."""
         return np.broadcast_to(self.offset, state.q.shape).copy()
 
     @property
@@ -75,7 +79,7 @@ class TorqueOffset(LinearTerm):
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
-        return diagonal_columns(np.ones((*state.q.shape[:-1], N_JOINTS)))
+        return diagonal_columns(np.ones(state.q.shape))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.friction_sites import friction_sites
@@ -16,6 +16,7 @@ from dvrk_gravity.effects.meaning import MORE, meanings, size
 from dvrk_gravity.effects.merging import array
 from dvrk_gravity.effects.term import (
     Array,
+    Evaluator,
     Friction,
     State,
     as_array,
@@ -24,7 +25,7 @@ from dvrk_gravity.effects.term import (
     joint_array,
     motor_columns,
 )
-from dvrk_gravity.parameter import Value
+from dvrk_gravity.parameter import Parameter, Value
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,22 +34,28 @@ class ViscousFriction(Friction):
 
     Attributes:
         arm: The arm, for its transmission.
-        joint: (7,) N·m·s/rad at the joints.
-        motor: (7,) N·m·s/rad at the motors.
+        joint: (n,) N·m·s/rad at the joints.
+        motor: (n,) N·m·s/rad at the motors.
     """
 
     NAME = "viscous_friction"
     MEANINGS = meanings(coefficient=size("N·m·s/rad", MORE))
-    PARAMETERS = (
-        joint_array("viscous_friction.joint", "N·m·s/rad", "viscous friction at the joint", 0.0),
-        joint_array("viscous_friction.motor", "N·m·s/rad", "viscous friction at the motor", 0.0),
-    )
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return tuple(
+            joint_array(
+                arm, f"{cls.NAME}.{place}", "N·m·s/rad", f"viscous friction at the {place}", 0.0
+            )
+            for place in ("joint", "motor")
+        )
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ViscousFriction | None:
         """See :meth:`Term.from_parameters`."""
-        joint = as_array(values.get(f"{cls.NAME}.joint"), 0.0)
-        motor = as_array(values.get(f"{cls.NAME}.motor"), 0.0)
+        joint = as_array(values.get(f"{cls.NAME}.joint"), len(arm.joints), 0.0)
+        motor = as_array(values.get(f"{cls.NAME}.motor"), len(arm.joints), 0.0)
         return cls(arm, joint, motor) if joint.any() or motor.any() else None
 
     def parameters(self) -> dict[str, Value]:
@@ -57,15 +64,20 @@ class ViscousFriction(Friction):
         return {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items() if v.any()}
 
     def torque(self, state: State) -> Array:
-        """Return (…, 7) friction torques, N·m; zero where the velocity is unknown."""
+        """Return (…, n) friction torques, N·m; zero where the velocity is unknown."""
         if state.qd is None:
             return np.zeros(state.q.shape)
         return state.qd @ self._damping
 
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        damping = self._damping
+        return lambda q, qd: np.zeros(len(damping)) if qd is None else qd.dot(damping)
+
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
         if state.qd is None:
-            return np.zeros((*state.q.shape, 2 * N_JOINTS))
+            return np.zeros((*state.q.shape, len(self.theta)))
         motor = motor_columns(self.arm, self.arm.actuator_position(state.qd))
         return np.concatenate([diagonal_columns(state.qd), motor], axis=-1)
 
@@ -79,7 +91,7 @@ class ViscousFriction(Friction):
 
     @cached_property
     def _damping(self) -> Array:
-        """(7, 7) symmetric damping matrix in joint space."""
+        """(n, n) symmetric damping matrix in joint space."""
         to_motor = self.arm.joint_to_actuator
         return np.diag(self.joint) + to_motor.T @ np.diag(self.motor) @ to_motor
 

@@ -103,7 +103,7 @@ class Columns:
         elements = np.zeros((len(DISPLACEMENTS), N_JOINTS))
         self._presliding = PreslidingHysteresis(arm, np.array(DISPLACEMENTS), elements, elements)
         self._terms: tuple[LinearTerm, ...] = (
-            ElasticCable(np.zeros((DEGREE + 1, N_JOINTS)), self.valid),
+            ElasticCable(arm, np.zeros((DEGREE + 1, N_JOINTS)), self.valid),
             self._friction,
             ViscousFriction(arm, nothing, nothing),
             RotorInertia(arm, nothing),

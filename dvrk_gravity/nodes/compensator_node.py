@@ -26,7 +26,7 @@ from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.compensate.statistics import Statistics
 from dvrk_gravity.compensate.supervisor import Status, Supervisor
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import ALL_PARAMETERS
+from dvrk_gravity.model import all_parameters
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.nodes import operating_state, runtime
 from dvrk_gravity.nodes.arm_link import MEASURED, ArmLink
@@ -59,7 +59,8 @@ class Compensator(PromptNode):
         )
         given = runtime.given_parameters(self)
         settings = Settings.from_parameters(given)
-        runtime.declare(self, ALL_PARAMETERS, in_force(settings))
+        self._schema = all_parameters(settings.model.arm)
+        runtime.declare(self, self._schema, in_force(settings))
         self._supervisor = self._supervise(settings)
         self._checked = settings
         arm, margin = settings.model.arm, settings.position_margin
@@ -264,7 +265,7 @@ class Compensator(PromptNode):
             self._switch_off()  # whatever becomes of the rest
         try:
             for change in changes:
-                entry = ALL_PARAMETERS.get(change.name)
+                entry = self._schema.get(change.name)
                 if entry is not None and entry.read_only:
                     raise ConfigError(change.name, change.value, "no change while the node runs")
             own = [change for change in changes if not change.name.startswith(runtime.OF_RCLPY)]

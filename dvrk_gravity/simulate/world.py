@@ -124,7 +124,7 @@ class World:
         up, down, motor_up, motor_down = self.coulomb
         return (
             Gravity(self.arm, self.beta, self.gravity),
-            ElasticCable(self.cable, Range(-free, free)),
+            ElasticCable(self.arm, self.cable, Range(-free, free)),
             CoulombFriction(self.arm, up, down, motor_up, motor_down, np.full(N_JOINTS, 0.01)),
             ViscousFriction(self.arm, self.viscous, np.zeros(N_JOINTS)),
         )
