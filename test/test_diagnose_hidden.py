@@ -12,7 +12,7 @@ from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.hidden import HIDERS, Hidden, hide
 from dvrk_gravity.simulate.world import World
 
-DURATION, RATE = 12.0, 100.0  # s, Hz
+DURATION, RATE = 14.0, 100.0  # s, Hz
 SEED = 7
 # What an effect's parameters may be off: the wider of this and its own 95 % interval.
 TOLERANCE = 0.10

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dvrk_gravity.compensate.settings import Settings
@@ -23,9 +23,6 @@ from dvrk_gravity.model import (
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.parameter import Parameter, check_all, flatten, unflatten
 from dvrk_gravity.terms import TERMS
-
-settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
-settings.load_profile("repeatable")
 
 NUMBERS = [e for e in ALL_PARAMETERS.values() if e.kind in ("double", "double[]")]
 ARRAYS = [e for e in NUMBERS if e.kind == "double[]"]
