@@ -208,6 +208,7 @@ def _nothing_but_the_yaw(result) -> None:
     assert json.loads(result.to_json())["ambiguities"]
 
 
+@pytest.mark.slow
 def test_a_good_model_of_the_real_motion_has_nothing_to_explain_but_an_ambiguity(measured):
     level = [effect for effect in IDENTIFIED if effect not in POSTURE]
     result = diagnose(measured, identify([measured], KNOWN.arm, "actuator", level).model)
@@ -216,6 +217,7 @@ def test_a_good_model_of_the_real_motion_has_nothing_to_explain_but_an_ambiguity
     assert _tilt_and_shoulder(result)
 
 
+@pytest.mark.slow
 def test_once_the_real_arms_base_is_tilted_outer_yaws_zero_looks_like_more_of_it(measured, good):
     result = diagnose(measured, good)
 
@@ -226,6 +228,7 @@ def test_once_the_real_arms_base_is_tilted_outer_yaws_zero_looks_like_more_of_it
     assert ({"joint_offset", "base_tilt"}, ("outer_yaw",)) in alike
 
 
+@pytest.mark.slow
 def test_the_real_motion_read_as_joint_coordinates_is_read_wrongly(measured, good):
     result = diagnose(replace(measured, coordinates="joint"), good)
 

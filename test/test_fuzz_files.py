@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import CONFIG, MODEL_FILE
+from conftest import CONFIG, MODEL_FILE, examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from recording_samples import wave
@@ -111,7 +111,9 @@ def read_or_refused(read: Callable[[Path], Any], path: Path) -> None:
 
 
 FAST = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=examples(20),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 
 

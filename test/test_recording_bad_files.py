@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from conftest import examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from recording_samples import START, TOPIC, joint_state, shared_data, wave, write_messages
@@ -243,7 +244,7 @@ def test_writer_refuses_what_it_cannot_write(tmp_path):
 
 
 FAST = settings(
-    max_examples=80,
+    max_examples=examples(25),
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
@@ -330,7 +331,7 @@ def test_any_message_is_decoded_or_refused(data):
     assert (len(stamps), len(values)) == (1, 3)
 
 
-@settings(FAST, max_examples=40)
+@settings(FAST, max_examples=examples(15))
 @given(
     rows=st.integers(1, 400),
     seed=st.integers(0, 2**32),
