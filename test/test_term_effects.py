@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.console_export import export
+from dvrk_gravity.console.export import export
 from dvrk_gravity.effects import (
     CoulombFriction,
     PreslidingHysteresis,
