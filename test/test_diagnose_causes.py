@@ -146,7 +146,8 @@ def test_where_a_motor_turns_back_the_joints_that_it_moves_say_nothing():
     motor = qd[:, 1] + qd[:, 2]
     nothing = np.zeros_like(q)
 
-    motion = Motion(MODEL, q, qd, nothing, nothing, None, time, (slice(0, len(q)),), RATE)
+    motion = Motion(MODEL, q, qd, nothing, nothing, None, time, (slice(0, len(q)),), RATE,
+                    np.ones(7, dtype=bool), np.zeros(7))  # fmt: skip
 
     turning = np.flatnonzero(np.diff(np.sign(motor)))
     assert len(turning) > 1

@@ -23,6 +23,7 @@ from dvrk_gravity.effects.joint_coupling import JointCoupling
 from dvrk_gravity.effects.joint_offset import JointOffset
 from dvrk_gravity.effects.link_com import LinkCom
 from dvrk_gravity.effects.link_inertia import LinkInertia
+from dvrk_gravity.effects.link_weight import LinkWeight
 from dvrk_gravity.effects.payload import Payload
 from dvrk_gravity.effects.presliding_hysteresis import PreslidingHysteresis
 from dvrk_gravity.effects.rotor_inertia import RotorInertia
@@ -40,6 +41,7 @@ from dvrk_gravity.effects.wrong_coordinates import WrongCoordinates
 ENTRY_POINTS = "dvrk_gravity.effects"
 _effects: list[type[Effect]] = [
     Gravity,
+    LinkWeight,
     WrongCoordinates,
     CoulombFriction,
     ViscousFriction,
@@ -141,6 +143,7 @@ __all__ = [
     "Hypothesis",
     "LinearTerm",
     "LinkInertia",
+    "LinkWeight",
     "Payload",
     "PreslidingHysteresis",
     "RotorInertia",

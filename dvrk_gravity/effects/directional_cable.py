@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import polynomial
 from dvrk_gravity.effects.elastic_cable import ElasticCable
 from dvrk_gravity.effects.term import (

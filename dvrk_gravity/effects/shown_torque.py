@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.directional_cable import DirectionalCable
 from dvrk_gravity.effects.elastic_cable import ElasticCable
 from dvrk_gravity.effects.gravity import Gravity

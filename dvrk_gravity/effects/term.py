@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity.arguments import floats
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.effect import Effect
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
@@ -94,9 +94,6 @@ class Term(Effect):
             lives in a sensor.
     """
 
-    PARAMETERS: ClassVar[tuple[Parameter, ...]]
-
-    NAME: ClassVar[str]
     FRICTION: ClassVar[bool] = False
     COMPENSATED: ClassVar[bool] = True
 
@@ -152,6 +149,16 @@ class Term(Effect):
     def carries_arm(self) -> bool:
         """Whether it is what holds the arm itself up against gravity."""
         return False
+
+    @property
+    def gravity_vector(self) -> Array | None:
+        """(3,) gravity in the base frame that it is computed with, m/s^2; ``None``: no weight."""
+        return None
+
+    def with_gravity(self, vector: Array) -> Term:
+        """Return the term with another gravity in the base frame; what has no weight stays."""
+        del vector
+        return self
 
     def prepare(self) -> Evaluator:
         """Return an evaluator of one sample, equal to :meth:`torque` but faster.
