@@ -202,7 +202,7 @@ class Hypothesis(ABC):
         return f"{self.EFFECT.title()} of {self.site.words(self.arm)}"
 
     def unit(self, name: str) -> str:
-        """Return the unit of a parameter at this site: of a joint that slides N for N·m, m for rad."""
+        """Return the unit of a parameter at this site; a joint that slides has N and m."""
         unit = self.EFFECT.meaning(name).unit
         at_joint = self.site.kind in (Kind.JOINT, Kind.MOTOR)
         if at_joint and self.arm.joints[self.site.index].kind == "prismatic":
