@@ -17,7 +17,7 @@ OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip")
 
 help:
 	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo)"
-	@echo "make test    the test suite"
+	@echo "make test    the test suite, two workers (WORKERS=4 for more)"
 	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
 	@echo "make lint    ruff and mypy"
 	@echo "make trials  hide and find: hundreds of trials of the diagnosis (SEEDS=\"0 12\")"
@@ -27,20 +27,23 @@ help:
 
 $(VENV)/.done: requirements.lock
 	@test -n "$(SYSTEM_PYTHON)" || { echo "make: needs Python 3.11 or 3.12 (PYTHON=… to name one)"; exit 2; }
-	rm -rf $(VENV)
-	$(SYSTEM_PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -r requirements.lock
-	touch $(VENV)/COLCON_IGNORE $@
+	@echo "$(VENV): installing requirements.lock with $(SYSTEM_PYTHON), once; takes some minutes"
+	@rm -rf $(VENV)
+	@$(SYSTEM_PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -r requirements.lock
+	@touch $(VENV)/COLCON_IGNORE $@
 
 install/.done: $(VENV)/.done $(SOURCES)
-	$(BIN)/colcon --log-level error build --packages-select dvrk_gravity
-	touch $@
+	@echo "install: building with colcon"
+	@$(BIN)/colcon --log-level error build --packages-select dvrk_gravity
+	@touch $@
 
 demo: install/.done
 	@$(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity demo --out out/demo
 
 test: install/.done
-	@$(IN_WORKSPACE) $(BIN)/python -m pytest
+	@$(IN_WORKSPACE) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+WORKERS ?= 2
 
 lint: $(VENV)/.done
 	$(BIN)/ruff check .

@@ -53,7 +53,13 @@ setup(
         "jinja2>=3.0",
     ],
     extras_require={
-        "test": ["pytest>=7.4", "hypothesis>=6.90", "mujoco>=4.0", "sympy>=1.12"],
+        "test": [
+            "pytest>=7.4",
+            "pytest-xdist>=3.5",
+            "hypothesis>=6.90",
+            "mujoco>=4.0",
+            "sympy>=1.12",
+        ],
     },
     zip_safe=False,
     maintainer="dvrk_gravity maintainers",

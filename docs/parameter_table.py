@@ -1,6 +1,6 @@
-"""Write the README's table of parameters from their declarations.
+"""Write the table of parameters in docs/parameters.md from their declarations.
 
-``python docs/parameter_table.py`` prints it; ``--write`` puts it into the README.
+``python docs/parameter_table.py`` prints it; ``--write`` puts it into the page.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dvrk_gravity.arm import Arm
 from dvrk_gravity.model import all_parameters
 from dvrk_gravity.parameter import Parameter
 
-README = Path(__file__).resolve().parents[1] / "README.md"
+PAGE = Path(__file__).resolve().with_name("parameters.md")
 ARM = Arm.load("mtmr")  # whose joints stand in the table
 BEGIN, END = "<!-- parameters: begin -->", "<!-- parameters: end -->"
 
@@ -44,15 +44,15 @@ def _row(name: str, entry: Parameter, meaning: str) -> str:
 
 
 def written() -> str:
-    """Return the README with the table put between its marks."""
+    """Return the page with the table put between its marks."""
     pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
-    return pattern.sub(f"{BEGIN}\n{table()}\n{END}", README.read_text(encoding="utf-8"))
+    return pattern.sub(f"{BEGIN}\n{table()}\n{END}", PAGE.read_text(encoding="utf-8"))
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put it into the README")
+    parser.add_argument("--write", action="store_true", help="put it into docs/parameters.md")
     if parser.parse_args().write:
-        README.write_text(written(), encoding="utf-8")
+        PAGE.write_text(written(), encoding="utf-8")
     else:
         print(table())

@@ -1,7 +1,7 @@
 """A declared parameter: type, unit, default, range and meaning, in one place.
 
-The node declares its ROS parameters, model files are checked, and the README's
-table is written from the same declarations.
+The node declares its ROS parameters, model files are checked, and the table in
+docs/parameters.md is written from the same declarations.
 """
 
 from __future__ import annotations

@@ -143,7 +143,7 @@ def test_an_arm_of_one_s_own_stays_the_model_s_arm(tmp_path):
     file.write_text(yaml.safe_dump(content))
     model = TorqueModel.from_parameters({"arm": str(file), "beta": [1.0] * 10})
     model.save(tmp_path / "model.yaml")
-    assert TorqueModel.load(tmp_path / "model.yaml").arm.joints[1].a == 0.5
+    assert TorqueModel.load(tmp_path / "model.yaml").arm.body("link2").frame.translation[1] == -0.5
 
 
 def test_the_shipped_model_comes_back_whole(tmp_path):

@@ -9,7 +9,8 @@ from recording_samples import shared_data, wave
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, check, prepare
-from dvrk_gravity.recording.grid import quantum, resample, stale
+from dvrk_gravity.recording.grid import resample, stale
+from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.velocity import compare_velocity
 
 CLEAN = wave(6000)

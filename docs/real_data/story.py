@@ -15,11 +15,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from dvrk_gravity.terms import Gravity
 
 from dvrk_gravity import Recording, TorqueModel, diagnose, gravity, identify
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis.findings import FLOORS, Diagnosis, Finding
+from dvrk_gravity.effects import Gravity
 from dvrk_gravity.report.diagnosis import png
 
 FOLDER = Path(__file__).resolve().parent

@@ -29,9 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the demonstration; print a table as it goes, then draw it."""
     # Here and not above: ROS and matplotlib are slow to load and --help needs neither.
-    from dvrk_gravity.demo import picture
-    from dvrk_gravity.demo.scenario import POSES, Scenario
     from dvrk_gravity.model import TorqueModel
+    from dvrk_gravity.nodes.demo import picture
+    from dvrk_gravity.nodes.demo.scenario import POSES, Scenario
     from dvrk_gravity.processes import private_domain
 
     model = arguments.model or config_path("mtmr_28002.yaml")
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _row(phase: object) -> None:
-    from dvrk_gravity.demo.scenario import Phase
+    from dvrk_gravity.nodes.demo.scenario import Phase
 
     assert isinstance(phase, Phase)
     yaw, shoulder, elbow, platform, pitch, wrist_yaw, roll = phase.drift

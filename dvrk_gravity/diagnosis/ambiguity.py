@@ -40,12 +40,9 @@ def ambiguities(
     contest.weigh(contest.out_of_fold(named), final=True)
     found = {one.hypothesis.key for one in named}
     free = [one for one in pool if one.hypothesis.key not in found and one.acts.any()]
-    zeros = [
-        one
-        for one in free
-        if one.hypothesis.effect == "joint_offset" and one.hypothesis.place == "joint"
-    ]
-    others = [one for one in free if one.hypothesis.effect == "base_tilt"] + zeros
+    aligned = [one for one in free if one.hypothesis.alignment]
+    zeros = [one for one in aligned if one.size == 1]
+    others = [one for one in aligned if one.size > 1] + zeros
     result, seen = [], set()
     for zero in zeros:
         for other in others:
@@ -83,7 +80,7 @@ def _ambiguity(
                 JOINT_NAMES[best], float(removed[best]),
             )
         )  # fmt: skip
-    pair = f"{_name(zero)} and {_name(other)}"
+    pair = f"{zero.hypothesis.subject} and {other.hypothesis.subject}"
     sentence = (
         f"{pair} cannot be told apart here: {100 * share:.0f} % of the "
         "torque of the first is the second's as well; "
@@ -91,12 +88,6 @@ def _ambiguity(
         + f"; {_pose(contest, zero, other, theta)}"
     )
     return Ambiguity(contenders[0], contenders[1], share, pair, sentence)
-
-
-def _name(one: Candidate) -> str:
-    if one.hypothesis.effect == "base_tilt":
-        return "a tilt of the base"
-    return f"the zero of {one.hypothesis.names[0]}"
 
 
 def _numbers(one: Contender) -> str:

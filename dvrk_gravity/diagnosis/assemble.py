@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis.ambiguity import ambiguities
 from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.contest import EDGE_STEP, EDGES, Contest
+from dvrk_gravity.diagnosis.contest import EDGE_STEP, Contest
 from dvrk_gravity.diagnosis.extend import extended
 from dvrk_gravity.diagnosis.findings import (
     FLOORS,
     Alternative,
     Diagnosis,
-    Estimate,
     Finding,
     Rejected,
     Verdict,
@@ -38,6 +37,8 @@ from dvrk_gravity.diagnosis.readings import ReadingScore
 from dvrk_gravity.diagnosis.selection import Accepted, Tried
 from dvrk_gravity.diagnosis.separate import separation
 from dvrk_gravity.diagnosis.words import sentence_of
+from dvrk_gravity.effects.meaning import Estimate
+from dvrk_gravity.effects.unknown import Unknown
 
 Array = NDArray[np.float64]
 _ABOVE_FLOOR = 2.5  # times the noise: more than that is structure, if it lasts
@@ -83,7 +84,8 @@ def assemble(
     after = judge.rmse(last)
     floor = bench.floor(loaded.floor, contest.left(named))
     source = bench.floor_from(floor)
-    told = {name for finding in findings if finding.effect == "unknown" for name in finding.joints}
+    nameless = [finding for finding in findings if finding.effect == Unknown.NAME]
+    told = {name for finding in nameless for name in finding.joints}
     seen = contest.score(named).rms  # out of fold: a push's edge may hide in a held-out block
     # A floor that high frequencies show takes the noise for white; one of repetition need not.
     noise = np.full(N_JOINTS, source != "repetition") & (judge.lasting(last) <= _LASTING)
@@ -139,7 +141,7 @@ def _fit(
     for one, found in zip(named, names, strict=True):
         spread = {name: deviation.pop(0) for name in found}
         others = [other for other in named if other is not one]
-        for name in set(EDGES) & set(one.hypothesis.refine):
+        for name in set(one.hypothesis.edges) & set(one.hypothesis.refine):
             low, high = contest.plateau(one, others, name)
             spread[name] = max(high - low, EDGE_STEP) / 3.92
         spreads.append(spread)
@@ -214,7 +216,7 @@ def _alternatives(
 def _verdict(findings: Sequence[Finding]) -> Verdict:
     if not findings:
         return "nothing_to_explain"
-    unknown = [finding.effect == "unknown" for finding in findings]
+    unknown = [finding.effect == Unknown.NAME for finding in findings]
     if all(unknown):
         return "unexplained"
     if any(unknown):

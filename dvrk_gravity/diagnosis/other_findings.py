@@ -14,22 +14,22 @@ from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import (
     FLOORS,
     Alternative,
-    Estimate,
     Finding,
     FloorFrom,
     Gain,
     Picture,
 )
-from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.diagnosis.judge import Judge
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import ReadingScore
 from dvrk_gravity.diagnosis.selection import Tried
+from dvrk_gravity.effects.effect import Hypothesis
+from dvrk_gravity.effects.meaning import Estimate
+from dvrk_gravity.effects.unknown import Unknown
+from dvrk_gravity.effects.wrong_coordinates import WrongCoordinates
 from dvrk_gravity.quantity import quantity
 
 Array = NDArray[np.float64]
-
-_DIRECTED = ("coulomb_friction", "presliding_hysteresis")  # shown by the direction of motion
 
 
 def unknown_finding(
@@ -42,7 +42,7 @@ def unknown_finding(
     gain = judge.gain(before, after, [joint])
     rms = float(np.sqrt(max(judge.rmse(before)[joint] ** 2 - judge.rmse(after)[joint] ** 2, 0.0)))
     return Finding(
-        effect="unknown",
+        effect=Unknown.NAME,
         joints=hypothesis.names,
         place=hypothesis.place,
         parameters={"rms": Estimate(rms, rms, rms, "N·m")},
@@ -73,14 +73,14 @@ def reading_finding(
     gain: Gain = judge.gain(before, after, joints)
     names = tuple(JOINT_NAMES[joint] for joint in score.reading.joints)
     return Finding(
-        effect="wrong_coordinates",
+        effect=WrongCoordinates.NAME,
         joints=names,
         place=score.reading.words,
         parameters={},
         gain=gain,
         alternatives=tuple(
             Alternative(
-                "wrong_coordinates",
+                WrongCoordinates.NAME,
                 tuple(JOINT_NAMES[joint] for joint in other.reading.joints),
                 f"{other.reading.words}: log-likelihood gain {other.gain:.0f} "
                 f"against {score.gain:.0f}",
@@ -103,9 +103,7 @@ def picture_of(
     """Return the held-out error of a joint against what a hypothesis depends on."""
     motion = bench.motion
     variable = hypothesis.variable if not motion.static else "position"
-    own = joint
-    if hypothesis.effect == "unknown" and hypothesis.place.startswith(f"{variable} of "):
-        own = JOINT_NAMES.index(hypothesis.place.split(" of ")[1])
+    own = joint if hypothesis.depends_on is None else hypothesis.depends_on
     name = JOINT_NAMES[own]
     values, label = {
         "position": (np.degrees(motion.q[:, own]), f"position of {name} [deg]"),
@@ -115,7 +113,7 @@ def picture_of(
     }[variable]
     x = bench.reduce_state(values[:, None])[judge.rows, 0]
     forward = None
-    if variable == "position" and hypothesis.effect in _DIRECTED:
+    if variable == "position" and hypothesis.directed:
         way = motion.qd if motion.direction is None else motion.direction
         forward = bench.reduce_state(way[:, [own]])[judge.rows, 0] > 0.0
     return Picture(JOINT_NAMES[joint], label, x, before[:, joint], after[:, joint], forward)
@@ -126,7 +124,7 @@ def shapeless_finding(joint: int, after: float, floor: float, source: FloorFrom)
     rms = float(np.sqrt(after**2 - floor**2))
     name = JOINT_NAMES[joint]
     return Finding(
-        effect="unknown",
+        effect=Unknown.NAME,
         joints=(name,),
         place="nothing that was tried",
         parameters={"rms": Estimate(rms, rms, rms, "N·m")},

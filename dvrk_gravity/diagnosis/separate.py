@@ -13,7 +13,6 @@ from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.quantity import quantity
 
 _POSES = 400
-_PATH = ("presliding_hysteresis", "thermal_drift", "contact", "time_delay", "unknown")
 
 
 def separation(
@@ -31,10 +30,10 @@ def separation(
         other: The one that could stand in its place.
     """
     bench = contest.bench
-    if {mine.hypothesis.effect, other.hypothesis.effect} & set(_PATH):
-        if "thermal_drift" in (mine.hypothesis.effect, other.hypothesis.effect):
-            return "a longer recording, begun with a cold arm, would tell"
-        return ""
+    pair = (mine.hypothesis, other.hypothesis)
+    told = next((one.told_apart_by for one in pair if one.told_apart_by), "")
+    if told or not all(one.of_state for one in pair):
+        return told
     motion = bench.motion
     random = np.random.default_rng(0)
     rows = random.integers(len(motion.q), size=_POSES)

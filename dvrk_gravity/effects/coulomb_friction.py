@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.friction_sites import friction_sites
+from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
+from dvrk_gravity.effects.merging import array
 from dvrk_gravity.effects.term import (
     Array,
     Evaluator,
@@ -23,6 +30,7 @@ from dvrk_gravity.effects.term import (
 from dvrk_gravity.parameter import Parameter, Value
 
 _SIGN: Array = np.array(1e9)  # slope that makes the ramp a sign function, while 0 stays 0
+_DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance
 _LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
 
 
@@ -44,6 +52,10 @@ class CoulombFriction(LinearTerm):
     """
 
     NAME = "coulomb_friction"
+    TITLE = "Coulomb friction"
+    MEANINGS = meanings(
+        positive=size("N·m", MORE, "moving up"), negative=size("N·m", MORE, "moving down")
+    )
     FRICTION = True
 
     arm: Arm
@@ -71,7 +83,7 @@ class CoulombFriction(LinearTerm):
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> CoulombFriction | None:
         """See :meth:`Term.from_parameters`; a direction that is not given equals the other."""
-        n = len(arm.joints)
+        n = arm.n
         levels = {}
         for place in ("joint", "motor"):
             up = values.get(f"{cls.NAME}.{place}_positive") or ()
@@ -160,6 +172,29 @@ class CoulombFriction(LinearTerm):
         ]
         return np.concatenate(columns, axis=-1)
 
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`; of poses only where their direction is known."""
+        if motion.static and motion.direction is None:
+            return
+        for place in friction_sites(motion):
+            setting: dict[str, float] = {}
+            if not motion.static:
+                setting["transition"] = motion.slowest(place.row(motion.arm))
+            for one_level in (True, False):
+                yield CoulombHypothesis(
+                    arm=motion.arm, site=place, joints=(place.index,), setting=setting,
+                    refine=tuple(setting), one_level=one_level,
+                )  # fmt: skip
+
+    def at(self, where: site.Site) -> float:
+        """Return the larger level at a site, N·m; at a joint its motor's is felt as well."""
+        motor = max(self.motor_positive[where.index], self.motor_negative[where.index])
+        if where.kind is site.Kind.MOTOR:
+            return float(motor)
+        joint = max(self.joint_positive[where.index], self.joint_negative[where.index])
+        return float(joint + motor)
+
     @cached_property
     def _at_motors(self) -> bool:
         return bool(self.motor_positive.any() or self.motor_negative.any())
@@ -172,3 +207,68 @@ class CoulombFriction(LinearTerm):
 def _level(motion: Array, slope: Array, positive: Array, negative: Array) -> Array:
     blend = np.clip(motion * slope, -1.0, 1.0)
     return np.where(blend > 0, positive, negative) * blend
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CoulombHypothesis(Hypothesis):
+    """Coulomb friction that is whole from a speed on; of poses, whole.
+
+    Attributes:
+        one_level: The same in both directions.
+    """
+
+    EFFECT = CoulombFriction
+
+    one_level: bool
+    variable: str = "velocity"
+    directed: bool = True
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        row = self.site.row(self.arm)
+        sign = motion.sign(row, setting.get("transition"))
+        if self.one_level:
+            return spread(row, sign)
+        return spread(row, np.maximum(sign, 0.0), np.minimum(sign, 0.0))
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"positive": float(theta[0]), "negative": float(theta[-1])}
+
+    def plausible(self, theta: Array) -> bool:
+        """Tell whether it is friction: driving one way and braking the other is an offset."""
+        up, down = float(theta[0]), float(theta[-1])
+        return not (up * down < 0.0 and min(abs(up), abs(down)) > _DRIVES * max(abs(up), abs(down)))
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """See :meth:`Hypothesis.merge`."""
+        del motion
+        return with_coulomb(self.arm, values, self.site, theta)
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`."""
+        where, told = self.site.words(self.arm), self._told(parameters)
+        up, down = (parameters[name] for name in ("positive", "negative"))
+        if up == down:
+            return f"{where} has {told['positive']} Coulomb friction than the model"
+        if up.value * down.value > 0.0 and not (up.doubtful(0.0) or down.doubtful(0.0)):
+            both = f"{up.magnitude.shown} moving up, {down.magnitude.shown} moving down"
+            way = MORE[up.value < 0.0]
+            return f"{where} has {way} Coulomb friction than the model: {both}"
+        both = f"{told['positive']} moving up, {told['negative']} moving down"
+        return f"{where} has another Coulomb friction than the model: {both}"
+
+
+def with_coulomb(arm: Arm, values: Values, where: site.Site, levels: Array) -> dict[str, Any]:
+    """Return a model's parameters with more Coulomb friction, up and down, none below zero."""
+    prefix, index = f"{CoulombFriction.NAME}.{where.kind.value}", where.index
+    up = array(arm, values, f"{prefix}_positive", f"{prefix}_negative")
+    down = array(arm, values, f"{prefix}_negative", f"{prefix}_positive")
+    up[index] = max(0.0, up[index] + levels[0])
+    down[index] = max(0.0, down[index] + levels[-1])
+    return {
+        **values,
+        f"{prefix}_positive": tuple(up.tolist()),
+        f"{prefix}_negative": tuple(down.tolist()),
+    }

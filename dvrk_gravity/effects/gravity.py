@@ -10,10 +10,13 @@ import numpy as np
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import GRAVITY, Arm
+from dvrk_gravity.effects.merging import Values
 from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, as_value
 from dvrk_gravity.effects.weight import weight_evaluator
 from dvrk_gravity.parameter import Parameter, Value
 from dvrk_gravity.tree import Tree, beta_tree
+
+_SIZES = (10, 12, 14)  # of beta
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +43,7 @@ class Gravity(LinearTerm):
         return (
             Parameter(
                 "beta", (), "N·m", "gravity base parameters (g inside), 10, 12 or 14 of them",
-                lower=-100.0, upper=100.0, lengths=(10, 12, 14),
+                lower=-100.0, upper=100.0, lengths=_SIZES,
             ),
             Parameter(
                 "gravity_enabled", True, "", "gravity flag: false leaves the gravity term out"
@@ -113,3 +116,28 @@ class Gravity(LinearTerm):
     @cached_property
     def _tree(self) -> Tree:
         return beta_tree(self.arm, self.beta, self.vector)
+
+
+def with_beta(values: Values, change: Array) -> Values | None:
+    """Return a model's parameters with (14,) N·m added to beta; ``None`` if it has no beta."""
+    beta = np.array(values.get("beta") or ())
+    if not beta.size:
+        return None
+    needed = next(size for size in _SIZES if not np.any(np.abs(change[size:]) > 1e-9))
+    total = np.zeros(max(len(beta), needed))
+    total[: len(beta)] += beta
+    total += change[: len(total)]
+    return {**values, "beta": tuple(total.tolist())}
+
+
+def link_beta(link: str, mass: float, moment: Array) -> Array:
+    """Return (14,) change of beta, N·m, by a link's mass, kg, and (3,) first moment, kg·m."""
+    weight = gravity.beta_from_links({link: gravity.LinkMass(1.0)}, columns=_SIZES[-1])
+    place = [
+        gravity.beta_from_links(
+            {link: gravity.LinkMass(1.0, tuple(axis.tolist()))}, columns=_SIZES[-1]
+        )
+        - weight
+        for axis in np.eye(3)
+    ]
+    return mass * weight + np.array(place).T @ moment

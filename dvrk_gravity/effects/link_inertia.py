@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dvrk_gravity.arm import Arm
-from dvrk_gravity.effects import rigid_body
+from dvrk_gravity.effects import rigid_body, site
+from dvrk_gravity.effects.effect import Hypothesis, Setting
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.link_prior import prior_scale
+from dvrk_gravity.effects.links import AXES, inertia_directions, link_columns, link_name
+from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
+from dvrk_gravity.effects.merging import Values
 from dvrk_gravity.effects.term import Array, LinearTerm, State, as_value
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
@@ -31,6 +37,10 @@ class LinkInertia(LinearTerm):
     """
 
     NAME = "link_inertia"
+    MEANINGS = meanings(
+        inertia=size("kg·m^2", MORE),
+        **{f"inertia_{axis}{axis}": size("kg·m^2", MORE) for axis in AXES},
+    )
     COMPENSATED = False  # a compensator holds; it knows no acceleration
 
     arm: Arm
@@ -78,6 +88,22 @@ class LinkInertia(LinearTerm):
         torque = rigid_body.torque(self.arm, self.theta, q, qd, qdd, _WEIGHTLESS)
         return torque.reshape(state.q.shape)
 
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`: of each link, and of all together."""
+        if motion.static or not motion.present.all():
+            return
+        for joint in range(1, len(motion.arm.joints)):
+            for form, isotropic in (("isotropic", True), ("principal", False)):
+                yield InertiaHypothesis(
+                    arm=motion.arm, site=site.link(joint), joints=(joint,),
+                    form=f"{link_name(joint)} {form}", isotropic=isotropic,
+                )  # fmt: skip
+        yield AllInertiaHypothesis(
+            arm=motion.arm, site=site.THE_ARM, form="inertia of all links",
+            plausible_size=tuple(prior_scale()[motion.inertial].tolist()),
+        )  # fmt: skip
+
     @property
     def theta(self) -> Array:
         """See :meth:`LinearTerm.theta`."""
@@ -92,3 +118,95 @@ class LinkInertia(LinearTerm):
         if state.q.ndim != 2:
             raise ShapeError("q", state.q.shape, "(N, n)")
         return rigid_body.regressor(self.arm, state.q, state.qd, state.qdd, _WEIGHTLESS)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InertiaHypothesis(Hypothesis):
+    """A link's rotational inertia is another one.
+
+    Attributes:
+        isotropic: The same about all axes, or one about each axis of the link's frame.
+    """
+
+    EFFECT = LinkInertia
+
+    isotropic: bool
+    variable: str = "acceleration"
+
+    @property
+    def _directions(self) -> Array:
+        return inertia_directions(self.arm, self.site.index, self.isotropic)
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return link_columns(motion, self.site.index, self._directions)
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        if self.isotropic:
+            return {"inertia": float(theta[0])}
+        return {f"inertia_{a}{a}": float(t) for a, t in zip(AXES, theta, strict=True)}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """See :meth:`Hypothesis.merge`."""
+        del motion
+        return _with_change(values, link_name(self.site.index), self._directions @ theta)
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`."""
+        told, joint = self._told(parameters), self.names[0]
+        if self.isotropic:
+            return f"the link of {joint} has {told['inertia']} inertia than the model's"
+        about = ", ".join(f"{value} about {name[-1]}" for name, value in told.items())
+        return f"the link of {joint} has another inertia than the model's: {about}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AllInertiaHypothesis(Hypothesis):
+    """The links' inertia as a whole is another one, or missing.
+
+    Its many coefficients mean nothing one by one.
+    """
+
+    EFFECT = LinkInertia
+    CLAIM = "the links' inertias as a whole are others than the model's"
+
+    variable: str = "acceleration"
+    of_model: bool = True
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return motion.inertial_torque(motion.inertial)
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del theta, setting
+        return {}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """See :meth:`Hypothesis.merge`."""
+        change = np.zeros(rigid_body.PER_LINK * len(TREE_LINKS))
+        change[motion.inertial] = theta
+        for body, row in zip(TREE_LINKS, change.reshape(-1, rigid_body.PER_LINK), strict=True):
+            values = _with_change(values, body, row)
+        return values
+
+    def correction(self) -> str:
+        """See :meth:`Hypothesis.correction`."""
+        return "fitting them anew beside all else"
+
+
+def _with_change(values: Values, body: str, change: Array) -> Values:
+    name = f"{LinkInertia.NAME}.{body}"
+    row = np.array(values.get(name) or np.zeros(rigid_body.PER_LINK)) + change
+    return {**values, name: tuple(row.tolist())}
+
+
+def with_inertia(values: Values, body: str, change: Array) -> Values:
+    """Return a model's parameters with (10,) more of a body, if the model has inertia at all."""
+    if not any(name.startswith(f"{LinkInertia.NAME}.") for name in values):
+        return values
+    return _with_change(values, body, change)

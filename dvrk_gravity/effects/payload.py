@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +10,14 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity.arm import Arm
-from dvrk_gravity.effects import rigid_body
+from dvrk_gravity.effects import rigid_body, site
+from dvrk_gravity.effects.effect import Hypothesis, Setting
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.gravity import link_beta, with_beta
+from dvrk_gravity.effects.link_inertia import with_inertia
+from dvrk_gravity.effects.links import AXES, link_columns, link_name, mass_directions
+from dvrk_gravity.effects.meaning import Meaning, meanings
+from dvrk_gravity.effects.merging import Values
 from dvrk_gravity.effects.term import Array, Evaluator, State, Term, as_value
 from dvrk_gravity.effects.weight import weight_evaluator
 from dvrk_gravity.errors import ConfigError
@@ -18,6 +25,10 @@ from dvrk_gravity.parameter import Parameter, Value
 from dvrk_gravity.tree import TREE_LINKS, Tree, build_tree, link_frames
 
 _WEIGHTLESS = np.zeros(3)
+
+
+_LEAST = 1e-4  # kg, of which the place can be told
+_FARTHEST = 0.3  # m, from the link's frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +48,11 @@ class Payload(Term):
     """
 
     NAME = "payload"
+    MEANINGS = meanings(
+        mass=Meaning("kg", 0.0, least=0.0, greatest=5.0),
+        **{f"first_moment_{axis}": Meaning("kg·m") for axis in AXES},
+        **{axis: Meaning("m", reported=False) for axis in AXES},
+    )
 
     arm: Arm
     link: str
@@ -114,6 +130,17 @@ class Payload(Term):
         torque = rigid_body.torque(self.arm, self._links, q, qd, qdd, gravity)
         return torque.reshape(state.q.shape)
 
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`."""
+        if not motion.present.all():
+            return
+        for joint in range(1, len(motion.arm.joints)):
+            yield PayloadHypothesis(
+                arm=motion.arm, site=site.link(joint), joints=(joint,), form=link_name(joint),
+                setting=dict.fromkeys(AXES, 0.0),
+            )  # fmt: skip
+
     @cached_property
     def _links(self) -> Array:
         """(90,) inertial parameters of the tree's bodies."""
@@ -125,4 +152,43 @@ class Payload(Term):
 
 def _links(arm: Arm) -> tuple[str, ...]:
     """Return the links of the chain, which a thing can be fastened to."""
-    return tuple(f"link{i}" for i in range(1, len(arm.joints) + 1))
+    return tuple(f"link{i}" for i in range(1, arm.n + 1))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PayloadHypothesis(Hypothesis):
+    """A link carries a point mass that the model does not know."""
+
+    EFFECT = Payload
+    CLAIM = "{joint}'s link carries {mass} that the model does not know"
+
+    fixed_point: tuple[str, ...] = AXES
+
+    def _directions(self, setting: Setting) -> Array:
+        place = np.array([setting[axis] for axis in AXES])
+        return mass_directions(self.arm, self.site.index, place)
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        return link_columns(motion, self.site.index, self._directions(setting))
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        mass = float(theta[0])
+        moments = {f"first_moment_{a}": float(m) for a, m in zip(AXES, theta[1:], strict=True)}
+        safe = mass if abs(mass) > _LEAST else _LEAST
+        place = np.clip(theta[1:] / safe, -_FARTHEST, _FARTHEST)
+        return {"mass": mass, **moments} | {a: float(p) for a, p in zip(AXES, place, strict=True)}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`; beside a payload that is there it is part of the link."""
+        link, name = link_name(self.site.index), self.effect
+        if motion.model.term(name) is None and f"{name}.mass" not in values and theta[0] > 0.0:
+            moment = tuple(theta[1:].tolist())
+            named = {"mass": float(theta[0]), "first_moment": moment, "link": link}
+            return {**values, **{f"{name}.{key}": value for key, value in named.items()}}
+        result = with_beta(values, link_beta(link, float(theta[0]), theta[1:]))
+        if result is None:
+            return None
+        return with_inertia(result, link, self._directions(self.setting) @ theta)

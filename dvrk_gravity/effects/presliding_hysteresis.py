@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
+from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.friction_sites import friction_sites
+from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.term import (
     Array,
     LinearTerm,
@@ -22,7 +28,10 @@ from dvrk_gravity.parameter import Parameter, Value
 _MOST = 8
 _FAR = 1e6  # rad
 _MOMENT = 0.2  # s
-_BLOCK = 10_000  # samples whose steps are held at a time
+_DISPLACEMENTS = (1e-4, 10.0)  # rad
+_RESOLVED = 3.0  # encoder steps that a displacement must have to be seen
+_REPLACED = 1.5  # times the model's Coulomb friction: more than that, it cannot take away
+_LENGTHS = (0.02, 0.06, 0.15, 0.35)  # of half the way of the joint, from which the search begins
 _PLACES = ("joint", "motor")
 
 
@@ -44,6 +53,11 @@ class PreslidingHysteresis(LinearTerm):
     """
 
     NAME = "presliding_hysteresis"
+    MEANINGS = meanings(
+        level=Meaning("N·m", 0.0, least=0.0),
+        length=Meaning("rad", label="builds up over"),
+        coulomb=size("N·m", MORE, "Coulomb friction beside it"),
+    )
     FRICTION = True
     COMPENSATED = False
 
@@ -60,7 +74,7 @@ class PreslidingHysteresis(LinearTerm):
             Parameter(
                 f"{cls.NAME}.displacement", (), "rad",
                 "displacement over which each element builds up",
-                lower=1e-4, upper=10.0, lengths=lengths,
+                lower=_DISPLACEMENTS[0], upper=_DISPLACEMENTS[1], lengths=lengths,
             ),
             *(
                 Parameter(
@@ -78,7 +92,7 @@ class PreslidingHysteresis(LinearTerm):
         """See :meth:`Term.from_parameters`."""
         displacement = values.get(f"{cls.NAME}.displacement") or ()
         assert isinstance(displacement, tuple)
-        levels = {place: np.zeros((len(displacement), len(arm.joints))) for place in _PLACES}
+        levels = {place: np.zeros((len(displacement), arm.n)) for place in _PLACES}
         for place in _PLACES:
             for column, joint in enumerate(arm.joint_names):
                 given = values.get(f"{cls.NAME}.{place}.{joint}") or ()
@@ -130,6 +144,23 @@ class PreslidingHysteresis(LinearTerm):
         """See :meth:`LinearTerm.regressor`."""
         return self.columns(self.elements(state))
 
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`: at several displacements, with and without exchange."""
+        if motion.static:
+            return
+        for place in friction_sites(motion):
+            row = place.row(motion.arm)
+            half = float(np.ptp(np.percentile(motion.q @ row, [1, 99]))) / 2
+            # What happens within few steps of an encoder looks like what happens at low speed.
+            shortest = _RESOLVED * float(motion.step @ np.abs(row))
+            for length in sorted({max(part * half, shortest) for part in _LENGTHS}):
+                for known in (None, _known_coulomb(motion, place)):
+                    yield PreslidingHypothesis(
+                        arm=motion.arm, site=place, joints=(place.index,),
+                        setting={"length": length}, shortest=shortest, known=known,
+                    )  # fmt: skip
+
     def columns(self, elements: Array) -> Array:
         """Return (N, n, 2 n K) regressor from (N, K, 2, n) states of the elements."""
         columns = []
@@ -163,15 +194,111 @@ class PreslidingHysteresis(LinearTerm):
 
 def _build_up(position: Array, first: Array, displacement: Array) -> Array:
     """Return (N, K, 2, n) states along (N, 2, n) positions from (K, 2, n) ``first`` ones on."""
-    out = np.empty((len(position), len(displacement), *position.shape[1:]))
-    out[0] = first
-    for start in range(1, len(out), _BLOCK):
-        rows = slice(start, min(start + _BLOCK, len(out)))
-        step = np.diff(position[rows.start - 1 : rows.stop], axis=0)[:, None]
-        stay = np.exp(-np.abs(step) / displacement[:, None, None])
-        # Between two samples the motion goes one way: z -> s + (z - s) exp(-|dx| / displacement).
-        gain = np.sign(step) * (1.0 - stay)
-        for row in range(rows.start, rows.stop):
-            np.multiply(out[row - 1], stay[row - start], out=out[row])
-            out[row] += gain[row - start]
+    out = np.empty((len(position), *first.shape))
+    for k, place, index in np.ndindex(*first.shape):
+        way = position[:, place, index]
+        out[:, k, place, index] = dahl(way, float(displacement[k]), float(first[k, place, index]))
     return out
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PreslidingHypothesis(Hypothesis):
+    """One element at a joint or a motor; part of the model's Coulomb friction may be its.
+
+    Attributes:
+        shortest: Displacement below which the encoder shows nothing, rad.
+        known: The model's Coulomb friction there, N·m; ``None``: it stays what it is.
+    """
+
+    EFFECT = PreslidingHysteresis
+
+    shortest: float
+    known: float | None = None
+    refine: tuple[str, ...] = ("length",)
+    searched: int = len(_LENGTHS)
+    directed: bool = True
+    of_state: bool = False
+
+    def _length(self, setting: Setting) -> float:
+        return max(setting["length"], self.shortest)
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`; elements are relaxed at the beginning of every part."""
+        row = self.site.row(self.arm)
+        position = motion.q @ row
+        state = np.zeros(len(position))
+        for part in motion.parts:
+            state[part] = dahl(position[part], self._length(setting), 0.0)
+        if self.known is None:
+            return spread(row, state)
+        return spread(row, state, motion.sign(row))
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        values = {"level": float(theta[0]), "length": self._length(setting)}
+        return values | ({} if self.known is None else {"coulomb": float(theta[1])})
+
+    def plausible(self, theta: Array) -> bool:
+        """See :meth:`Hypothesis.plausible`; it takes no Coulomb friction that is not there."""
+        taken = 0.0 if self.known is None else -float(theta[1])
+        return super().plausible(theta) and taken <= _REPLACED * (self.known or 0.0)
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`: an element more, and the change of Coulomb friction."""
+        del motion
+        if theta[0] < 0.0:
+            return None
+        name = self.effect
+        mine = f"{name}.{self.site.kind.value}.{self.arm.joint_names[self.site.index]}"
+        lengths = tuple(values.get(f"{name}.displacement") or ())
+        length = float(np.clip(self.setting["length"], *_DISPLACEMENTS))
+        result = {**values, f"{name}.displacement": (*lengths, length)}
+        levels = tuple(f"{name}.{place}." for place in _PLACES)
+        for other in values:
+            if other.startswith(levels) and values[other]:
+                result[other] = (*values[other], 0.0)
+        before = tuple(values.get(mine) or np.zeros(len(lengths)).tolist())
+        result[mine] = (*before, float(theta[0]))
+        if len(theta) > 1:
+            result = with_coulomb(self.arm, result, self.site, theta[1:])
+        return result
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`."""
+        told = self._told(parameters)
+        beside = f", beside {told['coulomb']} Coulomb friction" if "coulomb" in told else ""
+        return (
+            f"friction of {self.site.words(self.arm)} builds up to {told['level']} over "
+            f"{told['length']} after each reversal{beside}"
+        )
+
+
+def _known_coulomb(motion: Motion, where: site.Site) -> float:
+    """Return the model's Coulomb friction at a site, a joint's with its motor's, N·m."""
+    term = motion.model.term(CoulombFriction.NAME)
+    return term.at(where) if isinstance(term, CoulombFriction) else 0.0
+
+
+def dahl(position: Array, displacement: float, first: float) -> Array:
+    """Return (N,) states of an element in [-1, 1] along (N,) positions, from its first state on.
+
+    Between reversals z = s + (z0 - s) exp(-way / displacement), which is exact: what happens on
+    the way is known as soon as the states at the reversals are, and these follow one another.
+    """
+    step = np.diff(position)
+    if not len(step):
+        return np.full(len(position), first)
+    sign = np.sign(step)
+    starts = np.flatnonzero(np.diff(sign, prepend=np.nan))  # of runs that go one way
+    way = np.concatenate([[0.0], np.cumsum(np.abs(step))])
+    ends = np.append(starts[1:], len(step))
+    left = np.exp(-(way[ends] - way[starts]) / displacement).tolist()
+    at_start, state = [], first
+    for goal, kept in zip(sign[starts].tolist(), left, strict=True):
+        at_start.append(state)
+        # Where nothing moves, nothing is lost: of a zero step all is kept.
+        state = goal + (state - goal) * kept
+    run = np.repeat(np.arange(len(starts)), ends - starts)
+    along = np.exp(-(way[1:] - way[starts][run]) / displacement)
+    states = sign + (np.array(at_start)[run] - sign) * along
+    return np.concatenate([[first], states])

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.friction_sites import friction_sites
+from dvrk_gravity.effects.meaning import Meaning, meanings
+from dvrk_gravity.effects.merging import array
 from dvrk_gravity.effects.term import (
     Array,
     Friction,
@@ -23,6 +28,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
 _PLACES = ("joint", "motor")
+_SPEEDS = (0.12, 0.3, 0.7)  # of the RMS speed, from which the search begins
 _SLOWEST = 1e-4  # rad/s, of a velocity that a level can have
 
 
@@ -44,6 +50,11 @@ class StribeckFriction(Friction):
     """
 
     NAME = "stribeck_friction"
+    TITLE = "Stribeck friction"
+    MEANINGS = meanings(
+        level=Meaning("N·m", 0.0, label="greater at rest by", least=0.0),
+        velocity=Meaning("rad/s", label="gone above about"),
+    )
 
     joint_velocity: Array
     motor_velocity: Array
@@ -67,7 +78,7 @@ class StribeckFriction(Friction):
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> StribeckFriction | None:
         """See :meth:`Term.from_parameters`; where there is a level, there must be a velocity."""
-        n = len(arm.joints)
+        n = arm.n
         levels = {p: as_array(values.get(f"{cls.NAME}.{p}"), n, 0.0) for p in _PLACES}
         if not any(level.any() for level in levels.values()):
             return None
@@ -108,6 +119,19 @@ class StribeckFriction(Friction):
         columns = [diagonal_columns(joint), motor_columns(self.arm, motor)]
         return np.concatenate(columns, axis=-1)
 
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`."""
+        if motion.static:
+            return
+        for place in friction_sites(motion):
+            speed = float(np.sqrt(np.mean((motion.qd @ place.row(motion.arm)) ** 2)))
+            for part in _SPEEDS:
+                yield StribeckHypothesis(
+                    arm=motion.arm, site=place, joints=(place.index,),
+                    setting={"velocity": part * speed},
+                )  # fmt: skip
+
     def _parts(self, state: State) -> tuple[Array, Array] | None:
         """Return (…, n) torques per level at the joints and at the motors."""
         if state.direction is not None:
@@ -133,3 +157,38 @@ class StribeckFriction(Friction):
             for speed in (self.joint_velocity, self.motor_velocity)
         )
         return joint, motor
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StribeckHypothesis(Hypothesis):
+    """Friction that falls with the speed, at a joint or a motor."""
+
+    EFFECT = StribeckFriction
+    CLAIM = (
+        "friction of {where} is {level} greater at rest than at speed, "
+        "and falls within about {velocity}"
+    )
+
+    refine: tuple[str, ...] = ("velocity",)
+    variable: str = "velocity"
+    searched: int = len(_SPEEDS)
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        row = self.site.row(self.arm)
+        ratio = (motion.qd @ row) / setting["velocity"]
+        return spread(row, motion.sign(row) * np.exp(-(ratio**2)))
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        return {"level": float(theta[0]), "velocity": setting["velocity"]}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`; a joint has one velocity."""
+        del motion
+        name, index = f"{self.effect}.{self.site.kind.value}", self.site.index
+        level, speed = (array(self.arm, values, one) for one in (name, f"{name}_velocity"))
+        if level[index] > 0.0 or theta[0] < 0.0:
+            return None
+        level[index], speed[index] = theta[0], self.setting["velocity"]
+        return {**values, name: tuple(level.tolist()), f"{name}_velocity": tuple(speed.tolist())}

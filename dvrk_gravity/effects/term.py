@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity.arguments import floats
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects.effect import Effect
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -79,7 +80,7 @@ class State:
         return State(self.q[which], *(None if one is None else one[which] for one in rest))
 
 
-class Term(ABC):
+class Term(Effect):
     """One named physical cause of torque.
 
     Torques are those that the *actuators apply*, expressed in joint space: a
@@ -93,7 +94,6 @@ class Term(ABC):
             lives in a sensor.
     """
 
-    NAME: ClassVar[str]
     FRICTION: ClassVar[bool] = False
     COMPENSATED: ClassVar[bool] = True
 
@@ -229,7 +229,7 @@ def motor_columns(arm: Arm, values: Array) -> Array:
 
 def joint_array(arm: Arm, name: str, unit: str, meaning: str, lower: float = -np.inf) -> Parameter:
     """Declare an optional array with a number for each joint of an arm."""
-    return Parameter(name, (), unit, meaning, lower=lower, lengths=(len(arm.joints),))
+    return Parameter(name, (), unit, meaning, lower=lower, lengths=(arm.n,))
 
 
 def as_array(value: Value | None, n: int, default: float) -> Array:

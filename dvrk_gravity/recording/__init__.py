@@ -6,6 +6,7 @@ from dvrk_gravity.recording.checks import check
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.excerpt import Excerpt, excerpt
+from dvrk_gravity.recording.files import save_recording
 from dvrk_gravity.recording.filters import LowPass, derivative, lowpass
 from dvrk_gravity.recording.joint_states import JointStateSample, read_joint_states
 from dvrk_gravity.recording.prepare import Prepared, Segment, prepare
@@ -14,7 +15,6 @@ from dvrk_gravity.recording.stream import (
     RecordingFile,
     iterate_recording,
     opened,
-    save_recording,
 )
 from dvrk_gravity.recording.trajectory import Stretch, Trajectory, read_trajectory
 

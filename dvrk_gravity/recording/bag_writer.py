@@ -17,7 +17,7 @@ import numpy as np
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import JOINT_STATE, URI_MARKS, typestore
 from dvrk_gravity.recording.cdr import CdrError, encode_joint_state
-from dvrk_gravity.recording.data import Recording, Storage
+from dvrk_gravity.recording.samples import Samples, Storage
 
 COMMIT_INTERVAL = 1.0  # s; what a killed process loses at most of a sqlite3 bag
 # A stamp of 0 marks invalid data, so a recording without an absolute time starts at 1 s.
@@ -183,7 +183,7 @@ class BagWriter:
 
 
 def write_bag(
-    parts: Iterable[Recording],
+    parts: Iterable[Samples],
     path: str | Path,
     storage: Storage = "sqlite3",
     topic: str = "/measured_js",

@@ -21,7 +21,7 @@ import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.data import CHUNK, LARGEST, QUANTITIES, Array, Coordinates, Recording
+from dvrk_gravity.recording.samples import CHUNK, LARGEST, QUANTITIES, Array, Coordinates, Samples
 from dvrk_gravity.recording.timeline import Timeline, with_counts
 
 LATEST_TIME = 9e9  # s; beyond it ns since 1970 overflow 64 bits: certainly not seconds
@@ -133,7 +133,7 @@ def _to_nanoseconds(source: str, seconds: Array) -> np.ndarray:
 
 def iterate_csv(
     path: str | Path, coordinates: Coordinates = "joint", chunk: int = CHUNK
-) -> Iterator[Recording]:
+) -> Iterator[Samples]:
     """Yield a CSV file as recordings of at most ``chunk`` samples, times relative to its first row.
 
     A row with the time of the row before is left out and counted (``repeated``).
@@ -166,7 +166,7 @@ def _lines(source: str, file: TextIO, rows_from: int) -> Iterator[str]:
 
 def _iterate(
     source: str, file: TextIO, coordinates: Coordinates, chunk: int
-) -> Iterator[tuple[Recording | None, int, int]]:
+) -> Iterator[tuple[Samples | None, int, int]]:
     header = file.readline(LINE_LIMIT)
     if not header.strip():
         raise RecordingError(source, "is empty, expected a CSV header")
@@ -190,7 +190,7 @@ def _iterate(
         for array in (*arrays.values(), time):
             if array is not None:
                 array.flags.writeable = False
-        recording = Recording(
+        samples = Samples(
             columns.joints,
             time,
             arrays["position"],
@@ -201,7 +201,7 @@ def _iterate(
             source,
             timeline.start_ns or 0,
         )
-        yield recording, 0, rows - len(table)
+        yield samples, 0, rows - len(table)
     if not rows_read:
         raise RecordingError(source, "has a header but no rows")
 
@@ -227,7 +227,7 @@ def new_file(path: str | Path) -> Iterator[TextIO]:
         partial.unlink(missing_ok=True)
 
 
-def write_csv(chunks: Iterable[Recording], path: str | Path) -> None:
+def write_csv(chunks: Iterable[Samples], path: str | Path) -> None:
     """Write consecutive parts of one recording as a CSV file, complete or not at all.
 
     Raises:
@@ -248,7 +248,7 @@ def write_csv(chunks: Iterable[Recording], path: str | Path) -> None:
             raise RecordingError(path, "nothing to write")
 
 
-def _table(part: Recording) -> tuple[list[str], list[Array]]:
+def _table(part: Samples) -> tuple[list[str], list[Array]]:
     names, arrays = [], []
     if part.time is not None:
         names.append("time")

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 from dvrk_gravity.arguments import floats
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.errors import ArgumentError, RecordingError, ShapeError
-
-Coordinates = Literal["joint", "actuator"]
-TimeBase = Literal["stamp", "receive"]
-Storage = Literal["sqlite3", "mcap"]
-Array = NDArray[np.float64]
-
-QUANTITIES = ("position", "velocity", "effort")
-CHUNK = 10_000  # samples read at a time
-LARGEST = 1e12  # no reading of a robot; keeps squares and sums finite
+from dvrk_gravity.recording import files
+from dvrk_gravity.recording.samples import (
+    LARGEST,
+    QUANTITIES,
+    Array,
+    Coordinates,
+    Samples,
+    Storage,
+    TimeBase,
+)
 
 
 def known_coordinates(given: Coordinates | None) -> Coordinates | None:
@@ -46,24 +47,8 @@ def _frozen(name: str, array: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
-    """What some joints of an arm did: N samples of n joints, all arrays read-only.
-
-    Attributes:
-        joints: Names of the n columns, in the order of ``JOINT_NAMES``; joints that were not
-            recorded are left out.
-        time: ``(N,)`` s, strictly increasing, relative to ``start_ns`` (so the first sample
-            of a file is at 0; a slice keeps its own times). ``None``: static poses.
-        position: ``(N, n)`` rad.
-        velocity: ``(N, n)`` rad/s, or ``None`` where not recorded.
-        effort: ``(N, n)`` N·m that the actuators apply, or ``None`` where not recorded.
-        direction: ``(N, n)``, +1 or -1: how a static pose was approached, or ``None``.
-        coordinates: ``"joint"`` (what measured_js publishes) or ``"actuator"`` (motors).
-        source: File or folder that it came from.
-        start_ns: Absolute stamp of time 0, ns; 0 where the file does not tell.
-        invalid: Number of messages left out because they carried stamp 0, which is how the
-            dVRK marks invalid data.
-        repeated: Number of samples left out because they carried the stamp of the sample before.
+class Recording(Samples):
+    """What some joints of an arm did: samples that were checked, in arrays that are read-only.
 
     Raises:
         ShapeError: If an array does not fit ``position``.
@@ -71,18 +56,6 @@ class Recording:
             twice, a value is not finite or beyond 1e12, time does not increase, or a direction
             is not +1 or -1.
     """
-
-    joints: tuple[str, ...]
-    time: Array | None
-    position: Array
-    velocity: Array | None = None
-    effort: Array | None = None
-    direction: Array | None = None
-    coordinates: Coordinates = "joint"
-    source: str = "recording"
-    start_ns: int = 0
-    invalid: int = 0
-    repeated: int = 0
 
     def __post_init__(self) -> None:
         """Check the parts against each other and make the arrays read-only."""
@@ -153,6 +126,15 @@ class Recording:
             )
 
     @classmethod
+    def checked(cls, samples: Samples) -> Recording:
+        """Return what a file holds as a recording.
+
+        Raises:
+            RecordingError: If it is none; see above.
+        """
+        return cls(**vars(samples))
+
+    @classmethod
     def load(
         cls,
         path: str | Path,
@@ -173,9 +155,7 @@ class Recording:
         Raises:
             RecordingError: If the file cannot be used; the text says where and why.
         """
-        from dvrk_gravity.recording.stream import load_recording
-
-        return load_recording(path, topic, coordinates, time_base)
+        return cls.checked(files.join(list(files.read(path, topic, coordinates, time_base))))
 
     def save(
         self, path: str | Path, storage: Storage = "sqlite3", topic: str = "/measured_js"
@@ -191,9 +171,7 @@ class Recording:
             RecordingError: If the target exists or cannot be written, or if a bag was asked for
                 and the recording has no time or has directions, which JointState cannot carry.
         """
-        from dvrk_gravity.recording.stream import save_recording
-
-        save_recording([self], path, storage, topic)
+        files.save_recording([self], path, storage, topic)
 
     def __repr__(self) -> str:
         """Say what it holds, in short."""
@@ -204,10 +182,6 @@ class Recording:
         number = len(self.joints)
         joints = f"{number} joints" if number > 1 else self.joints[0]
         return f"<Recording {self.source}: {what}, {joints}, {self.coordinates} coordinates>"
-
-    def __len__(self) -> int:
-        """Return the number of samples N."""
-        return self.position.shape[0]
 
     @property
     def rate(self) -> float | None:

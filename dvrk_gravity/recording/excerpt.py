@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.recording.data import CHUNK, Recording
+from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.files import join
 from dvrk_gravity.recording.pieces import Findings, Piece, blocks, parts_of
-from dvrk_gravity.recording.stream import RecordingFile, join
+from dvrk_gravity.recording.samples import CHUNK
+from dvrk_gravity.recording.stream import RecordingFile
 
 MOST_SAMPLES = 600_000  # of a recording that is held in memory whole: ten minutes at 1 kHz
 CHECKED = 60_000  # samples that are checked at a time

@@ -8,35 +8,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.recording.data import QUANTITIES, Array, Recording
+from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.filters import LowPass, derivative
+from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.sample_times import retimed
+from dvrk_gravity.recording.samples import QUANTITIES
 
 GAP = 3.5  # a longer interval, in median intervals, is a gap and not jitter
 UNIFORM = 1e-4  # intervals that differ by less than this part are equal
 ON_GRID = 0.01  # intervals that a grid point may be off
-QUANTUM_SAMPLES = 20_000
 MOVING = 1e-6  # rad in one sample: below, an unchanged reading proves nothing
-
-
-def quantum(values: Array) -> float:
-    """Return the step of quantised values ``(N,)``, or 0 if they are not multiples of a step.
-
-    The distances between neighbouring distinct values must all but a tenth be whole multiples of
-    a small one of them. Of a long signal, samples spread over its length are looked at.
-    """
-    distinct = np.unique(values[:: 1 + len(values) // QUANTUM_SAMPLES])
-    if len(distinct) < 3:
-        return 0.0
-    gaps = np.diff(distinct)
-    # Distances of rounding size come from arithmetic on quantised values.
-    gaps = gaps[gaps > 1e-9 * max(abs(distinct[0]), abs(distinct[-1]))]
-    if not len(gaps):
-        return 0.0
-    step = float(np.percentile(gaps, 5))
-    multiples = gaps / step
-    whole = np.abs(multiples - np.round(multiples)) < 0.1
-    return step if np.mean(whole) > 0.9 else 0.0
 
 
 def speed(recording: Recording) -> Array:

@@ -14,7 +14,7 @@ from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import BagReader
 from dvrk_gravity.recording.cdr import CdrError, JointStateLayout
-from dvrk_gravity.recording.data import CHUNK, QUANTITIES, Array, Coordinates, Recording, TimeBase
+from dvrk_gravity.recording.samples import CHUNK, QUANTITIES, Array, Coordinates, Samples, TimeBase
 from dvrk_gravity.recording.timeline import Timeline, with_counts
 
 # Layouts tried on all of a chunk's messages; a stranger stream than that is decoded singly.
@@ -114,7 +114,7 @@ def iterate_bag(
     coordinates: Coordinates = "joint",
     time_base: TimeBase = "stamp",
     chunk: int = CHUNK,
-) -> Iterator[Recording]:
+) -> Iterator[Samples]:
     """Yield a bag's JointStates as recordings of at most ``chunk`` samples.
 
     Joints are matched by name, in any order; names that are not the arm's (a gripper) are left
@@ -129,7 +129,7 @@ def iterate_bag(
 
 def _iterate(
     path: Path, topic: str | None, coordinates: Coordinates, time_base: TimeBase, chunk: int
-) -> Iterator[tuple[Recording | None, int, int]]:
+) -> Iterator[tuple[Samples | None, int, int]]:
     source = str(path)
     table = _Table(source)
     timeline = Timeline()
@@ -153,7 +153,7 @@ def _iterate(
             fields = {quantity: values[valid][later] for quantity, values in arrays.items()}
             for array in (*fields.values(), time):
                 array.flags.writeable = False
-            recording = Recording(
+            samples = Samples(
                 table.joints,
                 time,
                 coordinates=coordinates,
@@ -161,7 +161,7 @@ def _iterate(
                 start_ns=timeline.start_ns or 0,
                 **fields,
             )
-            yield recording, invalid, repeated
+            yield samples, invalid, repeated
     if timeline.start_ns is None:
         counted = f" but {first} with stamp 0 (invalid)" if first else ""
         raise RecordingError(source, f"holds no JointState messages{counted}")

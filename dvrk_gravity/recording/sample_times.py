@@ -13,6 +13,7 @@ import numpy as np
 
 from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.filters import LowPass
+from dvrk_gravity.recording.quantization import quantum
 
 SLOWEST = 1.0  # Hz; slower wander is left to the stamps: velocities are off by a percent or two
 SLOPE_TOLERANCE = 0.03  # of a velocity column against positions, to be of use here
@@ -57,9 +58,6 @@ def _intervals(position: Array, velocity: Array, stamped: Array, nominal: float)
 
     Weighted least squares over the joints, with the stamped interval as a weak prior.
     """
-    # Imported here: grid.py, which knows the encoders' steps, resamples what is retimed.
-    from dvrk_gravity.recording.grid import quantum
-
     way, mean = np.diff(position, axis=0), 0.5 * (velocity[1:] + velocity[:-1])
     expected = mean * stamped[:, None]
     power = np.sum(expected**2, axis=0)

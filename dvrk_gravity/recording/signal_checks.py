@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
 from dvrk_gravity.recording.filters import LowPass
-from dvrk_gravity.recording.grid import quantum, speed, split_at_gaps, stale
+from dvrk_gravity.recording.grid import speed, split_at_gaps, stale
+from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.sample_times import retimed
 
 STALE_SHARE = 0.01

@@ -1,26 +1,17 @@
-"""Reading and writing recordings of any kind, whole or in parts."""
+"""Recordings that are read from their files in parts, or are given in memory."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-import numpy as np
-
-from dvrk_gravity import text_file
 from dvrk_gravity.arguments import path_of
-from dvrk_gravity.errors import ArgumentError, RecordingError
-from dvrk_gravity.recording.bag import SUFFIXES
-from dvrk_gravity.recording.bag_writer import write_bag
-from dvrk_gravity.recording.csv_file import iterate_csv, write_csv
-from dvrk_gravity.recording.data import CHUNK, Array, Coordinates, Recording, Storage, TimeBase
-from dvrk_gravity.recording.joint_states import iterate_bag
-
-A_PATH = "the path of a .csv file or a rosbag2"
-# Names that would promise something else than the folder of a bag.
-FOREIGN_SUFFIXES = (".json", ".yaml", ".yml", ".txt", ".bag")
+from dvrk_gravity.errors import ArgumentError
+from dvrk_gravity.recording import files
+from dvrk_gravity.recording.data import Recording
+from dvrk_gravity.recording.files import A_PATH
+from dvrk_gravity.recording.samples import CHUNK, Coordinates, TimeBase
 
 
 def iterate_recording(
@@ -38,16 +29,7 @@ def iterate_recording(
     Raises:
         RecordingError: When the part that cannot be used is reached.
     """
-    path = path_of("recording", path, A_PATH)
-    if not path.exists():
-        raise RecordingError(path, "no such file or folder")
-    if not text_file.is_file(path):
-        raise RecordingError(path, "is a pipe or device, expected a file or a folder")
-    if path.is_dir() or path.suffix in SUFFIXES:
-        return iterate_bag(path, topic, coordinates, time_base, chunk)
-    if path.suffix.lower() == ".csv":
-        return iterate_csv(path, coordinates, chunk)
-    raise RecordingError(path, "expected a .csv file, a rosbag2 folder, or a .db3 or .mcap file")
+    return map(Recording.checked, files.read(path, topic, coordinates, time_base, chunk))
 
 
 class RecordingFile:
@@ -82,7 +64,7 @@ class RecordingFile:
 
     def load(self) -> Recording:
         """Return the whole."""
-        return join(list(self.parts()))
+        return files.join(list(self.parts()))
 
 
 Given = Recording | RecordingFile | str | os.PathLike[str]
@@ -113,49 +95,3 @@ def opened(
         )
         for one in given
     ]
-
-
-def load_recording(
-    path: str | Path, topic: str | None, coordinates: Coordinates, time_base: TimeBase
-) -> Recording:
-    """Read a whole recording; see ``Recording.load``."""
-    return join(list(iterate_recording(path, topic, coordinates, time_base)))
-
-
-def join(parts: Sequence[Recording]) -> Recording:
-    """Return consecutive parts of one recording as one."""
-    if len(parts) == 1:
-        return parts[0]
-
-    def joined(name: str) -> Array | None:
-        values = [getattr(part, name) for part in parts]
-        if values[0] is None:
-            return None
-        result = np.concatenate(values)
-        result.flags.writeable = False
-        return result
-
-    position = joined("position")
-    assert position is not None
-    return replace(
-        parts[0],
-        time=joined("time"),
-        position=position,
-        velocity=joined("velocity"),
-        effort=joined("effort"),
-        direction=joined("direction"),
-        invalid=sum(part.invalid for part in parts),
-        repeated=sum(part.repeated for part in parts),
-    )
-
-
-def save_recording(
-    parts: Iterable[Recording], path: str | Path, storage: Storage, topic: str
-) -> None:
-    """Write consecutive parts of one recording; see ``Recording.save``."""
-    if Path(path).suffix.lower() == ".csv":
-        write_csv(parts, path)
-    elif Path(path).suffix in (*SUFFIXES, *FOREIGN_SUFFIXES):
-        raise RecordingError(path, "expected a .csv file or the name of a new rosbag2 folder")
-    else:
-        write_bag(parts, path, storage, topic)

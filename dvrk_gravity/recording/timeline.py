@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.data import Array, Recording
+from dvrk_gravity.recording.samples import Array, Samples
 
 
 class Timeline:
@@ -57,13 +57,13 @@ class Timeline:
         return later, (stamps[later] - self.start_ns) / 1e9
 
 
-def with_counts(parts: Iterable[tuple[Recording | None, int, int]]) -> Iterator[Recording]:
+def with_counts(parts: Iterable[tuple[Samples | None, int, int]]) -> Iterator[Samples]:
     """Yield the recordings among ``parts`` with their counts of invalid and repeated samples.
 
     What parts without a recording left out is counted with the next one, or at the end with the
     last, which is why every recording is held back until the next.
     """
-    held: Recording | None = None
+    held: Samples | None = None
     invalid = repeated = 0
     for recording, part_invalid, part_repeated in parts:
         invalid += part_invalid

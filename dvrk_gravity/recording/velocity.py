@@ -8,7 +8,8 @@ import numpy as np
 
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.filters import LowPass, derivative
-from dvrk_gravity.recording.grid import longest_bridged, quantum, resample, split_at_gaps, stale
+from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
+from dvrk_gravity.recording.quantization import quantum
 
 COMPARISON_CUTOFF = 10.0  # Hz, both signals; less for slow recordings
 SLOPE_TOLERANCE = 0.03

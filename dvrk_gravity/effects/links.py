@@ -1,0 +1,81 @@
+"""Links by the joint that carries them: names, bodies of the tree, changes of their parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from dvrk_gravity.arm import GRAVITY, Arm
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.tree import TREE_LINKS, link_frames
+
+Array = NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+PER_LINK = 10
+
+
+def link_name(joint: int) -> str:
+    """Return the name of the link that a joint carries."""
+    return f"link{joint + 1}"
+
+
+def link_columns(motion: Motion, joint: int, directions: Array) -> Array:
+    """Return (N, n, k) torques of changes of a link's inertial parameters.
+
+    Args:
+        motion: The motion.
+        joint: Index of the link's joint.
+        directions: (10, k) changes in Pinocchio's joint frame.
+    """
+    return motion.link_torque(TREE_LINKS.index(link_name(joint)), directions)
+
+
+def mass_directions(arm: Arm, joint: int, place: Array) -> Array:
+    """Return (10, 4) inertial parameters per kg and per kg·m of a point mass on a link.
+
+    They are quadratic in where the mass is, hence linearised there.
+
+    Args:
+        arm: The arm.
+        joint: Index of the link's joint.
+        place: (3,) in the link's frame, m.
+    """
+    frame = link_frames(arm)[link_name(joint)]
+
+    def parameters(where: Array) -> Array:
+        point = pin.Inertia(1.0, where, np.zeros((3, 3)))
+        return np.asarray(frame.act(point).toDynamicParameters())
+
+    # A central difference of a quadratic is exact.
+    slopes = [0.5 * (parameters(place + axis) - parameters(place - axis)) for axis in np.eye(3)]
+    base = parameters(place) - np.array(slopes).T @ place
+    return np.column_stack([base, *slopes])
+
+
+def inertia_directions(arm: Arm, joint: int, isotropic: bool) -> Array:
+    """Return (10, k) inertial parameters per kg·m^2 of rotational inertia of a link.
+
+    Args:
+        arm: The arm.
+        joint: Index of the link's joint.
+        isotropic: The same about all axes (k = 1), or one about each axis of its frame (k = 3).
+    """
+    frame = link_frames(arm)[link_name(joint)]
+    tensors = [np.eye(3)] if isotropic else [np.diag(row) for row in np.eye(3)]
+    directions = []
+    for tensor in tensors:
+        turned = frame.rotation @ tensor @ frame.rotation.T
+        xx, xy, xz, yy, yz, zz = turned[np.triu_indices(3)]
+        directions.append([0.0, 0.0, 0.0, 0.0, xx, xy, yy, xz, yz, zz])
+    return np.array(directions).T
+
+
+def moment_directions(arm: Arm, joint: int, axes: Sequence[int]) -> Array:
+    """Return (10, k) inertial parameters per N·m of weight moment along a link's axes."""
+    directions = np.zeros((PER_LINK, len(axes)))
+    directions[1:4] = link_frames(arm)[link_name(joint)].rotation[:, list(axes)]
+    return directions / GRAVITY

@@ -1,0 +1,91 @@
+"""Files of recordings, whatever their kind: read in parts, or written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from dvrk_gravity import text_file
+from dvrk_gravity.arguments import path_of
+from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.recording.bag import SUFFIXES
+from dvrk_gravity.recording.bag_writer import write_bag
+from dvrk_gravity.recording.csv_file import iterate_csv, write_csv
+from dvrk_gravity.recording.joint_states import iterate_bag
+from dvrk_gravity.recording.samples import CHUNK, Array, Coordinates, Samples, Storage, TimeBase
+
+Some = TypeVar("Some", bound=Samples)
+
+A_PATH = "the path of a .csv file or a rosbag2"
+# Names that would promise something else than the folder of a bag.
+FOREIGN_SUFFIXES = (".json", ".yaml", ".yml", ".txt", ".bag")
+
+
+def read(
+    path: str | Path,
+    topic: str | None = None,
+    coordinates: Coordinates = "joint",
+    time_base: TimeBase = "stamp",
+    chunk: int = CHUNK,
+) -> Iterator[Samples]:
+    """Yield what a file holds in consecutive parts of at most ``chunk`` samples.
+
+    Memory stays at a few parts, whatever the length of the file. Times are relative to the first
+    sample of the whole; arguments are those of ``Recording.load``.
+
+    Raises:
+        RecordingError: When the part that cannot be used is reached.
+    """
+    path = path_of("recording", path, A_PATH)
+    if not path.exists():
+        raise RecordingError(path, "no such file or folder")
+    if not text_file.is_file(path):
+        raise RecordingError(path, "is a pipe or device, expected a file or a folder")
+    if path.is_dir() or path.suffix in SUFFIXES:
+        return iterate_bag(path, topic, coordinates, time_base, chunk)
+    if path.suffix.lower() == ".csv":
+        return iterate_csv(path, coordinates, chunk)
+    raise RecordingError(path, "expected a .csv file, a rosbag2 folder, or a .db3 or .mcap file")
+
+
+def join(parts: Sequence[Some]) -> Some:
+    """Return consecutive parts of one recording as one."""
+    if len(parts) == 1:
+        return parts[0]
+
+    def column(name: str) -> Array | None:
+        values = [getattr(part, name) for part in parts]
+        if values[0] is None:
+            return None
+        result = np.concatenate(values)
+        result.flags.writeable = False
+        return result
+
+    position = column("position")
+    assert position is not None
+    return replace(
+        parts[0],
+        time=column("time"),
+        position=position,
+        velocity=column("velocity"),
+        effort=column("effort"),
+        direction=column("direction"),
+        invalid=sum(part.invalid for part in parts),
+        repeated=sum(part.repeated for part in parts),
+    )
+
+
+def save_recording(
+    parts: Iterable[Samples], path: str | Path, storage: Storage, topic: str
+) -> None:
+    """Write consecutive parts of one recording; see ``Recording.save``."""
+    if Path(path).suffix.lower() == ".csv":
+        write_csv(parts, path)
+    elif Path(path).suffix in (*SUFFIXES, *FOREIGN_SUFFIXES):
+        raise RecordingError(path, "expected a .csv file or the name of a new rosbag2 folder")
+    else:
+        write_bag(parts, path, storage, topic)

@@ -1,0 +1,125 @@
+"""What imports what: no cycles, and ROS only where nodes are."""
+
+from __future__ import annotations
+
+import ast
+import sys
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+from conftest import REPOSITORY
+
+PACKAGE = REPOSITORY / "dvrk_gravity"
+# Other names than on the index of packages.
+DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml"}
+# Comes with the dVRK's own software, and is done without where that is not.
+OPTIONAL = {"crtk_msgs"}
+
+
+def modules(package: Path) -> dict[str, Path]:
+    """Return the files of a package by the modules' names."""
+    found = {}
+    for path in package.rglob("*.py"):
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def at_module_level(tree: ast.AST) -> Iterator[ast.AST]:
+    """Yield what runs on import: all but the bodies of functions, and what is for types only."""
+    for node in ast.iter_child_nodes(tree):
+        yield node
+        for_types = isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        if not for_types and not isinstance(node, ast.FunctionDef | ast.Lambda):
+            yield from at_module_level(node)
+
+
+def names(nodes: Iterator[ast.AST]) -> Iterator[tuple[str, str]]:
+    """Yield (module, name or nothing) of every import statement."""
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, "") for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, "relative imports are not used here"
+            yield from ((node.module or "", alias.name) for alias in node.names)
+
+
+@cache
+def graph(package: Path, walk=ast.walk) -> dict[str, set[str]]:
+    """Return what each module of a package imports: modules of the package, others' top names."""
+    known = modules(package)
+    found: dict[str, set[str]] = {}
+    for module, path in known.items():
+        imported = found.setdefault(module, set())
+        for source, name in names(walk(ast.parse(path.read_text(encoding="utf-8")))):
+            inside = f"{source}.{name}" if f"{source}.{name}" in known else source
+            imported.add(inside if inside in known else source.split(".")[0])
+    return found
+
+
+def reached(start: str, imports: dict[str, set[str]]) -> set[str]:
+    """Return all that a module imports, itself or through others."""
+    found: set[str] = set()
+    pending = [start]
+    while pending:
+        new = imports.get(pending.pop(), set()) - found
+        found |= new
+        pending += new
+    return found
+
+
+def ros_packages() -> set[str]:
+    """Return what package.xml depends on and is ROS's own."""
+    root = ElementTree.parse(REPOSITORY / "package.xml").getroot()
+    names = {element.text or "" for element in root.findall("exec_depend")}
+    return {name for name in names if not name.startswith("python3-") and name != "pinocchio"}
+
+
+def check_for_cycles(package: Path) -> None:
+    TopologicalSorter(graph(package)).prepare()
+
+
+def test_no_module_imports_itself_through_others_not_even_in_a_function_or_for_types():
+    check_for_cycles(PACKAGE)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["import some.b", "from some.b import x", "def f():\n    from some import b",
+     "if TYPE_CHECKING:\n    from some.b import X"],
+)  # fmt: skip
+def test_a_cycle_of_any_kind_is_found(tmp_path, text):
+    folder = tmp_path / "some"
+    folder.mkdir()
+    for name, content in (("__init__", ""), ("a", text), ("b", "import sys, some.c"), ("c", "")):
+        (folder / f"{name}.py").write_text(content)
+    check_for_cycles(folder)
+    graph.cache_clear()
+    (folder / "c.py").write_text("from some import a")
+    with pytest.raises(CycleError, match=r"some\.a"):
+        check_for_cycles(folder)
+
+
+def test_only_nodes_import_ros_and_commands_where_they_begin_to_work():
+    everywhere, on_import, ros = graph(PACKAGE), graph(PACKAGE, at_module_level), ros_packages()
+    assert "rclpy" in ros & on_import["dvrk_gravity.nodes.compensator_node"]
+    for module in modules(PACKAGE):
+        if module.startswith("dvrk_gravity.nodes"):
+            continue
+        assert not reached(module, on_import) & ros, module
+        if not module.startswith("dvrk_gravity.commands."):
+            assert not reached(module, everywhere) & ros, module
+
+
+def test_what_the_package_imports_is_declared_in_package_xml_or_setup_py():
+    setup = (REPOSITORY / "setup.py").read_text(encoding="utf-8").split("extras_require")[0]
+    provided = set(sys.stdlib_module_names) | ros_packages() | OPTIONAL
+    for module, imported in graph(PACKAGE).items():
+        for name in imported - provided:
+            assert name.startswith("dvrk_gravity") or (
+                f'"{DISTRIBUTIONS.get(name, name)}>=' in setup
+            ), f"{module} imports {name}"
