@@ -29,8 +29,8 @@ from dvrk_gravity.effects.term import (
 )
 from dvrk_gravity.parameter import Parameter, Value
 
-_SIGN: Array = np.array(1e9)  # slope that makes the ramp a sign function, while 0 stays 0
 _DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance
+_SIGN: Array = np.array(1e9)  # slope that makes the ramp a sign function, while 0 stays 0
 _LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
 
 

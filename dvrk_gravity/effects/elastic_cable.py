@@ -68,13 +68,6 @@ class ElasticCable(LinearTerm):
         """Return (…, n) elastic torques, N·m."""
         return polynomial.evaluate(self.coefficients, self.valid.hold(state.q))
 
-    def prepare(self) -> Evaluator:
-        """See :meth:`Term.prepare`."""
-        coefficients = self.coefficients
-        powers = polynomial.prepare_powers(self.valid, len(coefficients))
-        sum_up = np.ones(len(coefficients)).dot
-        return lambda q, qd: sum_up(coefficients * powers(q))
-
     @classmethod
     def meaning(cls, name: str) -> Meaning:
         """See :meth:`Effect.meaning`; coefficients are for programs."""
@@ -100,6 +93,13 @@ class ElasticCable(LinearTerm):
                     form=f"degree {degree}", degree=degree,
                     middle=float(middle[joint]), half=float(half[joint]),
                 )  # fmt: skip
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        coefficients = self.coefficients
+        powers = polynomial.prepare_powers(self.valid, len(coefficients))
+        sum_up = np.ones(len(coefficients)).dot
+        return lambda q, qd: sum_up(coefficients * powers(q))
 
     @property
     def theta(self) -> Array:

@@ -16,7 +16,13 @@ from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.gravity import link_beta, with_beta
 from dvrk_gravity.effects.link_inertia import with_inertia
 from dvrk_gravity.effects.link_prior import beta_map, prior_scale
-from dvrk_gravity.effects.links import AXES, link_columns, link_name, moment_directions
+from dvrk_gravity.effects.links import (
+    AXES,
+    joints_with_weight,
+    link_columns,
+    link_name,
+    moment_directions,
+)
 from dvrk_gravity.effects.meaning import Estimate, Meaning, size
 from dvrk_gravity.effects.merging import Values
 
@@ -49,12 +55,12 @@ class LinkCom(Effect):
         if not motion.present.all():
             return
         arm = motion.arm
-        for joint in range(1, arm.n):
+        for joint in joints_with_weight(arm):
             for axes in ((0,), (1,), (2,), (0, 1, 2)):
                 letters = "".join(AXES[axis] for axis in axes)
                 yield MomentHypothesis(
                     arm=arm, site=site.link(joint), joints=(joint,),
-                    form=f"{link_name(joint)} {letters}", axes=axes,
+                    form=f"{link_name(arm, joint)} {letters}", axes=axes,
                 )  # fmt: skip
         for entry, joint in enumerate(_BETA_JOINTS):
             yield BetaHypothesis(
@@ -97,7 +103,7 @@ class MomentHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """See :meth:`Hypothesis.merge`."""
         del motion
-        link, moment = link_name(self.site.index), np.zeros(3)
+        link, moment = link_name(self.arm, self.site.index), np.zeros(3)
         moment[list(self.axes)] = theta / GRAVITY
         result = with_beta(values, link_beta(link, 0.0, moment))
         return None if result is None else with_inertia(result, link, self._directions @ theta)
@@ -178,5 +184,5 @@ class AllWeightsHypothesis(Hypothesis):
 
 def _plausible(arm: Arm) -> tuple[float, ...]:
     """Return plausible sizes of beta's entries."""
-    rows = beta_map(arm)[: len(_BETA_JOINTS)] * prior_scale()
+    rows = beta_map(arm)[: len(_BETA_JOINTS)] * prior_scale(arm)
     return tuple(np.linalg.norm(rows, axis=1).tolist())

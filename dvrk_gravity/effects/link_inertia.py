@@ -12,7 +12,13 @@ from dvrk_gravity.effects import rigid_body, site
 from dvrk_gravity.effects.effect import Hypothesis, Setting
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.link_prior import prior_scale
-from dvrk_gravity.effects.links import AXES, inertia_directions, link_columns, link_name
+from dvrk_gravity.effects.links import (
+    AXES,
+    inertia_directions,
+    joints_with_weight,
+    link_columns,
+    link_name,
+)
 from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
 from dvrk_gravity.effects.merging import Values
 from dvrk_gravity.effects.term import Array, LinearTerm, State, as_value
@@ -93,15 +99,15 @@ class LinkInertia(LinearTerm):
         """See :meth:`Effect.hypotheses`: of each link, and of all together."""
         if motion.static or not motion.present.all():
             return
-        for joint in range(1, len(motion.arm.joints)):
+        for joint in joints_with_weight(motion.arm):
             for form, isotropic in (("isotropic", True), ("principal", False)):
                 yield InertiaHypothesis(
                     arm=motion.arm, site=site.link(joint), joints=(joint,),
-                    form=f"{link_name(joint)} {form}", isotropic=isotropic,
+                    form=f"{link_name(motion.arm, joint)} {form}", isotropic=isotropic,
                 )  # fmt: skip
         yield AllInertiaHypothesis(
             arm=motion.arm, site=site.THE_ARM, form="inertia of all links",
-            plausible_size=tuple(prior_scale()[motion.inertial].tolist()),
+            plausible_size=tuple(prior_scale(motion.arm)[motion.inertial].tolist()),
         )  # fmt: skip
 
     @property
@@ -152,7 +158,7 @@ class InertiaHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         """See :meth:`Hypothesis.merge`."""
         del motion
-        return _with_change(values, link_name(self.site.index), self._directions @ theta)
+        return _with_change(values, link_name(self.arm, self.site.index), self._directions @ theta)
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""
@@ -188,9 +194,11 @@ class AllInertiaHypothesis(Hypothesis):
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         """See :meth:`Hypothesis.merge`."""
-        change = np.zeros(rigid_body.PER_LINK * len(TREE_LINKS))
+        change = np.zeros(rigid_body.PER_LINK * len(self.arm.bodies))
         change[motion.inertial] = theta
-        for body, row in zip(TREE_LINKS, change.reshape(-1, rigid_body.PER_LINK), strict=True):
+        for body, row in zip(
+            self.arm.body_names, change.reshape(-1, rigid_body.PER_LINK), strict=True
+        ):
             values = _with_change(values, body, row)
         return values
 

@@ -15,7 +15,13 @@ from dvrk_gravity.effects.effect import Hypothesis, Setting
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.gravity import link_beta, with_beta
 from dvrk_gravity.effects.link_inertia import with_inertia
-from dvrk_gravity.effects.links import AXES, link_columns, link_name, mass_directions
+from dvrk_gravity.effects.links import (
+    AXES,
+    joints_with_weight,
+    link_columns,
+    link_name,
+    mass_directions,
+)
 from dvrk_gravity.effects.meaning import Meaning, meanings
 from dvrk_gravity.effects.merging import Values
 from dvrk_gravity.effects.term import Array, Evaluator, State, Term, as_value
@@ -135,10 +141,10 @@ class Payload(Term):
         """See :meth:`Effect.hypotheses`."""
         if not motion.present.all():
             return
-        for joint in range(1, len(motion.arm.joints)):
+        for joint in joints_with_weight(motion.arm):
             yield PayloadHypothesis(
-                arm=motion.arm, site=site.link(joint), joints=(joint,), form=link_name(joint),
-                setting=dict.fromkeys(AXES, 0.0),
+                arm=motion.arm, site=site.link(joint), joints=(joint,),
+                form=link_name(motion.arm, joint), setting=dict.fromkeys(AXES, 0.0),
             )  # fmt: skip
 
     @cached_property
@@ -148,11 +154,6 @@ class Payload(Term):
         body = link_frames(self.arm)[self.link].act(self.inertia)
         rows[TREE_LINKS.index(self.link)] = body.toDynamicParameters()
         return rows.ravel()
-
-
-def _links(arm: Arm) -> tuple[str, ...]:
-    """Return the links of the chain, which a thing can be fastened to."""
-    return tuple(f"link{i}" for i in range(1, arm.n + 1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -183,7 +184,7 @@ class PayloadHypothesis(Hypothesis):
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """See :meth:`Hypothesis.merge`; beside a payload that is there it is part of the link."""
-        link, name = link_name(self.site.index), self.effect
+        link, name = link_name(self.arm, self.site.index), self.effect
         if motion.model.term(name) is None and f"{name}.mass" not in values and theta[0] > 0.0:
             moment = tuple(theta[1:].tolist())
             named = {"mass": float(theta[0]), "first_moment": moment, "link": link}
@@ -192,3 +193,8 @@ class PayloadHypothesis(Hypothesis):
         if result is None:
             return None
         return with_inertia(result, link, self._directions(self.setting) @ theta)
+
+
+def _links(arm: Arm) -> tuple[str, ...]:
+    """Return the links of the chain, which a thing can be fastened to."""
+    return tuple(f"link{i}" for i in range(1, arm.n + 1))

@@ -24,11 +24,9 @@ from dvrk_gravity.effects import (
     rigid_body,
 )
 from dvrk_gravity.effects.link_prior import (  # noqa: F401
-    SIZES,
     _samples,
     base_directions,
     beta_map,
-    prior_scale,
 )
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.identification.posture import OFFSETS, Posture
