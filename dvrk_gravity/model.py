@@ -57,7 +57,7 @@ def all_parameters(arm: Arm) -> Mapping[str, Parameter]:
 def _declared(arm: Arm, effects: tuple[type[Term], ...]) -> Mapping[str, Parameter]:
     offset = Parameter(
         OFFSET, (), "rad", "measured minus true position: what the encoders read too much",
-        lower=-1.0, upper=1.0, lengths=(len(arm.joints),),
+        lower=-1.0, upper=1.0, lengths=(arm.n,),
     )  # fmt: skip
     declared = (
         ARM_PARAMETER,
@@ -105,7 +105,7 @@ class TorqueModel:
     def __post_init__(self) -> None:
         """Put zeros where no offset is given."""
         if not len(self.joint_offset):
-            object.__setattr__(self, "joint_offset", np.zeros(len(self.arm.joints)))
+            object.__setattr__(self, "joint_offset", np.zeros(self.arm.n))
 
     @classmethod
     def load(cls, path: str | Path) -> TorqueModel:
@@ -158,7 +158,7 @@ class TorqueModel:
                     CONSOLE_PARAMETER.name, document, f"JSON text ({error})"
                 ) from error
         given = tuple(term for term in built if term is not None)
-        offset = as_array(checked.get(OFFSET), len(arm.joints), 0.0)
+        offset = as_array(checked.get(OFFSET), arm.n, 0.0)
         verdict, reason = (
             str(checked.get(entry.name, entry.default))
             for entry in (VERDICT_PARAMETER, REASON_PARAMETER)
@@ -216,7 +216,7 @@ class TorqueModel:
         Raises:
             ShapeError: Arrays that do not fit.
         """
-        return self.torque_at(State.of(q, qd, qdd, direction, len(self.arm.joints)))
+        return self.torque_at(State.of(q, qd, qdd, direction, self.arm.n))
 
     def torque_at(self, state: State) -> Array:
         """Return (…, n) torques at a state with measured positions, N·m."""

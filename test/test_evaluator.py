@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from conftest import MODEL_FILE
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
@@ -13,6 +13,9 @@ from dvrk_gravity import TorqueModel
 from dvrk_gravity.compensate.evaluator import prepare_sum
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.effects import State, Term
+
+settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
+settings.load_profile("repeatable")
 
 # All of the friction is compensated: the torque to apply is the model's.
 BASE = TorqueModel.load(MODEL_FILE).parameters() | {
@@ -46,11 +49,11 @@ VELOCITY = st.none() | arrays.arrays(
 @pytest.mark.parametrize("name", MODELS)
 @given(q=POSITION, qd=VELOCITY)
 def test_one_sample_has_the_model_s_torque(name, q, qd):
-    settings = Settings.from_parameters(MODELS[name])
+    compensated = Settings.from_parameters(MODELS[name])
     np.testing.assert_allclose(
-        settings.torque(q, qd), settings.model.torque(q, qd), rtol=1e-12, atol=1e-12
+        compensated.torque(q, qd), compensated.model.torque(q, qd), rtol=1e-12, atol=1e-12
     )
-    for term in settings.model.terms:
+    for term in compensated.model.terms:
         np.testing.assert_allclose(
             term.prepare()(q, qd), term.torque(State(q, qd)), rtol=1e-12, atol=1e-12
         )

@@ -70,7 +70,7 @@ class Contact(Term):
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Contact | None:
         """See :meth:`Term.from_parameters`; where there is a stiffness, there must be a place."""
-        n = len(arm.joints)
+        n = arm.n
         arrays: list[Array] = []
         for side in ("above", "below"):
             stiffness = as_array(values.get(f"{cls.NAME}.{side}"), n, 0.0)

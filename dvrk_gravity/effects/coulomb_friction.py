@@ -83,7 +83,7 @@ class CoulombFriction(LinearTerm):
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> CoulombFriction | None:
         """See :meth:`Term.from_parameters`; a direction that is not given equals the other."""
-        n = len(arm.joints)
+        n = arm.n
         levels = {}
         for place in ("joint", "motor"):
             up = values.get(f"{cls.NAME}.{place}_positive") or ()

@@ -87,7 +87,7 @@ class DirectionalCable(Term):
                 None if negative is None else f"{len(negative)} coefficients",
                 "as many coefficients as directional_cable.positive",
             )
-        n = len(arm.joints)
+        n = arm.n
         dead_band = as_array(values.get(f"{cls.NAME}.dead_band"), n, 0.02)
         saturation = as_array(values.get(f"{cls.NAME}.saturation_velocity"), n, 0.2)
         for joint, low, high in zip(arm.joint_names, dead_band, saturation, strict=True):

@@ -14,7 +14,7 @@ from dvrk_gravity.effects.evidence import Motion
 def friction_sites(motion: Motion) -> Iterator[site.Site]:
     """Yield joints that move, and motors that move more than a joint of their own."""
     arm = motion.arm
-    for joint in range(len(arm.joints)):
+    for joint in range(arm.n):
         if motion.moves[joint] or _both_ways(motion, joint):
             yield site.joint(joint)
     for motor in mixed_motors(arm):
@@ -24,7 +24,7 @@ def friction_sites(motion: Motion) -> Iterator[site.Site]:
 
 def mixed_motors(arm: Arm) -> list[int]:
     """Return the motors that move more than their own joint, or other joints with theirs."""
-    off = np.abs(arm.joint_to_actuator - np.eye(len(arm.joints))).max(axis=1)
+    off = np.abs(arm.joint_to_actuator - np.eye(arm.n)).max(axis=1)
     return [int(motor) for motor in np.flatnonzero(off > 1e-9)]
 
 

@@ -78,7 +78,7 @@ class HeldLoad(Term):
         flat = np.array(values.get(f"{cls.NAME}.orders") or ())
         if not len(flat):
             return None
-        n = len(arm.joints)
+        n = arm.n
         if len(flat) % n or (flat != np.round(flat)).any():
             raise ConfigError(
                 f"{cls.NAME}.orders",

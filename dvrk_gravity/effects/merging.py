@@ -16,7 +16,7 @@ Values = Mapping[str, Any]
 
 def array(arm: Arm, values: Values, name: str, fallback: str = "") -> Array:
     """Return an array with a number a joint, zeros where neither name is given."""
-    value = values.get(name) or values.get(fallback) or np.zeros(len(arm.joints))
+    value = values.get(name) or values.get(fallback) or np.zeros(arm.n)
     return np.array(value, dtype=float)
 
 

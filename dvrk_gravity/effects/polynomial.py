@@ -85,8 +85,8 @@ class Range:
         Raises:
             ConfigError: A lower edge above its upper edge.
         """
-        lower = as_array(values.get(f"{prefix}.valid_lower"), len(arm.joints), -np.inf)
-        upper = as_array(values.get(f"{prefix}.valid_upper"), len(arm.joints), np.inf)
+        lower = as_array(values.get(f"{prefix}.valid_lower"), arm.n, -np.inf)
+        upper = as_array(values.get(f"{prefix}.valid_upper"), arm.n, np.inf)
         for joint, low, high in zip(arm.joint_names, lower.tolist(), upper.tolist(), strict=True):
             if low > high:
                 raise ConfigError(

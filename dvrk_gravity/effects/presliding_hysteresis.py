@@ -74,7 +74,7 @@ class PreslidingHysteresis(LinearTerm):
             Parameter(
                 f"{cls.NAME}.displacement", (), "rad",
                 "displacement over which each element builds up",
-                lower=1e-4, upper=10.0, lengths=lengths,
+                lower=_DISPLACEMENTS[0], upper=_DISPLACEMENTS[1], lengths=lengths,
             ),
             *(
                 Parameter(
@@ -92,7 +92,7 @@ class PreslidingHysteresis(LinearTerm):
         """See :meth:`Term.from_parameters`."""
         displacement = values.get(f"{cls.NAME}.displacement") or ()
         assert isinstance(displacement, tuple)
-        levels = {place: np.zeros((len(displacement), len(arm.joints))) for place in _PLACES}
+        levels = {place: np.zeros((len(displacement), arm.n)) for place in _PLACES}
         for place in _PLACES:
             for column, joint in enumerate(arm.joint_names):
                 given = values.get(f"{cls.NAME}.{place}.{joint}") or ()

@@ -53,7 +53,7 @@ class RotorInertia(LinearTerm):
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> RotorInertia | None:
         """See :meth:`Term.from_parameters`."""
-        motor = as_array(values.get("rotor_inertia.motor"), len(arm.joints), 0.0)
+        motor = as_array(values.get("rotor_inertia.motor"), arm.n, 0.0)
         return cls(arm, motor) if motor.any() else None
 
     def parameters(self) -> dict[str, Value]:

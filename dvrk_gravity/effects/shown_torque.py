@@ -56,8 +56,8 @@ class ShownTorque(Term):
         """See :meth:`Term.from_parameters`."""
         if not values.get(f"{cls.NAME}.lower") and not values.get(f"{cls.NAME}.upper"):
             return None
-        lower = as_array(values.get(f"{cls.NAME}.lower"), len(arm.joints), -np.inf)
-        upper = as_array(values.get(f"{cls.NAME}.upper"), len(arm.joints), np.inf)
+        lower = as_array(values.get(f"{cls.NAME}.lower"), arm.n, -np.inf)
+        upper = as_array(values.get(f"{cls.NAME}.upper"), arm.n, np.inf)
         for joint, low, high in zip(arm.joint_names, lower.tolist(), upper.tolist(), strict=True):
             if low > high:
                 raise ConfigError(f"{cls.NAME}.lower of {joint}", low, f"at most upper ({high:g})")

@@ -43,7 +43,7 @@ class Site:
         """
         if self.kind is Kind.MOTOR:
             return arm.joint_to_actuator[self.index]
-        return np.eye(len(arm.joints))[self.index]
+        return np.eye(arm.n)[self.index]
 
     def words(self, arm: Arm) -> str:
         """Return what a person calls it."""

@@ -78,7 +78,7 @@ class StribeckFriction(Friction):
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> StribeckFriction | None:
         """See :meth:`Term.from_parameters`; where there is a level, there must be a velocity."""
-        n = len(arm.joints)
+        n = arm.n
         levels = {p: as_array(values.get(f"{cls.NAME}.{p}"), n, 0.0) for p in _PLACES}
         if not any(level.any() for level in levels.values()):
             return None

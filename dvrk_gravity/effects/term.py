@@ -239,7 +239,7 @@ def motor_columns(arm: Arm, values: Array) -> Array:
 
 def joint_array(arm: Arm, name: str, unit: str, meaning: str, lower: float = -np.inf) -> Parameter:
     """Declare an optional array with a number for each joint of an arm."""
-    return Parameter(name, (), unit, meaning, lower=lower, lengths=(len(arm.joints),))
+    return Parameter(name, (), unit, meaning, lower=lower, lengths=(arm.n,))
 
 
 def as_array(value: Value | None, n: int, default: float) -> Array:

@@ -51,7 +51,7 @@ class TorqueOffset(LinearTerm):
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> TorqueOffset | None:
         """See :meth:`Term.from_parameters`."""
-        offset = as_array(values.get(cls.NAME), len(arm.joints), 0.0)
+        offset = as_array(values.get(cls.NAME), arm.n, 0.0)
         return cls(offset) if offset.any() else None
 
     def parameters(self) -> dict[str, Value]:

@@ -27,7 +27,7 @@ class TorqueScale(Effect):
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """See :meth:`Effect.hypotheses`: of a joint, of all together, of a motor."""
         arm = motion.arm
-        unit = np.eye(len(arm.joints))
+        unit = np.eye(arm.n)
         for joint in np.flatnonzero(motion.present).tolist():
             yield ScaleHypothesis(
                 arm=arm, site=site.joint(joint), joints=(joint,), mixing=np.diag(unit[joint])

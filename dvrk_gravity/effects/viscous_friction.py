@@ -54,8 +54,8 @@ class ViscousFriction(Friction):
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ViscousFriction | None:
         """See :meth:`Term.from_parameters`."""
-        joint = as_array(values.get(f"{cls.NAME}.joint"), len(arm.joints), 0.0)
-        motor = as_array(values.get(f"{cls.NAME}.motor"), len(arm.joints), 0.0)
+        joint = as_array(values.get(f"{cls.NAME}.joint"), arm.n, 0.0)
+        motor = as_array(values.get(f"{cls.NAME}.motor"), arm.n, 0.0)
         return cls(arm, joint, motor) if joint.any() or motor.any() else None
 
     def parameters(self) -> dict[str, Value]:

@@ -39,7 +39,7 @@ class Reading:
 
 def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
     """Yield every other way to read all joints of an arm: coordinates, signs, order."""
-    eye = np.eye(len(arm.joints))
+    eye = np.eye(arm.n)
     forth, back = arm.actuator_to_joint, arm.joint_to_actuator
     if np.any(forth != eye):
         words = "these are {} coordinates, read as {} coordinates"
