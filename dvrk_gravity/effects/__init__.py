@@ -9,6 +9,7 @@ from dvrk_gravity.effects.gravity import Gravity
 from dvrk_gravity.effects.held_load import HeldLoad
 from dvrk_gravity.effects.link_inertia import LinkInertia
 from dvrk_gravity.effects.payload import Payload
+from dvrk_gravity.effects.plant_part import FrictionWithMemory, PlantPart
 from dvrk_gravity.effects.presliding_hysteresis import PreslidingHysteresis
 from dvrk_gravity.effects.rotor_inertia import RotorInertia
 from dvrk_gravity.effects.shown_torque import ShownTorque
@@ -42,11 +43,13 @@ __all__ = [
     "CoulombFriction",
     "DirectionalCable",
     "ElasticCable",
+    "FrictionWithMemory",
     "Gravity",
     "HeldLoad",
     "LinearTerm",
     "LinkInertia",
     "Payload",
+    "PlantPart",
     "PreslidingHysteresis",
     "RotorInertia",
     "ShownTorque",

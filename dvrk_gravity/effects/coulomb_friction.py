@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import (
     Array,
     LinearTerm,
@@ -105,6 +106,12 @@ class CoulombFriction(LinearTerm):
     def scaled(self, part: Array) -> CoulombFriction:
         """See :meth:`Term.scaled`."""
         return replace(self, **{name: part * getattr(self, name) for name in _LEVELS})
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: its levels; the transition is a compensator's caution."""
+        up = np.concatenate([self.joint_positive, self.motor_positive])
+        down = np.concatenate([self.joint_negative, self.motor_negative])
+        return PlantPart(dry=np.array([up, down]))
 
     @property
     def theta(self) -> Array:

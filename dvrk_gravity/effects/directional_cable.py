@@ -11,6 +11,7 @@ import numpy as np
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.effects import polynomial
 from dvrk_gravity.effects.elastic_cable import ElasticCable
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, State, Term, as_array, as_value, joint_array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
@@ -144,6 +145,22 @@ class DirectionalCable(Term):
         if blend is not None:
             torque += blend * polynomial.evaluate(self._half_difference, q)
         return torque
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: the mean, and half of the difference as dry friction.
+
+        The arm has all of the difference: dead band, saturation velocity and ratio are a
+        compensator's caution. Where a fit made it negative its size counts, since friction takes
+        energy.
+        """
+        values = polynomial.prepare(self.valid, self._mean, self._half_difference)
+        n = self.positive.shape[1]
+
+        def at(q: Array, qd: Array) -> tuple[Array, Array | None]:
+            both = values(q)
+            return both[:n], np.abs(both[n:])
+
+        return PlantPart(at=at)
 
     @cached_property
     def _slope(self) -> Array:

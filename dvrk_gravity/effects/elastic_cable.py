@@ -9,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
 from dvrk_gravity.effects import polynomial
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, LinearTerm, State, diagonal_columns
 from dvrk_gravity.parameter import Value
 
@@ -47,6 +48,11 @@ class ElasticCable(LinearTerm):
     def torque(self, state: State) -> Array:
         """Return (…, 7) elastic torques, N·m."""
         return polynomial.evaluate(self.coefficients, self.valid.hold(state.q))
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`."""
+        values = polynomial.prepare(self.valid, self.coefficients)
+        return PlantPart(at=lambda q, qd: (values(q), None))
 
     @property
     def theta(self) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import GRAVITY, Arm
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, LinearTerm, State, as_value
 from dvrk_gravity.parameter import Parameter, Value
 from dvrk_gravity.tree import Tree, beta_tree
@@ -89,6 +90,12 @@ class Gravity(LinearTerm):
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
         return gravity.regressor(state.q, self.vector, len(self.beta))
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: the weight."""
+        if not self.enabled:
+            return PlantPart()
+        return PlantPart(weight=beta_tree(self.arm, self.beta, self.vector))
 
     @cached_property
     def _tree(self) -> Tree:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import rigid_body
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, LinearTerm, State, as_value
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
@@ -73,6 +74,10 @@ class LinkInertia(LinearTerm):
         assert q is not None
         torque = rigid_body.torque(self.arm, self.theta, q, qd, qdd, _WEIGHTLESS)
         return torque.reshape(state.q.shape)
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: nothing; it predicts what the plant's own bodies do."""
+        return PlantPart()
 
     @property
     def theta(self) -> Array:

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import rigid_body
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, State, Term, as_value
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
@@ -93,6 +94,11 @@ class Payload(Term):
         """Tree whose gravity torques are the payload's."""
         gravity = self.vector if self.weighs else _WEIGHTLESS
         return build_tree(self.arm, {self.link: self.inertia}, gravity)
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: weight, and inertia on its link."""
+        weight = self.weight if self.weighs else None
+        return PlantPart(weight=weight, links={self.link: self.inertia})
 
     def torque(self, state: State) -> Array:
         """Return (…, 7) torques of weight and inertia, N·m; at rest where no motion is known."""

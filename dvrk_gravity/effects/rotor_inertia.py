@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import (
     Array,
     LinearTerm,
@@ -53,6 +54,10 @@ class RotorInertia(LinearTerm):
         if state.qdd is None:
             return np.zeros(state.q.shape)
         return self.arm.joint_effort(self.motor * self.arm.actuator_position(state.qdd))
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: nothing; it predicts what the plant's own bodies do."""
+        return PlantPart()
 
     @property
     def theta(self) -> Array:

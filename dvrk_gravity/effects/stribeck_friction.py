@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import (
     Array,
     Friction,
@@ -103,6 +104,18 @@ class StribeckFriction(Friction):
         joint, motor = parts
         columns = [diagonal_columns(joint), motor_columns(self.arm, motor)]
         return np.concatenate(columns, axis=-1)
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: the levels, and what a velocity leaves of them."""
+        level = np.concatenate([self.joint, self.motor])
+        motion = np.vstack([np.eye(len(self.joint)), self.arm.joint_to_actuator])
+        motion *= np.concatenate(self._inverse)[:, None]
+
+        def left(qd: Array) -> Array:
+            ratio = motion.dot(qd)
+            return np.exp(-ratio * ratio)
+
+        return PlantPart(dry=np.array([level, level]), fade=left)
 
     def _parts(self, state: State) -> tuple[Array, Array] | None:
         """Return (…, 7) torques per level at the joints and at the motors."""

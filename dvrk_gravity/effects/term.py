@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity.arguments import floats
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects.plant_part import PlantPart, secant_damping
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -82,12 +83,14 @@ class Term(ABC):
             :meth:`scaled`.
         COMPENSATED: The compensator applies it; off for what needs the past of the motion or
             lives in a sensor.
+        IN_EFFORT_SENSOR: It is in what the effort sensors read, and the arm does not feel it.
     """
 
     NAME: ClassVar[str]
     PARAMETERS: ClassVar[tuple[Parameter, ...]]
     FRICTION: ClassVar[bool] = False
     COMPENSATED: ClassVar[bool] = True
+    IN_EFFORT_SENSOR: ClassVar[bool] = False
 
     @classmethod
     @abstractmethod
@@ -109,6 +112,19 @@ class Term(ABC):
     def scaled(self, part: Array) -> Term:
         """Return the friction of which (7,) parts are left at each joint and its motor."""
         raise NotImplementedError(f"{self.NAME} is no friction")
+
+    def plant(self) -> PlantPart:
+        """Return how a simulator integrates the effect.
+
+        Unless the effect says better: what dissipates, by :func:`secant_damping`, which is stable
+        at any step; everything else, by its torque at the step's beginning. A simulator's sensors
+        have what is in the effort sensor.
+        """
+        if self.IN_EFFORT_SENSOR:
+            return PlantPart()
+        if self.FRICTION:
+            return PlantPart(drag=secant_damping(lambda q, qd: self.torque(State(q, qd))))
+        return PlantPart(at=lambda q, qd: (self.torque(State(q, qd)), None))
 
 
 class LinearTerm(Term):

@@ -35,6 +35,7 @@ class TorqueOffset(LinearTerm):
     NAME = "torque_offset"
     PARAMETERS = (joint_array("torque_offset", "N·m", "measured minus applied effort"),)
     COMPENSATED = False
+    IN_EFFORT_SENSOR = True
 
     offset: Array
 

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import (
     Array,
     Friction,
@@ -62,6 +63,10 @@ class ViscousFriction(Friction):
             return np.zeros((*state.q.shape, 2 * N_JOINTS))
         motor = motor_columns(self.arm, self.arm.actuator_position(state.qd))
         return np.concatenate([diagonal_columns(state.qd), motor], axis=-1)
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`."""
+        return PlantPart(damping=self._damping)
 
     @cached_property
     def _damping(self) -> Array:
