@@ -9,8 +9,8 @@ import pytest
 
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate.hidden import HIDERS, Hidden, hide
-from dvrk_gravity.simulate.world import World
+from testing.hide import HIDERS, Hidden, hide
+from testing.world import World
 
 DURATION, RATE = 20.0, 100.0  # s, Hz
 SEED = 7

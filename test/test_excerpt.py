@@ -16,7 +16,7 @@ from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.run import hypotheses
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, RecordingFile, excerpt
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 MODEL = World.draw(1).model()
 

@@ -17,7 +17,7 @@ from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import PlantFile
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 CARRIED = {
     "coulomb_friction": [0.02, 0.03],
