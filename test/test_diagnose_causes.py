@@ -19,7 +19,7 @@ from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import try_readings
 from dvrk_gravity.effects import Gravity
 from dvrk_gravity.recording import Recording, check, prepare
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 MODEL = World.draw(5).model()
 ARM = MODEL.arm

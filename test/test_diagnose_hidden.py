@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
-from dvrk_gravity.simulate.hidden import HIDERS, Hidden, hide
-from dvrk_gravity.simulate.world import World
+from testing.hide import HIDERS, Hidden, hide
+from testing.world import World
 
 RATE = 100.0  # Hz
 DURATION = 12.0  # s

@@ -20,9 +20,9 @@ from dvrk_gravity.identification.run import IDENTIFIED
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.excitation import record_motion
-from dvrk_gravity.simulate.hidden import hide
 from dvrk_gravity.simulate.simulated_arm import SimulatedArm
-from dvrk_gravity.simulate.world import World
+from testing.hide import hide
+from testing.world import World
 
 KNOWN = World.draw(5)
 PERIOD = 10.0

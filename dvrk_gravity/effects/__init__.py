@@ -25,6 +25,7 @@ from dvrk_gravity.effects.link_com import LinkCom
 from dvrk_gravity.effects.link_inertia import LinkInertia
 from dvrk_gravity.effects.link_weight import LinkWeight
 from dvrk_gravity.effects.payload import Payload
+from dvrk_gravity.effects.plant_part import FrictionWithMemory, PlantPart
 from dvrk_gravity.effects.presliding_hysteresis import PreslidingHysteresis
 from dvrk_gravity.effects.rotor_inertia import RotorInertia
 from dvrk_gravity.effects.shown_torque import ShownTorque
@@ -138,6 +139,7 @@ __all__ = [
     "DirectionalCable",
     "Effect",
     "ElasticCable",
+    "FrictionWithMemory",
     "Gravity",
     "HeldLoad",
     "Hypothesis",
@@ -145,6 +147,7 @@ __all__ = [
     "LinkInertia",
     "LinkWeight",
     "Payload",
+    "PlantPart",
     "PreslidingHysteresis",
     "RotorInertia",
     "ShownTorque",

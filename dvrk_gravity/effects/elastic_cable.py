@@ -14,6 +14,7 @@ from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.merging import position_offset
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, diagonal_columns
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -100,6 +101,11 @@ class ElasticCable(LinearTerm):
         powers = polynomial.prepare_powers(self.valid, len(coefficients))
         sum_up = np.ones(len(coefficients)).dot
         return lambda q, qd: sum_up(coefficients * powers(q))
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`."""
+        values = polynomial.prepare(self.valid, self.coefficients)
+        return PlantPart(at=lambda q, qd: (values(q), None))
 
     @property
     def theta(self) -> Array:

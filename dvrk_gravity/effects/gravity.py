@@ -14,6 +14,7 @@ from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.arms.mtm.beta import beta_tree
 from dvrk_gravity.arms.tree import Tree
 from dvrk_gravity.effects.merging import Values
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, as_value
 from dvrk_gravity.effects.weight import gravity_parameters, weight_evaluator
 from dvrk_gravity.parameter import Parameter, Value
@@ -119,6 +120,12 @@ class Gravity(LinearTerm):
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
         return gravity.regressor(state.q, self.vector, len(self.beta))
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: the weight."""
+        if not self.enabled:
+            return PlantPart()
+        return PlantPart(weight=beta_tree(self.arm, self.beta, self.vector))
 
     @cached_property
     def _tree(self) -> Tree:

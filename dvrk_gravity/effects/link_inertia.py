@@ -21,6 +21,7 @@ from dvrk_gravity.effects.links import (
 )
 from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
 from dvrk_gravity.effects.merging import Values
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, LinearTerm, State, as_value
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
@@ -108,6 +109,10 @@ class LinkInertia(LinearTerm):
             arm=motion.arm, site=site.THE_ARM, form="inertia of all links",
             plausible_size=tuple(prior_scale(motion.arm)[motion.inertial].tolist()),
         )  # fmt: skip
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: nothing; it predicts what the plant's own bodies do."""
+        return PlantPart()
 
     @property
     def theta(self) -> Array:

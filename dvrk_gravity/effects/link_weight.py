@@ -14,6 +14,7 @@ from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.arms.tree import Tree, build_tree
 from dvrk_gravity.effects import rigid_body
 from dvrk_gravity.effects.merging import Values
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, as_value
 from dvrk_gravity.effects.weight import gravity_parameters, weight_evaluator
 from dvrk_gravity.errors import ShapeError
@@ -112,6 +113,11 @@ class LinkWeight(LinearTerm):
             return super().prepare()
         whole, ballast = (weight_evaluator(tree) for tree in self._trees)
         return lambda q, qd: whole(q, qd) - ballast(q, qd)
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`."""
+        weight = self.prepare()
+        return PlantPart(at=lambda q, qd: (weight(q, qd), None))
 
     @cached_property
     def _trees(self) -> tuple[Tree, Tree]:

@@ -24,6 +24,7 @@ from dvrk_gravity.effects.links import (
 )
 from dvrk_gravity.effects.meaning import Meaning, meanings
 from dvrk_gravity.effects.merging import Values
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, Evaluator, State, Term, as_value
 from dvrk_gravity.effects.weight import weight_evaluator
 from dvrk_gravity.errors import ConfigError
@@ -132,6 +133,11 @@ class Payload(Term):
     def prepare(self) -> Evaluator:
         """See :meth:`Term.prepare`: its weight alone."""
         return weight_evaluator(self.weight)
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: weight, and inertia on its link."""
+        weight = self.weight if self.weighs else None
+        return PlantPart(weight=weight, links={self.link: self.inertia})
 
     def torque(self, state: State) -> Array:
         """Return (…, n) torques of weight and inertia, N·m; at rest where no motion is known."""

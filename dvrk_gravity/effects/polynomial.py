@@ -109,6 +109,29 @@ class Range:
         return np.minimum(np.maximum(q, self.lower), self.upper)
 
 
+def prepare(valid: Range, *sets: Array) -> Callable[[Array], Array]:
+    """Return what evaluates some (degree + 1, n) sets of coefficients together at one pose.
+
+    Returns:
+        (n,) positions, held within the range, -> (n sets,) values, set after set.
+    """
+    lower, upper = valid.lower, valid.upper
+    powers = np.ones(sets[0].shape)
+    flat = powers.reshape(-1)
+    # One product of a vector and a sparse matrix is faster than a short sum a joint.
+    matrix = np.hstack([np.vstack([np.diag(row) for row in rows]) for rows in sets])
+
+    def values(q: Array) -> Array:
+        if len(powers) > 1:
+            held = np.maximum(q, lower)
+            np.minimum(held, upper, out=held)
+            powers[1:] = held
+            np.multiply.accumulate(powers, axis=0, out=powers)
+        return flat.dot(matrix)
+
+    return values
+
+
 def evaluate(coefficients: Array, q: Array) -> Array:
     """Return (…, n) values of (degree + 1, n) coefficients at (…, n) positions (Horner)."""
     result = np.broadcast_to(coefficients[-1], q.shape).copy()

@@ -13,6 +13,7 @@ from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.meaning import MORE, meanings, size
 from dvrk_gravity.effects.merging import added
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import (
     Array,
     LinearTerm,
@@ -65,6 +66,10 @@ class RotorInertia(LinearTerm):
         if state.qdd is None:
             return np.zeros(state.q.shape)
         return self.arm.joint_effort(self.motor * self.arm.actuator_position(state.qdd))
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: nothing; it predicts what the plant's own bodies do."""
+        return PlantPart()
 
     @property
     def theta(self) -> Array:

@@ -14,6 +14,7 @@ from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.friction_sites import friction_sites
 from dvrk_gravity.effects.meaning import Meaning, meanings
 from dvrk_gravity.effects.merging import array
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import (
     Array,
     Friction,
@@ -131,6 +132,18 @@ class StribeckFriction(Friction):
                     arm=motion.arm, site=place, joints=(place.index,),
                     setting={"velocity": part * speed},
                 )  # fmt: skip
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: the levels, and what a velocity leaves of them."""
+        level = np.concatenate([self.joint, self.motor])
+        motion = np.vstack([np.eye(len(self.joint)), self.arm.joint_to_actuator])
+        motion *= np.concatenate(self._inverse)[:, None]
+
+        def left(qd: Array) -> Array:
+            ratio = motion.dot(qd)
+            return np.exp(-ratio * ratio)
+
+        return PlantPart(dry=np.array([level, level]), fade=left)
 
     def _parts(self, state: State) -> tuple[Array, Array] | None:
         """Return (…, n) torques per level at the joints and at the motors."""

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from dvrk_gravity.arguments import floats
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.effect import Effect
+from dvrk_gravity.effects.plant_part import PlantPart, secant_damping
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -92,10 +93,12 @@ class Term(Effect):
             :meth:`scaled`.
         COMPENSATED: The compensator applies it; off for what needs the past of the motion or
             lives in a sensor.
+        IN_EFFORT_SENSOR: It is in what the effort sensors read, and the arm does not feel it.
     """
 
     FRICTION: ClassVar[bool] = False
     COMPENSATED: ClassVar[bool] = True
+    IN_EFFORT_SENSOR: ClassVar[bool] = False
 
     @classmethod
     @abstractmethod
@@ -170,6 +173,19 @@ class Term(Effect):
     def prepare_parts(self, part: Array) -> Evaluator | None:
         """Return an evaluator of both parts of :meth:`split`, (2, n), if the term has both."""
         return None
+
+    def plant(self) -> PlantPart:
+        """Return how a simulator integrates the effect.
+
+        Unless the effect says better: what dissipates, by :func:`secant_damping`, which is stable
+        at any step; everything else, by its torque at the step's beginning. A simulator's sensors
+        have what is in the effort sensor.
+        """
+        if self.IN_EFFORT_SENSOR:
+            return PlantPart()
+        if self.FRICTION:
+            return PlantPart(drag=secant_damping(lambda q, qd: self.torque(State(q, qd))))
+        return PlantPart(at=lambda q, qd: (self.torque(State(q, qd)), None))
 
 
 class LinearTerm(Term):

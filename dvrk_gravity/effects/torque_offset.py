@@ -40,6 +40,7 @@ class TorqueOffset(LinearTerm):
     NAME = "torque_offset"
     MEANINGS = meanings(offset=size("N·m", READS, "reads"))
     COMPENSATED = False
+    IN_EFFORT_SENSOR = True
 
     offset: Array
 

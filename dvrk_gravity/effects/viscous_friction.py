@@ -14,6 +14,7 @@ from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.friction_sites import friction_sites
 from dvrk_gravity.effects.meaning import MORE, meanings, size
 from dvrk_gravity.effects.merging import array
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import (
     Array,
     Evaluator,
@@ -88,6 +89,10 @@ class ViscousFriction(Friction):
             return
         for place in friction_sites(motion):
             yield ViscousHypothesis(arm=motion.arm, site=place, joints=(place.index,))
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`."""
+        return PlantPart(damping=self._damping)
 
     @cached_property
     def _damping(self) -> Array:
