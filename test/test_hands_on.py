@@ -241,13 +241,14 @@ def test_it_does_not_take_the_arm_out_of_somebody_s_motion(arm, start):
     commanding(arm)
 
 
-def test_resuming_by_itself_leaves_an_arm_alone_that_somebody_moved_meanwhile(arm, start):
-    mover = arm.client.node.create_publisher(JointState, "move_jp", 10)
+@pytest.mark.parametrize("topic", ["move_jp", "servo_jf"])
+def test_resuming_by_itself_leaves_an_arm_alone_that_somebody_moved_meanwhile(arm, start, topic):
+    mover = arm.client.node.create_publisher(JointState, topic, 10)
     start("compensator", "-p", "timeout:=0.5", "-p", "resume:=automatic")
     commanding(arm)
     arm.client.wait(lambda: "no valid measured_js" in arm.state, "the fault of the input")
     mover.publish(JointState())
-    arm.client.wait(lambda: "commands /MTMR/move_jp" in arm.state, "the other's command told")
+    arm.client.wait(lambda: f"commands /MTMR/{topic}" in arm.state, "the other's command told")
     assert_silent(arm, 1.0)
     arm.client.enable(True)
     commanding(arm)

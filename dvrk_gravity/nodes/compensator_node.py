@@ -236,7 +236,7 @@ class Compensator(PromptNode):
 
     def _refuse_rival(self) -> None:
         """Leave the arm to another node that commands it as we do."""
-        if self._supervisor.status not in (Status.DISABLED, Status.FAULT):
+        if self._supervisor.active or self._supervisor.begins_by_itself:
             self._supervisor.fail(self._rivals.reason())
             if self._rivals.elder:
                 self._supervisor.hold_due = False  # would take the arm out of the other's hands
