@@ -59,6 +59,7 @@ setup(
             "hypothesis>=6.90",
             "mujoco>=4.0",
             "sympy>=1.12",
+            "example-robot-data>=4.0",
         ],
     },
     zip_safe=False,

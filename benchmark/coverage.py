@@ -25,6 +25,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.effects import LinkInertia, State
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.dynamic_fit import estimate
@@ -34,7 +35,6 @@ from dvrk_gravity.identification.problem import Problem, choose, pose, reweighed
 from dvrk_gravity.identification.result import FittedParameter
 from dvrk_gravity.identification.selection import starts
 from dvrk_gravity.simulate.world import World
-from dvrk_gravity.terms import LinkInertia, State
 
 LOW, HIGH = 0.93, 0.97
 FAMILIES = {

@@ -23,6 +23,7 @@ import numpy as np
 
 from dvrk_gravity import text_file
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import State
 from dvrk_gravity.identification import identify
 from dvrk_gravity.identification.columns import Columns, base_directions
 from dvrk_gravity.identification.moments import Moments, build_design
@@ -31,7 +32,6 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording, RecordingFile, save_recording
 from dvrk_gravity.simulate.world import World
-from dvrk_gravity.terms import State
 
 TEN = 10.0  # minutes at 1 kHz that the target is about
 TIME_TARGET, MEMORY_TARGET = 60.0, 1.5  # s for 10 minutes; GiB

@@ -25,7 +25,6 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity import text_file
-from dvrk_gravity.compensate.evaluator import prepare
 from dvrk_gravity.compensate.limits import slew
 from dvrk_gravity.compensate.sample import Sample, SampleReader
 from dvrk_gravity.compensate.settings import Settings
@@ -86,7 +85,7 @@ def one_sample(values: dict[str, object]) -> dict[str, float]:
     assert supervisor.status is Status.COMMANDING
     rows["  torque"] = best(lambda: settings.torque(q[0], qd[0]))
     for term in settings.model.terms:
-        evaluate = prepare(term)
+        evaluate = term.prepare()
         rows[f"    {term.NAME}"] = best(lambda evaluate=evaluate: evaluate(q[0], qd[0]))
     torque = settings.torque(q[0], qd[0])
     largest = settings.slew_limit * 1e-3

@@ -9,20 +9,21 @@ import argparse
 import re
 from pathlib import Path
 
-from dvrk_gravity.arm import JOINT_NAMES
-from dvrk_gravity.model import ALL_PARAMETERS
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.model import all_parameters
 from dvrk_gravity.parameter import Parameter
 
 PAGE = Path(__file__).resolve().with_name("parameters.md")
+ARM = Arm.load("mtmr")  # whose joints stand in the table
 BEGIN, END = "<!-- parameters: begin -->", "<!-- parameters: end -->"
 
 
 def table() -> str:
-    """Return the table in Markdown, the seven joints of one parameter in one row."""
+    """Return the table in Markdown, the joints of one parameter in one row."""
     rows = ["| parameter | type | unit | default | range | meaning |", "|---|---|---|---|---|---|"]
-    for name, entry in ALL_PARAMETERS.items():
-        joint = next((joint for joint in JOINT_NAMES if name.endswith(f".{joint}")), None)
-        if joint == JOINT_NAMES[0]:
+    for name, entry in all_parameters(ARM).items():
+        joint = next((joint for joint in ARM.joint_names if name.endswith(f".{joint}")), None)
+        if joint == ARM.joint_names[0]:
             rows.append(_row(name.replace(joint, "JOINT"), entry, entry.meaning.split(",")[0]))
         elif joint is None:
             rows.append(_row(name, entry, entry.meaning))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity import json_file, text_file, yaml_file
 from dvrk_gravity.arguments import path_of
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import State, Term, terms
+from dvrk_gravity.effects.term import as_array
 from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.parameter import Parameter, Value, check_all, flatten, unflatten
-from dvrk_gravity.terms import TERMS, DirectionalCable, State, Term
 
 Array = NDArray[np.float64]
 
@@ -24,10 +26,6 @@ LARGEST_TORQUE = 1e12  # N·m; no arm's, and sums of squares stay finite
 ARM_PARAMETER = Parameter(
     "arm", "mtmr", "", "arm: mtml, mtmr, or the path of an MTM's .yaml file", read_only=True
 )
-OFFSET_PARAMETER = Parameter(
-    "joint_offset", (), "rad", "measured minus true position: what the encoders read too much",
-    lower=-1.0, upper=1.0, lengths=(N_JOINTS,),
-)  # fmt: skip
 # What a console file holds beyond the model, so that converting it back loses nothing.
 CONSOLE_PARAMETER = Parameter(
     "console.document", "", "", "the dVRK console's file that the model came from, as JSON text",
@@ -42,18 +40,43 @@ VERDICT_PARAMETER = Parameter(
     choices=(NO_VERDICT, *VERDICTS), read_only=True,
 )  # fmt: skip
 REASON_PARAMETER = Parameter("identification.reason", "", "", "why it says so", read_only=True)
-MODEL_PARAMETERS: dict[str, Parameter] = {
-    entry.name: entry
-    for entry in (
+OFFSET = "joint_offset"
+
+
+def model_parameters(arm: Arm) -> Mapping[str, Parameter]:
+    """Return the declarations of all parameters of an arm's models, by name."""
+    return _declared(arm, terms())
+
+
+def all_parameters(arm: Arm) -> Mapping[str, Parameter]:
+    """Return those of an arm's models and those of the nodes, by name."""
+    return {**model_parameters(arm), **NODE_PARAMETERS}
+
+
+@lru_cache(maxsize=8)
+def _declared(arm: Arm, effects: tuple[type[Term], ...]) -> Mapping[str, Parameter]:
+    offset = Parameter(
+        OFFSET, (), "rad", "measured minus true position: what the encoders read too much",
+        lower=-1.0, upper=1.0, lengths=(arm.n,),
+    )  # fmt: skip
+    declared = (
         ARM_PARAMETER,
-        OFFSET_PARAMETER,
+        offset,
         CONSOLE_PARAMETER,
         VERDICT_PARAMETER,
         REASON_PARAMETER,
-        *(entry for term in TERMS for entry in term.PARAMETERS),
+        *(entry for effect in effects for entry in effect.schema(arm)),
     )
-}
-ALL_PARAMETERS: dict[str, Parameter] = MODEL_PARAMETERS | NODE_PARAMETERS
+    return {entry.name: entry for entry in declared}
+
+
+def arm_of(values: Mapping[str, Any]) -> Arm:
+    """Return the arm that a model's parameters name.
+
+    Raises:
+        ConfigError: An arm that there is not, or something else than a name.
+    """
+    return Arm.load(str(ARM_PARAMETER.check(values.get(ARM_PARAMETER.name, ARM_PARAMETER.default))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +88,7 @@ class TorqueModel:
         terms: The terms, each a physical cause of torque.
         node: Settings of the nodes that came in the same file; kept, not used here.
         document: The dVRK console's file that the model came from, as JSON text; ``""`` if none.
-        joint_offset: (7,) rad, q_measured = q_true + joint_offset. Positions given to the model
+        joint_offset: (n,) rad, q_measured = q_true + joint_offset. Positions given to the model
             are measured ones; its terms are functions of the true ones.
         verdict: What the identification said of it, one of ``VERDICTS``, or ``NO_VERDICT``.
         reason: Why it said so.
@@ -75,9 +98,14 @@ class TorqueModel:
     terms: tuple[Term, ...]
     node: Mapping[str, Value] = field(default_factory=dict)
     document: str = ""
-    joint_offset: Array = field(default_factory=lambda: np.zeros(N_JOINTS))
+    joint_offset: Array = field(default_factory=lambda: np.zeros(0))
     verdict: str = NO_VERDICT
     reason: str = ""
+
+    def __post_init__(self) -> None:
+        """Put zeros where no offset is given."""
+        if not len(self.joint_offset):
+            object.__setattr__(self, "joint_offset", np.zeros(self.arm.n))
 
     @classmethod
     def load(cls, path: str | Path) -> TorqueModel:
@@ -116,10 +144,10 @@ class TorqueModel:
         """
         if not isinstance(values, Mapping):
             raise ArgumentError("parameters", values, "a mapping from names to values")
-        checked = check_all(ALL_PARAMETERS, values)
         if arm is None:
-            arm = Arm.load(str(checked.get("arm", ARM_PARAMETER.default)))
-        built = (term.from_parameters(arm, checked) for term in TERMS)
+            arm = arm_of(values)
+        checked = check_all(all_parameters(arm), values)
+        built = [effect.from_parameters(arm, checked) for effect in terms()]
         node = {name: checked[name] for name in NODE_PARAMETERS if name in checked}
         document = str(checked.get(CONSOLE_PARAMETER.name, ""))
         if document:
@@ -129,19 +157,19 @@ class TorqueModel:
                 raise ConfigError(
                     CONSOLE_PARAMETER.name, document, f"JSON text ({error})"
                 ) from error
-        terms = tuple(term for term in built if term is not None)
-        offset = np.array(checked.get(OFFSET_PARAMETER.name) or np.zeros(N_JOINTS))
+        given = tuple(term for term in built if term is not None)
+        offset = as_array(checked.get(OFFSET), arm.n, 0.0)
         verdict, reason = (
             str(checked.get(entry.name, entry.default))
             for entry in (VERDICT_PARAMETER, REASON_PARAMETER)
         )
-        return cls(arm, terms, node, document, offset, verdict, reason)
+        return cls(arm, given, node, document, offset, verdict, reason)
 
     def parameters(self) -> dict[str, Value]:
         """Return the values that :meth:`from_parameters` takes."""
         values: dict[str, Value] = {"arm": self.arm.source or self.arm.name}
         if self.joint_offset.any():
-            values[OFFSET_PARAMETER.name] = tuple(self.joint_offset.tolist())
+            values[OFFSET] = tuple(self.joint_offset.tolist())
         for term in self.terms:
             values |= term.parameters()
         if self.document:
@@ -177,27 +205,27 @@ class TorqueModel:
         """Return the torque that the actuators apply, in joint space.
 
         Args:
-            q: (…, 7) measured joint positions, rad.
-            qd: (…, 7) velocities, rad/s; without them friction is left out.
-            qdd: (…, 7) accelerations, rad/s^2; without them zero.
-            direction: (…, 7) +1/-1 for static poses, the way each was approached.
+            q: (…, n) measured joint positions, rad.
+            qd: (…, n) velocities, rad/s; without them friction is left out.
+            qdd: (…, n) accelerations, rad/s^2; without them zero.
+            direction: (…, n) +1/-1 for static poses, the way each was approached.
 
         Returns:
-            (…, 7) torques, N·m.
+            (…, n) torques, N·m.
 
         Raises:
             ShapeError: Arrays that do not fit.
         """
-        return self.torque_at(State.of(q, qd, qdd, direction))
+        return self.torque_at(State.of(q, qd, qdd, direction, self.arm.n))
 
     def torque_at(self, state: State) -> Array:
-        """Return (…, 7) torques at a state with measured positions, N·m."""
+        """Return (…, n) torques at a state with measured positions, N·m."""
         if self.joint_offset.any():
             state = replace(state, q=state.q - self.joint_offset)
         return sum((term.torque(state) for term in self.terms), start=np.zeros(state.q.shape))
 
     def prediction(self, state: State) -> Array:
-        """Return what :meth:`torque_at` does, (N, 7) N·m, for comparison with what was measured.
+        """Return what :meth:`torque_at` does, (N, n) N·m, for comparison with what was measured.
 
         Raises:
             ConfigError: A torque that is not finite, or so large that sums of its squares are not.
@@ -214,17 +242,19 @@ class TorqueModel:
             )
         return torque
 
+    @property
+    def gravity(self) -> Array:
+        """(3,) gravity in the base frame as its terms have it, m/s^2; the arm's if none weighs."""
+        vectors = (term.gravity_vector for term in self.terms)
+        return next((vector for vector in vectors if vector is not None), self.arm.gravity)
+
     def term(self, name: str) -> Term | None:
         """Return the term of that effect name, ``None`` if the model has none."""
         return next((term for term in self.terms if name == term.NAME), None)
 
     def physical(self) -> TorqueModel:
         """Return the model of the arm itself: friction whole, not by the console's ratio."""
-        terms = tuple(
-            term.with_full_ratio() if isinstance(term, DirectionalCable) else term
-            for term in self.terms
-        )
-        return replace(self, terms=terms)
+        return replace(self, terms=tuple(term.whole() for term in self.terms))
 
 
 def _ros_parameters(content: Mapping[str, Any]) -> Mapping[str, Any]:

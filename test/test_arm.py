@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 import yaml
 from conftest import CONFIG
+from dh_table import dh_table
 from scipy.spatial.transform import Rotation
 
-from dvrk_gravity.arm import JOINT_NAMES, Arm, gravity_in_base
+from dvrk_gravity.arms import Arm, gravity_in_base
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import ConfigError
 
 DH = (  # alpha, a, d, offset [deg, m]
@@ -34,7 +36,7 @@ def arm(request) -> Arm:
 
 def test_shipped_arms_have_the_published_geometry_and_limits(arm):
     assert arm.joint_names == JOINT_NAMES
-    table = [(joint.alpha, joint.a, joint.d, joint.offset) for joint in arm.joints]
+    table = [(joint.alpha, joint.a, joint.d, joint.offset) for joint in dh_table(arm.name)]
     expected = [(np.radians(alpha), a, d, np.radians(offset)) for alpha, a, d, offset in DH]
     np.testing.assert_allclose(table, expected, atol=1e-15)
     np.testing.assert_allclose(np.degrees(arm.lower), LOWER[arm.name])
@@ -45,7 +47,7 @@ def test_shipped_arms_have_the_published_geometry_and_limits(arm):
     np.testing.assert_array_equal(
         arm.effort_limit, [1.861, 3.217, 1.96, 0.309, 0.097, 0.097, 0.023]
     )
-    assert arm.parallelogram == 0.1
+    assert arm.body("crank").frame.translation @ arm.body("crank").frame.translation == 0.1**2
     np.testing.assert_allclose(arm.gravity, [0, 0, -9.81])
 
 
@@ -108,8 +110,11 @@ WRONG = {
     "name": (("name",), 7, "name: got 7"),
     "six joints": (("joints",), [], "joints: got []"),
     "joints not a list": (("joints",), "seven", "joints: got 'seven'"),
-    "joint not a mapping": (("joints", 2), 5, "joints.elbow_pitch: got 5"),
-    "joints swapped": (("joints", 2, "name"), "wrist_yaw", "joints.elbow_pitch"),
+    "joint not a mapping": (("joints", 2), 5, "joints[2]: got 5"),
+    "joint twice": (("joints", 2, "name"), "wrist_yaw", "joints[5].name: got 'wrist_yaw'"),
+    "joint of another arm": (("joints", 2, "name"), "elbow", "joints.elbow_pitch: got"),
+    "joint of another kind": (("joints", 2, "type"), "prismatic", "joints.elbow_pitch: got"),
+    "angle of another arm": (("joints", 3, "alpha"), 80, "joints.wrist_platform: got 'alpha 80"),
     "joint's field unknown": (("joints", 4, "mass"), 1.0, "joints.wrist_pitch: got ['mass']"),
     "joint's field missing": (("joints", 4, "a"), MISSING, "joints.wrist_pitch: got ['a']"),
     "length as text": (("joints", 1, "a"), "long", "joints.shoulder_pitch.a: got 'long'"),
@@ -157,21 +162,11 @@ def test_a_name_that_is_no_shipped_arm_is_refused(name):
         Arm.load(name)
 
 
-def test_a_urdf_is_refused_with_what_is_supported(tmp_path):
-    path = tmp_path / "panda.urdf"
-    path.write_text("<robot name='panda'/>")
-    with pytest.raises(ConfigError) as caught:
-        Arm.load(path)
-    assert f"arm: got '{path}', expected mtml, mtmr, or" in str(caught.value)
-    assert "a URDF or another kind of arm is not supported" in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
 def test_the_arms_that_are_said_to_be_supported_load():
-    from dvrk_gravity.arm import SUPPORTED
+    from dvrk_gravity.arms.arm import SUPPORTED
     from dvrk_gravity.resources import config_path
 
-    *names, _ = SUPPORTED.split(", ")
+    names = SUPPORTED.split(", ")
     for name in ("mtml", "mtmr"):
         assert name in names
         assert (

@@ -11,7 +11,7 @@ from test_console import console_regressor, console_torque, convert, own_model
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.console_conversion import convert_model
+from dvrk_gravity.console.conversion import convert_model
 from dvrk_gravity.model import TorqueModel
 
 ARM = Arm.load("mtmr")
@@ -191,7 +191,7 @@ def test_in_no_motion_the_console_pushes_more_than_friction_takes(seed):
 
 
 def _moving(qd):
-    from dvrk_gravity.terms import State
+    from dvrk_gravity.effects import State
 
     return State(np.zeros(qd.shape), 1e6 * qd)
 

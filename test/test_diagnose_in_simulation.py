@@ -11,11 +11,11 @@ from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.diagnosis.in_simulation import in_simulation, let_go
 from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.effects import Gravity, LinkInertia, State
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.hidden import hide
 from dvrk_gravity.simulate.model_plant import ModelArm
 from dvrk_gravity.simulate.world import World
-from dvrk_gravity.terms import Gravity, LinkInertia, State
 
 
 @pytest.fixture(scope="module")

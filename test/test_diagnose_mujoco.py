@@ -10,10 +10,10 @@ from test_tree import mujoco_arm
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis import diagnose
+from dvrk_gravity.effects import Gravity, LinkInertia
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.world import World
-from dvrk_gravity.terms import Gravity, LinkInertia
 
 ARM = Arm.load("mtmr")
 RATE, DURATION = 250.0, 18.0

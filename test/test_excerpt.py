@@ -10,10 +10,11 @@ import pytest
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis import load as loading
 from dvrk_gravity.diagnosis.bench import Bench
-from dvrk_gravity.diagnosis.columns_search import _window
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.run import hypotheses
+from dvrk_gravity.effects import Cogging
+from dvrk_gravity.effects.contact import _window
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, RecordingFile, excerpt
 from dvrk_gravity.simulate.world import World
@@ -130,7 +131,9 @@ def test_hypotheses_and_what_they_are_built_from_take_little_memory_a_sample():
     pool = [contest.candidate(one) for one in hypotheses(motion)]
     assert len(pool) > 200
     total = sum(one.values.nbytes for one in pool)
-    total += sum(basis.cosine.nbytes + basis.sine.nbytes for basis in contest.ripple_bases)
+    total += sum(
+        basis.cosine.nbytes + basis.sine.nbytes for basis in Cogging.search_basis(contest.bench)
+    )
     total += sum(held(value) for value in vars(motion).values())
     assert total / len(contest.bench.residual) < 45e3
 
@@ -139,7 +142,9 @@ def test_sines_are_built_a_few_frequencies_at_a_time():
     motion = load([moving(20.0, 200.0)], MODEL).motion
     contest = Contest(Bench.of(motion))
     tracemalloc.start()
-    kept = sum(basis.cosine.nbytes + basis.sine.nbytes for basis in contest.ripple_bases)
+    kept = sum(
+        basis.cosine.nbytes + basis.sine.nbytes for basis in Cogging.search_basis(contest.bench)
+    )
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # All 240 frequencies at once took 115 kB a sample beyond what is kept.

@@ -6,10 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dvrk_gravity import gravity
 from dvrk_gravity.arm import Arm
-from dvrk_gravity.errors import ConfigError, ShapeError
-from dvrk_gravity.gravity import (
+from dvrk_gravity.arms.mtm import gravity
+from dvrk_gravity.arms.mtm.gravity import (
     BETA_NAMES,
     LENGTHS,
     LINKS,
@@ -20,6 +19,7 @@ from dvrk_gravity.gravity import (
     regressor,
     torque,
 )
+from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.tree import build_tree
 
 DOWN = (0.0, 0.0, -9.81)

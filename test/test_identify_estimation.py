@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import State, rigid_body
 from dvrk_gravity.gravity import regressor as gravity_regressor
 from dvrk_gravity.identification.columns import Columns, base_directions, beta_map
 from dvrk_gravity.identification.covariance import uncertainty
@@ -21,7 +22,6 @@ from dvrk_gravity.identification.regression import (
     solve,
     solve_signed,
 )
-from dvrk_gravity.terms import State, rigid_body
 
 ARM = Arm.load("mtmr")
 

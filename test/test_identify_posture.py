@@ -12,13 +12,13 @@ from test_identify import ARM, parameter, truth
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.motion import read_motions
 from dvrk_gravity.identification.posture import OFFSETS, Posture
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import State
 from dvrk_gravity.tree import TREE_LINKS, build_tree, link_frames
 
 TERMS = ("coulomb_friction", "viscous_friction", "elastic_cable", "base_tilt", "joint_offset")

@@ -9,21 +9,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.effects import terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
-    ALL_PARAMETERS,
     ARM_PARAMETER,
     CONSOLE_PARAMETER,
-    MODEL_PARAMETERS,
-    OFFSET_PARAMETER,
     REASON_PARAMETER,
     VERDICT_PARAMETER,
+    all_parameters,
+    model_parameters,
 )
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.parameter import Parameter, check_all, flatten, unflatten
-from dvrk_gravity.terms import TERMS
 
+ARM = Arm.load("mtmr")
+ALL_PARAMETERS = all_parameters(ARM)
+MODEL_PARAMETERS = model_parameters(ARM)
 NUMBERS = [e for e in ALL_PARAMETERS.values() if e.kind in ("double", "double[]")]
 ARRAYS = [e for e in NUMBERS if e.kind == "double[]"]
 
@@ -52,10 +55,10 @@ def refusal(entry: Parameter, value: object, says: str) -> ConfigError:
 
 
 def test_no_name_is_declared_twice():
-    declared = [ARM_PARAMETER, OFFSET_PARAMETER, CONSOLE_PARAMETER, VERDICT_PARAMETER]
+    declared = [ARM_PARAMETER, CONSOLE_PARAMETER, VERDICT_PARAMETER]
     declared += [REASON_PARAMETER, *NODE_PARAMETERS.values()]
-    declared += [entry for term in TERMS for entry in term.PARAMETERS]
-    names = [entry.name for entry in declared]
+    declared += [entry for term in terms() for entry in term.schema(ARM)]
+    names = [entry.name for entry in declared] + ["joint_offset"]
     assert sorted(names) == sorted(set(names))
     assert set(names) == set(ALL_PARAMETERS)
 
@@ -67,8 +70,8 @@ def test_no_name_is_also_the_beginning_of_another():
 
 def test_terms_name_their_parameters_after_themselves():
     short = {"beta", "gravity_enabled", "gravity_vector"}
-    for term in TERMS:
-        for entry in term.PARAMETERS:
+    for term in terms():
+        for entry in term.schema(ARM):
             assert entry.name in short or f"{entry.name}.".startswith(f"{term.NAME}.")
 
 

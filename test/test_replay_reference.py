@@ -10,9 +10,9 @@ from test_replay import make_bag
 
 from dvrk_gravity.commands.replay import replay
 from dvrk_gravity.commands.replay_reference import compensation
+from dvrk_gravity.effects import Gravity, Payload
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.world import World
-from dvrk_gravity.terms import Gravity, Payload
 
 WHOLE, NO_BAND = np.ones(7), np.zeros(7)
 # What an identification leaves in a model beside the weights, and the compensator does not apply.

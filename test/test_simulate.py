@@ -8,16 +8,17 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from dh_table import dh_table
 from scipy.optimize import lsq_linear
 
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import CoulombFriction, Gravity, ViscousFriction
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.gravity import LinkMass, beta_from_links
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.resources import config_path
 from dvrk_gravity.simulate import Mode, Plant, PlantFile, Sensors, SimulatedArm, simulate
 from dvrk_gravity.simulate.friction import FrictionSolver
-from dvrk_gravity.terms import CoulombFriction, Gravity, ViscousFriction
 
 ROTORS = np.array([0.0043, 0.0026, 0.0038, 0.00012, 0.000062, 0.000062, 0.000015])
 # Motor angles from joint angles, written out: a3 = q2 + q3, a4 = q4 + 0.6697 q3.
@@ -36,10 +37,7 @@ def wide_arm() -> Arm:
     """An arm that never meets a stop."""
     arm = Arm.load("mtmr")
     joints = tuple(replace(joint, lower=-100.0, upper=100.0) for joint in arm.joints)
-    return Arm(
-        "wide", joints, arm.actuator_to_joint, arm.actuator_effort_limit, arm.parallelogram,
-        arm.base_rpy,
-    )  # fmt: skip
+    return replace(arm, name="wide", joints=joints)
 
 
 def random_links(seed: int) -> dict[str, pin.Inertia]:
@@ -76,7 +74,7 @@ class Oracle:
     def __init__(self, arm: Arm, links: dict[str, pin.Inertia]) -> None:
         degrees = np.degrees
         text = ""
-        for i, joint in reversed(list(enumerate(arm.joints, start=1))):
+        for i, joint in reversed(list(enumerate(dh_table("mtmr"), start=1))):
             # Rz(offset) Tz(d) Tx(a) Rx(alpha): a frame within a frame for each half.
             distal = (
                 f'<body euler="0 0 {degrees(joint.offset)}">'
@@ -95,9 +93,9 @@ class Oracle:
         assert names == ["q1", "crank", "bar", *(f"q{i}" for i in range(2, 8))]
 
     def _parallelogram(self, arm: Arm, links: dict[str, pin.Inertia]) -> str:
-        side = arm.parallelogram
-        start = np.degrees(arm.joints[1].offset + arm.joints[2].offset)
-        back = 180.0 - np.degrees(arm.joints[2].offset)
+        side, table = 0.1, dh_table("mtmr")
+        start = np.degrees(table[1].offset + table[2].offset)
+        back = 180.0 - np.degrees(table[2].offset)
         return (
             f'<body name="crank" euler="0 0 {start}"><joint name="crank" axis="0 0 1"/>'
             f'<body pos="{side} 0 0" euler="0 0 90">{self._inertial(links["crank"])}</body>'

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import static_report
 from dvrk_gravity.identification.static_columns import joint_columns
@@ -17,7 +18,6 @@ from dvrk_gravity.identification.static_poses import Poses, inner_slabs, read_po
 from dvrk_gravity.identification.static_solver import Choice, Table
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.terms.polynomial import Range
 
 ARM = Arm.load("mtmr")
 POSED = (1, 2, 3, 4, 5)
@@ -221,7 +221,7 @@ def test_no_torque_is_invented_outside_the_range(fitted, tmp_path):
 
 
 def state_of(recording: Recording):
-    from dvrk_gravity.terms import State
+    from dvrk_gravity.effects import State
 
     return State.of(recording.position, direction=recording.direction)
 

@@ -10,13 +10,8 @@ from scipy.optimize import brentq
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.console_export import export
-from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.simulate import PlantFile, SimulatedArm
-from dvrk_gravity.simulate.plant import Plant
-from dvrk_gravity.simulate.presliding import Presliding
-from dvrk_gravity.terms import (
+from dvrk_gravity.console.export import export
+from dvrk_gravity.effects import (
     CoulombFriction,
     PreslidingHysteresis,
     State,
@@ -24,6 +19,11 @@ from dvrk_gravity.terms import (
     Term,
     ViscousFriction,
 )
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.simulate import PlantFile, SimulatedArm
+from dvrk_gravity.simulate.plant import Plant
+from dvrk_gravity.simulate.presliding import Presliding
 from dvrk_gravity.tree import build_tree
 
 ARM = Arm.load("mtmr")

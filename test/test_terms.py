@@ -10,9 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.errors import ConfigError, ShapeError
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import (
+from dvrk_gravity.effects import (
     CoulombFriction,
     DirectionalCable,
     ElasticCable,
@@ -20,6 +18,8 @@ from dvrk_gravity.terms import (
     State,
     ViscousFriction,
 )
+from dvrk_gravity.errors import ConfigError, ShapeError
+from dvrk_gravity.model import TorqueModel
 
 ARM = Arm.load("mtmr")
 SHOULDER, ELBOW, PLATFORM = 1, 2, 3
@@ -54,7 +54,7 @@ def torque(term, q=None, qd=None, direction=None) -> np.ndarray:
 @pytest.mark.parametrize("shape", [(), (6,), (8,), (7, 3), (2, 0)])
 def test_positions_that_are_not_seven_joints_are_refused(shape):
     with pytest.raises(ShapeError, match=r"^q has shape"):
-        State.of(np.zeros(shape))
+        State.of(np.zeros(shape), joints=7)
 
 
 @pytest.mark.parametrize("name", ["qd", "qdd", "direction"])

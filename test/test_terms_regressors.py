@@ -7,10 +7,7 @@ import pytest
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.gravity import regressor as gravity_regressor
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import (
+from dvrk_gravity.effects import (
     CoulombFriction,
     ElasticCable,
     Gravity,
@@ -23,7 +20,10 @@ from dvrk_gravity.terms import (
     ViscousFriction,
     rigid_body,
 )
-from dvrk_gravity.terms.polynomial import Range
+from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.gravity import regressor as gravity_regressor
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.tree import TREE_LINKS, build_tree, link_frames
 
 ARM = Arm.load("mtmr")
@@ -31,7 +31,7 @@ ZERO = np.zeros(7)
 ELEMENTS = np.zeros((2, 7))
 TERMS = [
     Gravity(ARM, np.zeros(12), ARM.gravity),
-    ElasticCable(np.zeros((4, 7)), Range(np.full(7, -0.5), np.full(7, 0.5))),
+    ElasticCable(ARM, np.zeros((4, 7)), Range(np.full(7, -0.5), np.full(7, 0.5))),
     CoulombFriction(ARM, ZERO, ZERO, ZERO, ZERO, np.full(7, 0.05)),
     StribeckFriction(ARM, ZERO, ZERO, np.full(7, 0.3), np.full(7, 0.5), np.full(7, 0.05)),
     ViscousFriction(ARM, ZERO, ZERO),

@@ -6,13 +6,17 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from dh_table import dh_table
 from scipy.spatial.transform import Rotation
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arm import Arm
-from dvrk_gravity.tree import LINKS, TREE_LINKS, beta_tree, build_tree, link_frames
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import BODIES, beta_tree
+from dvrk_gravity.arms.tree import build_tree, link_frames
 
 ARM = Arm.load("mtmr")
+TABLE = dh_table("mtmr")
+SIDE = 0.1  # m, the parallelogram's short side
 DOWN = np.array([0.0, 0.0, -9.81])
 TILTED = np.array([1.3, -2.1, -9.4])
 CRANK_FRAME = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # in frame 3
@@ -39,7 +43,7 @@ def fixed_part(joint) -> np.ndarray:
 def dh_frames(q: np.ndarray) -> list[np.ndarray]:
     """Frames 0 to 7 of the DH chain, in the base."""
     frames = [np.eye(4)]
-    for joint, angle in zip(ARM.joints, q, strict=True):
+    for joint, angle in zip(TABLE, q, strict=True):
         frames.append(frames[-1] @ turn("z", angle) @ fixed_part(joint))
     return frames
 
@@ -58,7 +62,7 @@ def random_inertia(rng) -> pin.Inertia:
 @pytest.fixture(scope="module")
 def inertias():
     rng = np.random.default_rng(5)
-    return {body: random_inertia(rng) for body in LINKS}
+    return {body: random_inertia(rng) for body in BODIES}
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +82,7 @@ def test_links_of_the_tree_are_where_the_dh_table_puts_them(tree, motions):
     for q, _, _ in motions:
         pin.forwardKinematics(tree.model, tree.data, tree.expand @ q)
         for number, expected in enumerate(dh_frames(q)[1:], start=1):
-            body = TREE_LINKS.index(f"link{number}") + 1
+            body = BODIES.index(f"link{number}") + 1
             found = (tree.data.oMi[body] * frames[f"link{number}"]).homogeneous
             np.testing.assert_allclose(found, expected, atol=1e-13)
 
@@ -91,15 +95,15 @@ def test_crank_and_bar_close_the_parallelogram(tree, motions):
         along_forearm = base[3][:3, 0]
         pin.forwardKinematics(tree.model, tree.data, tree.expand @ q)
         crank, bar = (
-            tree.data.oMi[TREE_LINKS.index(body) + 1] * frames[body] for body in ("crank", "bar")
+            tree.data.oMi[BODIES.index(body) + 1] * frames[body] for body in ("crank", "bar")
         )
         # The crank is parallel to the forearm and as long as the lever there ...
-        tip = shoulder + ARM.parallelogram * along_forearm
+        tip = shoulder + SIDE * along_forearm
         np.testing.assert_allclose(crank.translation, tip, atol=1e-13)
         # ... and the bar, which hangs on the forearm's lever, ends at the crank's tip,
         np.testing.assert_allclose(bar.translation, tip, atol=1e-13)
-        pivot = elbow + ARM.parallelogram * along_forearm
-        np.testing.assert_allclose(bar.act(np.array([-ARM.joints[1].a, 0, 0])), pivot, atol=1e-13)
+        pivot = elbow + SIDE * along_forearm
+        np.testing.assert_allclose(bar.act(np.array([-TABLE[1].a, 0, 0])), pivot, atol=1e-13)
         # so that both keep the orientation of what they are parallel to.
         np.testing.assert_allclose(bar.rotation[:, 0], -base[2][:3, 0], atol=1e-13)
         np.testing.assert_allclose(bar.rotation[:, 1], -base[2][:3, 1], atol=1e-13)
@@ -155,17 +159,17 @@ def body_xml(name: str, place: np.ndarray, frame: np.ndarray, inertia: pin.Inert
 
 def mujoco_arm(inertias) -> tuple[mujoco.MjModel, np.ndarray]:
     """The same arm built otherwise: the crank on link 1 by q2 + q3, the bar on the crank's tip."""
-    fixed = [fixed_part(joint) for joint in ARM.joints]
+    fixed = [fixed_part(joint) for joint in TABLE]
     chain = ""
     for number in range(7, 1, -1):
         body = f"link{number}"
         chain = body_xml(body, fixed[number - 2], fixed[number - 1], inertias[body], chain)
-    offset2, offset3 = ARM.joints[1].offset, ARM.joints[2].offset
+    offset2, offset3 = TABLE[1].offset, TABLE[2].offset
     # At q2 = q3 = 0 the crank's x axis lies along the forearm's.
     upright = fixed[0] @ turn("z", offset2 + offset3)
-    tip = shift(ARM.parallelogram, 0, 0)
+    tip = shift(SIDE, 0, 0)
     crank_frame = np.eye(4)
-    crank_frame[:3, :3] = turn("x", ARM.joints[2].alpha)[:3, :3] @ CRANK_FRAME
+    crank_frame[:3, :3] = turn("x", TABLE[2].alpha)[:3, :3] @ CRANK_FRAME
     bar_place = tip @ turn("z", -offset3)  # along the arm again
     bar = body_xml("bar", bar_place, turn("z", np.pi), inertias["bar"], "")
     crank = body_xml("crank", upright, tip @ crank_frame, inertias["crank"], bar)

@@ -9,25 +9,25 @@ import numpy as np
 import pytest
 from test_report import Page
 
+from dvrk_gravity import effects
 from dvrk_gravity.arm import JOINT_NAMES, Arm
-from dvrk_gravity.diagnosis import columns_search
 from dvrk_gravity.diagnosis.bench import Bench
-from dvrk_gravity.diagnosis.columns_body import ALL_INERTIA
 from dvrk_gravity.diagnosis.findings import (
     Alternative,
     Ambiguity,
     Contender,
     Diagnosis,
-    Estimate,
     Finding,
     Gain,
     Rejected,
     ordered,
 )
-from dvrk_gravity.diagnosis.hypothesis import RANK, Hypothesis, unit_of
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.run import hypotheses
 from dvrk_gravity.diagnosis.words import rows, sentence_of, told
+from dvrk_gravity.effects.effect import Hypothesis
+from dvrk_gravity.effects.evidence import Residual
+from dvrk_gravity.effects.meaning import Estimate
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.quantity import quantity
 from dvrk_gravity.report.diagnosis import render
@@ -76,14 +76,14 @@ class Case:
     def estimates(self, sign: float = 1.0, spread: float = 0.3) -> dict[str, Estimate]:
         """Return what a fit of 0.02 throughout is told as, with intervals of such a part."""
         theta = np.full(self.count, 0.02 * sign)
-        effect, setting = self.hypothesis.effect, self.hypothesis.setting
+        setting = self.hypothesis.setting
         return {
             name: Estimate(
                 value, value - spread * abs(value), value + spread * abs(value),
-                unit_of(effect, name),
+                self.hypothesis.unit(name),
             )
             for name, value in self.hypothesis.describe(theta, setting).items()
-            if name not in ("x", "y", "z", "share")  # which estimates() leaves out
+            if self.hypothesis.meaning(name).reported
         }  # fmt: skip
 
     def sentence(self, sign: float = 1.0, spread: float = 0.3, gain: Gain = CLEAR) -> str:
@@ -98,14 +98,20 @@ def every() -> list[Case]:
     motion = load([world.record(1, 2, 9.0, 100.0)], world.model()).motion
     bench = Bench.of(motion)
     noise = np.random.default_rng(0).normal(size=bench.residual.shape)
+    residual = Residual(bench, noise, np.ones_like(noise), np.ones(len(noise), dtype=bool))
     found = [
         *hypotheses(motion),
-        *columns_search.ripple(columns_search.ripple_bases(bench), noise, np.ones_like(noise)),
-        *columns_search.contact(bench, noise, np.ones(len(noise), dtype=bool)),
+        *(
+            one
+            for effect in effects.effects()
+            for one in effect.search(effect.search_basis(bench), residual)
+        ),
     ]
     forms = {(one.effect, re.sub(r"\d| of \w+", "", one.place), len(one.joints)): one
              for one in found}  # fmt: skip
-    assert {one.effect for one in forms.values()} == set(RANK) - {"wrong_coordinates", "unknown"}
+    of_poses_or_console = {"gravity", "directional_cable", "held_load", "shown_torque"}
+    known = {effect.NAME for effect in effects.effects()} - of_poses_or_console
+    assert {one.effect for one in forms.values()} == known - {"wrong_coordinates", "unknown"}
     return [Case(one, one.build(motion, one.setting).shape[2]) for one in forms.values()]
 
 
@@ -200,7 +206,7 @@ def test_a_table_shows_what_a_person_can_use_and_no_counts_of_parameters(every):
         Finding("elastic_cable", ("elbow_pitch",), "degree 3", curve, CLEAR, (), (), "", None, True)
     )
     assert [name for name, _ in shown] == ["least torque", "greatest torque"]
-    (whole,) = (one for one in every if one.hypothesis.place == ALL_INERTIA)
+    (whole,) = (one for one in every if one.hypothesis.place == "inertia of all links")
     assert whole.estimates() == {}
 
 

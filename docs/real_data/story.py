@@ -19,8 +19,8 @@ import numpy as np
 from dvrk_gravity import Recording, TorqueModel, diagnose, gravity, identify
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis.findings import FLOORS, Diagnosis, Finding
+from dvrk_gravity.effects import Gravity
 from dvrk_gravity.report.diagnosis import png
-from dvrk_gravity.terms import Gravity
 
 FOLDER = Path(__file__).resolve().parent
 PAGE = FOLDER.parent / "real_data.md"

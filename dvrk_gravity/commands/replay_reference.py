@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dvrk_gravity.effects import State
+from dvrk_gravity.effects.term import Array
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import Payload, State
-from dvrk_gravity.terms.base import Array
 
 
 def compensation(
@@ -32,16 +32,14 @@ def compensation(
         (N, 7) N·m.
     """
     q = position - model.joint_offset
-    moving = State(q, velocity)
     sliding = None if velocity is None else np.where(np.abs(velocity) < dead_band, 0.0, velocity)
     torque = np.zeros_like(q)
     for term in model.terms:
         if not term.COMPENSATED:
             continue
-        if term.FRICTION:
-            torque += term.scaled(ratio).torque(State(q, sliding))
-        elif isinstance(term, Payload):
-            torque += term.torque(State(q))  # at rest: its weight
-        else:
-            torque += term.torque(moving)
+        smooth, friction = term.split(ratio)
+        if smooth is not None:
+            torque += smooth.torque(State(q))  # at rest: of a payload its weight
+        if friction is not None:
+            torque += friction.torque(State(q, sliding))
     return torque

@@ -14,14 +14,14 @@ from dvrk_gravity.compensate.evaluator import Parts, prepare_parts
 from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
-    ALL_PARAMETERS,
-    MODEL_PARAMETERS,
     VERDICT_PARAMETER,
     VERDICTS,
     TorqueModel,
+    all_parameters,
+    arm_of,
+    model_parameters,
 )
 from dvrk_gravity.parameter import Value, check_all
-from dvrk_gravity.terms import DirectionalCable, Gravity
 
 Array = NDArray[np.float64]
 
@@ -92,23 +92,23 @@ class Settings:
             ConfigError: An unknown name, a value that fails its check, no beta: an arm that is
                 commanded zero torque falls; or a model that was found not fit to compensate with.
         """
-        checked = check_all(ALL_PARAMETERS, values)
-        defaults = {name: entry.default for name, entry in ALL_PARAMETERS.items()}
+        arm = arm_of(values) if before is None else before.model.arm
+        declared = all_parameters(arm)
+        checked = check_all(declared, values)
+        defaults = {name: entry.default for name, entry in declared.items()}
         value: dict[str, Any] = defaults | checked
         if not value["beta"]:
             raise ConfigError("beta", [], "10 gravity parameters, from --params-file for instance")
-        if before is None:
-            model = TorqueModel.from_parameters(checked)
-        elif _of_model(checked) == before._given:
+        of_model = {name: checked[name] for name in model_parameters(arm) if name in checked}
+        if before is not None and of_model == before._given:
             model = before.model
         else:
-            model = TorqueModel.from_parameters(checked, before.model.arm)
+            model = TorqueModel.from_parameters(checked, arm)
         if model.verdict == VERDICTS[-1] and not value["allow_poor_model"]:
             first, *more = model.reason.split("; ")  # joint by joint
             why = f"{first}; …" if more else first
             expected = f"a model to compensate with, or allow_poor_model: true ({why})"
             raise ConfigError(VERDICT_PARAMETER.name, model.verdict, expected)
-        arm = model.arm
         limits = EffortLimits(
             arm,
             np.minimum(value["effort_limit"] or np.inf, arm.effort_limit),
@@ -132,23 +132,13 @@ class Settings:
             value["enabled"],
             value["resume"] == "automatic",
             value["disable_builtin"],
-            _of_model(checked),
-        )
-
-    def same_friction(self, other: Settings) -> bool:
-        """Tell whether other settings compensate the same friction with the same speeds in view."""
-        return (
-            self.model is other.model
-            and np.array_equal(self.friction_ratio, other.friction_ratio)
-            and np.array_equal(self.allowance, other.allowance)
-            and np.array_equal(self.speed_limit, other.speed_limit)
+            of_model,
         )
 
     @property
     def weightless(self) -> bool:
         """Whether gravity is left out."""
-        gravity = self.model.term(Gravity.NAME)
-        return not (isinstance(gravity, Gravity) and gravity.enabled and gravity.beta.any())
+        return not any(term.carries_arm for term in self.model.terms)
 
     def torque(self, q: Array, qd: Array | None) -> Array:
         """Return the (7,) torque to apply at (7,) positions and velocities, before limits, N·m.
@@ -171,10 +161,8 @@ class Settings:
         """(7,) largest part of any friction that is compensated at a joint, 0 to 1."""
         part = np.zeros(len(self.friction_ratio))
         for term in self.model.terms:
-            if isinstance(term, DirectionalCable):
-                part = np.maximum(part, term.scaled(self.friction_ratio).ratio)
-            elif term.FRICTION and term.COMPENSATED:
-                part = np.maximum(part, self.friction_ratio)
+            if term.COMPENSATED:
+                part = np.maximum(part, term.friction_part(self.friction_ratio))
         # What rubs at a motor is felt at each joint that it moves.
         coupled = self.limits.coupled
         return np.where(coupled, part[coupled].max(initial=0.0), part)
@@ -187,7 +175,3 @@ class Settings:
     def _parts(self) -> Parts:
         terms = (term for term in self.model.terms if term.COMPENSATED)
         return prepare_parts(terms, self.friction_ratio)
-
-
-def _of_model(checked: Mapping[str, Value]) -> dict[str, Value]:
-    return {name: value for name, value in checked.items() if name in MODEL_PARAMETERS}

@@ -9,13 +9,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import Ambiguity, Contender
 from dvrk_gravity.diagnosis.judge import Judge, estimates
 from dvrk_gravity.diagnosis.words import told
-from dvrk_gravity.quantity import quantity
+from dvrk_gravity.quantity import pose, quantity
 
 Array = NDArray[np.float64]
 
@@ -40,12 +39,9 @@ def ambiguities(
     contest.weigh(contest.out_of_fold(named), final=True)
     found = {one.hypothesis.key for one in named}
     free = [one for one in pool if one.hypothesis.key not in found and one.acts.any()]
-    zeros = [
-        one
-        for one in free
-        if one.hypothesis.effect == "joint_offset" and one.hypothesis.place == "joint"
-    ]
-    others = [one for one in free if one.hypothesis.effect == "base_tilt"] + zeros
+    aligned = [one for one in free if one.hypothesis.alignment]
+    zeros = [one for one in aligned if one.size == 1]
+    others = [one for one in aligned if one.size > 1] + zeros
     result, seen = [], set()
     for zero in zeros:
         for other in others:
@@ -80,10 +76,10 @@ def _ambiguity(
         contenders.append(
             Contender(
                 one.hypothesis.effect, one.hypothesis.names, alone, together, gain,
-                JOINT_NAMES[best], float(removed[best]),
+                contest.bench.motion.arm.joint_names[best], float(removed[best]),
             )
         )  # fmt: skip
-    pair = f"{_name(zero)} and {_name(other)}"
+    pair = f"{zero.hypothesis.subject} and {other.hypothesis.subject}"
     sentence = (
         f"{pair} cannot be told apart here: {100 * share:.0f} % of the "
         "torque of the first is the second's as well; "
@@ -91,12 +87,6 @@ def _ambiguity(
         + f"; {_pose(contest, zero, other, theta)}"
     )
     return Ambiguity(contenders[0], contenders[1], share, pair, sentence)
-
-
-def _name(one: Candidate) -> str:
-    if one.hypothesis.effect == "base_tilt":
-        return "a tilt of the base"
-    return f"the zero of {one.hypothesis.names[0]}"
 
 
 def _numbers(one: Contender) -> str:
@@ -125,7 +115,7 @@ def _pose(contest: Contest, zero: Candidate, other: Candidate, theta: Array) -> 
     """Return at rest in which pose one degree of zero differs most from what mimics it here."""
     motion, arm = contest.bench.motion, contest.bench.motion.arm
     random = np.random.default_rng(0)
-    q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (_POSES, N_JOINTS))
+    q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (_POSES, arm.n))
     still = np.zeros_like(q)
     posed = replace(
         motion, q=q, qd=still, qdd=still, effort=still, time=np.arange(float(_POSES)),
@@ -135,9 +125,10 @@ def _pose(contest: Contest, zero: Candidate, other: Candidate, theta: Array) -> 
     mine = zero.hypothesis.build(posed, zero.hypothesis.setting) @ np.array([_DEGREE])
     its = other.hypothesis.build(posed, other.hypothesis.setting) @ theta
     apart = np.abs(mine - its)
-    pose, joint = np.unravel_index(int(np.argmax(apart * contest.weight)), apart.shape)
-    where = ", ".join(f"{np.degrees(value):.0f}" for value in q[pose])
+    where, joint = np.unravel_index(int(np.argmax(apart * contest.weight)), apart.shape)
+    there = pose(q[where], [one.unit for one in arm.joints])
     return (
-        f"held still at [{where}] deg, a zero one degree off and what looks like it here differ by "
-        f"{quantity(apart[pose, joint], 'N·m')} on {JOINT_NAMES[int(joint)]}"
+        f"held still at {there}, a zero one degree off and what looks like it here differ by "
+        f"{quantity(apart[where, joint], arm.joints[joint].effort_unit)} on "
+        f"{arm.joint_names[joint]}"
     )

@@ -8,16 +8,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis.ambiguity import ambiguities
 from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.contest import EDGE_STEP, EDGES, Contest
+from dvrk_gravity.diagnosis.contest import EDGE_STEP, Contest
 from dvrk_gravity.diagnosis.extend import extended
 from dvrk_gravity.diagnosis.findings import (
     FLOORS,
     Alternative,
     Diagnosis,
-    Estimate,
     Finding,
     Rejected,
     Verdict,
@@ -38,6 +36,8 @@ from dvrk_gravity.diagnosis.readings import ReadingScore
 from dvrk_gravity.diagnosis.selection import Accepted, Tried
 from dvrk_gravity.diagnosis.separate import separation
 from dvrk_gravity.diagnosis.words import sentence_of
+from dvrk_gravity.effects.meaning import Estimate
+from dvrk_gravity.effects.unknown import Unknown
 
 Array = NDArray[np.float64]
 _ABOVE_FLOOR = 2.5  # times the noise: more than that is structure, if it lasts
@@ -57,6 +57,7 @@ def assemble(
 ) -> Diagnosis:
     """Put everything together; see :class:`dvrk_gravity.diagnosis.run.Outcome`."""
     judge, bench = Judge(contest), contest.bench
+    names = bench.motion.arm.joint_names
     named = [one.tried.candidate for one in accepted]
     theta, covariance, spreads = _fit(contest, named)
     slices = _slices(named)
@@ -83,26 +84,28 @@ def assemble(
     after = judge.rmse(last)
     floor = bench.floor(loaded.floor, contest.left(named))
     source = bench.floor_from(floor)
-    told = {name for finding in findings if finding.effect == "unknown" for name in finding.joints}
+    nameless = [finding for finding in findings if finding.effect == Unknown.NAME]
+    told = {name for finding in nameless for name in finding.joints}
     seen = contest.score(named).rms  # out of fold: a push's edge may hide in a held-out block
     # A floor that high frequencies show takes the noise for white; one of repetition need not.
-    noise = np.full(N_JOINTS, source != "repetition") & (judge.lasting(last) <= _LASTING)
+    noise = np.full(len(after), source != "repetition") & (judge.lasting(last) <= _LASTING)
     shapeless = [
         joint
-        for joint in range(N_JOINTS)
+        for joint in range(len(after))
         if min(after[joint], seen[joint])
         > (_FAR_ABOVE_FLOOR if noise[joint] else _ABOVE_FLOOR) * floor[joint]
-        and JOINT_NAMES[joint] not in told
+        and names[joint] not in told
     ]
+    arm = bench.motion.arm
     findings += [
-        shapeless_finding(joint, after[joint], floor[joint], source) for joint in shapeless
+        shapeless_finding(arm, joint, after[joint], floor[joint], source) for joint in shapeless
     ]
     return Diagnosis(
         verdict=_verdict(findings),
         findings=tuple(findings),
-        before=by_joint(judge.rmse(first)),
-        after=by_joint(after),
-        floor=by_joint(floor),
+        before=by_joint(names, judge.rmse(first)),
+        after=by_joint(names, after),
+        floor=by_joint(names, floor),
         floor_from=source,
         samples=int((bench.block >= 0).sum()),
         held_out=judge.samples,
@@ -139,7 +142,7 @@ def _fit(
     for one, found in zip(named, names, strict=True):
         spread = {name: deviation.pop(0) for name in found}
         others = [other for other in named if other is not one]
-        for name in set(EDGES) & set(one.hypothesis.refine):
+        for name in set(one.hypothesis.edges) & set(one.hypothesis.refine):
             low, high = contest.plateau(one, others, name)
             spread[name] = max(high - low, EDGE_STEP) / 3.92
         spreads.append(spread)
@@ -182,7 +185,7 @@ def _finding(
             )
             for other in one.rejected
         ),
-        sentence=sentence_of(hypothesis, parameters, gain, JOINT_NAMES[joints[0]]),
+        sentence=sentence_of(hypothesis, parameters, gain, hypothesis.arm.joint_names[joints[0]]),
         picture=picture_of(contest.bench, judge, hypothesis, joints[0], before, after),
         in_model=carried,
     )
@@ -214,7 +217,7 @@ def _alternatives(
 def _verdict(findings: Sequence[Finding]) -> Verdict:
     if not findings:
         return "nothing_to_explain"
-    unknown = [finding.effect == "unknown" for finding in findings]
+    unknown = [finding.effect == Unknown.NAME for finding in findings]
     if all(unknown):
         return "unexplained"
     if any(unknown):
@@ -242,7 +245,7 @@ def _notes(loaded: Loaded, contest: Contest, floor: Array) -> tuple[str, ...]:
         stuck = loaded.motion.stuck.mean(axis=0)
         notes += [
             f"{name} stands still for {100 * part:.0f} % of the time: left out there"
-            for name, part in zip(JOINT_NAMES, stuck, strict=True)
+            for name, part in zip(loaded.motion.arm.joint_names, stuck, strict=True)
             if part > 0.05
         ]
     return tuple(notes)

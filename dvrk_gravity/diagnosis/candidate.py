@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS
-from dvrk_gravity.diagnosis.hypothesis import Hypothesis
+from dvrk_gravity.effects.effect import Hypothesis
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class Candidate:
     def cost(self) -> float:
         """Log-likelihood that it has to bring before it is worth having."""
         return PENALTY * (self.size + len(self.hypothesis.refine)) + float(
-            np.log(self.hypothesis.prior_count)
+            np.log(self.hypothesis.searched)
         )
 
     @property

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity import effects
 from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.diagnosis.bench import FOLDS, Bench
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
-from dvrk_gravity.diagnosis.columns_search import RippleBasis, ripple_bases
-from dvrk_gravity.diagnosis.hypothesis import RANK, Hypothesis
+from dvrk_gravity.effects.effect import Effect, Hypothesis
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,6 @@ _FEWEST_BLOCKS = 10
 _ACTIVE = 0.03  # of the most active block's energy
 _LEAST_USABLE = 0.05  # part of the samples that a joint must have to be judged at all
 _CONTAINED = 1e-3  # part of a torque that may lie outside another's columns
-EDGES = ("start", "end")  # settings that are times
 EDGE_STEP = 0.03  # s
 _REACH = 0.6  # s, of the search for an edge
 _PROFILE = 1.92  # log-likelihood: half the 95 % point of chi-squared
@@ -95,13 +95,13 @@ class Contest:
         return np.clip(alike, 0.0, 1.0)
 
     @cached_property
-    def ripple_bases(self) -> list[RippleBasis]:
-        """Sines of every motor's angle, to look for ripple in what is left."""
-        return ripple_bases(self.bench)
+    def search_bases(self) -> Mapping[type[Effect], Any]:
+        """What effects need to be searched for in a residual, by effect."""
+        return {effect: effect.search_basis(self.bench) for effect in effects.effects()}
 
     def release(self) -> None:
         """Drop what is large and can be computed again: named effects have been searched for."""
-        self.__dict__.pop("ripple_bases", None)
+        self.__dict__.pop("search_bases", None)
         self.bench.motion.release()
 
     def candidate(self, hypothesis: Hypothesis) -> Candidate:
@@ -305,13 +305,13 @@ class Contest:
             hypothesis = replace(hypothesis, setting=setting)
             candidate = self.candidate(hypothesis)
         for name in hypothesis.refine:
-            if name in EDGES:
+            if name in hypothesis.edges:
                 middle = 0.5 * sum(self.plateau(candidate, others, name))
                 candidate = self.rebuilt(hypothesis, name, middle)
                 hypothesis = candidate.hypothesis
                 continue
             centre = hypothesis.setting[name]
-            low, high = _range(name, centre, self.bench)
+            low, high = hypothesis.search_range(name, self.bench.motion)
 
             def cost(value: float, hypothesis: Hypothesis = hypothesis, name: str = name) -> float:
                 return self.misfit([*others, self.rebuilt(hypothesis, name, value)])
@@ -351,17 +351,6 @@ class Contest:
         return self.candidate(replace(hypothesis, setting={**hypothesis.setting, name: value}))
 
 
-def _range(name: str, centre: float, bench: Bench) -> tuple[float, float]:
-    if name == "cycles_per_revolution":
-        way = float(np.max(bench.motion.travel[1]))
-        return centre - 0.5 / way, centre + 0.5 / way
-    if name == "position":
-        return centre - 0.3, centre + 0.3
-    if name == "limit":
-        return 0.9 * centre, 1.1 * centre
-    return 0.4 * centre, 2.5 * centre
-
-
 def _solve(gram: Array, side: Array) -> Array:
     """Return the least-squares solution of normal equations, scaled, with a trace of ridge."""
     if not len(gram):
@@ -390,4 +379,4 @@ def readiest(candidates: Sequence[tuple[float, Candidate]], tolerance: float) ->
 
 def readiness(candidate: Candidate) -> tuple[int, int]:
     """Return what orders causes that explain as well: the simplest and readiest come first."""
-    return candidate.size, RANK.get(candidate.hypothesis.effect, 99)
+    return candidate.size, effects.rank(candidate.hypothesis.effect)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.in_simulation import InSimulation
+from dvrk_gravity.effects.meaning import Estimate
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
 
@@ -26,27 +27,6 @@ FLOORS: Mapping[FloorFrom, str] = {
     "high_frequencies": "the noise that high frequencies show",
     "nothing": "a noise that is not known",
 }
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A parameter with its 95 % interval.
-
-    Attributes:
-        value: Estimate.
-        low: Lower end of the interval.
-        high: Upper end.
-        unit: SI unit, ``""`` if it has none.
-    """
-
-    value: float
-    low: float
-    high: float
-    unit: str
-
-    def doubtful(self, neutral: float | None) -> bool:
-        """Whether the interval holds the value that stands for no effect, if there is one."""
-        return neutral is not None and self.low <= neutral <= self.high
 
 
 @dataclass(frozen=True)
@@ -224,7 +204,7 @@ class Finding:
         sizes = [
             not one.doubtful(zero)
             for name, one in self.parameters.items()
-            if (zero := neutral(self.effect, name)) is not None
+            if (zero := effects.named(self.effect).meaning(name).neutral) is not None
         ]
         return self.gain.low > 0.0 and (any(sizes) or not sizes)
 
@@ -348,20 +328,6 @@ class Diagnosis:
         return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-_SIZES = (
-    "mass", "roll", "pitch", "offset", "positive", "negative", "coefficient", "level",
-    "lowest", "highest", "stiffness", "inertia", "inertia_xx", "inertia_yy", "inertia_zz",
-    "delta_beta", "delta_beta_x", "delta_beta_y", "delta_beta_z", "delay", "torque",
-)  # fmt: skip
-
-
-def neutral(effect: str, name: str) -> float | None:
-    """Return the value of a parameter at which the effect is not there; ``None``: it has none."""
-    if name == "factor":
-        return 1.0 if effect == "torque_scale" else 0.0
-    return 0.0 if name in _SIZES else None
-
-
 def _parameters(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
     return {
         name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit}
@@ -373,6 +339,6 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def by_joint(values: Array) -> dict[str, float]:
-    """Return (7,) values by joint name."""
-    return dict(zip(JOINT_NAMES, values.tolist(), strict=True))
+def by_joint(names: Sequence[str], values: Array) -> dict[str, float]:
+    """Return (n,) values by joint name."""
+    return dict(zip(names, values.tolist(), strict=True))

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis.bench import BLOCK
 from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.contest import EDGES, Contest
-from dvrk_gravity.diagnosis.findings import Estimate, Gain
-from dvrk_gravity.diagnosis.hypothesis import OF_LINKS, Hypothesis, unit_of
+from dvrk_gravity.diagnosis.contest import Contest
+from dvrk_gravity.diagnosis.findings import Gain
+from dvrk_gravity.effects.effect import Hypothesis
+from dvrk_gravity.effects.meaning import Estimate
 
 Array = NDArray[np.float64]
 
@@ -66,6 +67,11 @@ class Judge:
         self._usable = bench.usable[self._held]
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self._contest.bench.motion.arm.joint_names
+
+    @property
     def samples(self) -> int:
         """Number of held-out samples."""
         return int(self._held.sum())
@@ -113,11 +119,9 @@ class Judge:
         """Return the joints by which a candidate is judged, the one that gains most first."""
         removed = 1.0 - self.rmse(after) / np.maximum(self.rmse(before), 1e-12)
         acts = np.flatnonzero(one.acts).tolist()
-        joints = [j for j in one.hypothesis.joints if j in acts] or acts
-        if one.hypothesis.effect == "joint_coupling":
-            joints = joints[:1]
-        elif one.hypothesis.effect in OF_LINKS or np.max(removed[joints]) <= 0.0:
-            joints = acts  # a link's mass is carried by the joints before it
+        joints = [j for j in one.hypothesis.judged_at if j in acts] or acts
+        if np.max(removed[joints]) <= 0.0:
+            joints = acts  # a motor's friction, say, is felt by other joints
         least = max(_NOTABLE * float(np.max(removed[joints])), 0.0)
         better = [j for j in joints if removed[j] > least] or joints
         return sorted(better, key=lambda j: -float(removed[j]))
@@ -139,7 +143,7 @@ class Judge:
         power = (np.where(self._usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
         least = _ACTS * np.bincount(self._block, power).max(initial=0.0)
         settings = one.hypothesis.setting
-        for edge in (settings[name] for name in EDGES if name in settings):
+        for edge in (settings[name] for name in one.hypothesis.edges):
             # Of an edge within a held-out block the choice could not know where it is.
             near = np.abs(self._time - edge) < BLOCK
             before[near] = after[near] = power[near] = 0.0
@@ -206,13 +210,13 @@ def estimates(
     draws = [hypothesis.describe(one, hypothesis.setting) for one in drawn]
     result = {}
     for name, value in middle.items():
-        if name in ("x", "y", "z", "share"):
+        if not hypothesis.meaning(name).reported:
             continue
         if name in spread and name in hypothesis.refine:
             low, high = value - 1.96 * spread[name], value + 1.96 * spread[name]
         else:
             low, high = np.percentile([draw[name] for draw in draws], [2.5, 97.5])
-        unit = unit_of(hypothesis.effect, name)
+        unit = hypothesis.unit(name)
         result[name] = Estimate(value, float(min(low, value)), float(max(high, value)), unit)
     return result
 
@@ -225,7 +229,7 @@ def setting_columns(
     hypothesis = one.hypothesis
     for name in hypothesis.refine:
         value = hypothesis.setting[name]
-        step = 0.02 * abs(value) if name not in ("start", "end") else 0.05
+        step = 0.05 if name in hypothesis.edges else 0.02 * abs(value)
         if step == 0.0:
             continue
         up, down = (contest.rebuilt(hypothesis, name, value + s) for s in (step, -step))

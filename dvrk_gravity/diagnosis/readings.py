@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
 from dvrk_gravity.diagnosis.motion import Motion
-from dvrk_gravity.recording import Recording
+from dvrk_gravity.effects.wrong_coordinates import Reading, readings
 
 Array = NDArray[np.float64]
 
@@ -18,49 +16,6 @@ _ALPHA = 0.001
 _LEAST_REMOVED = 0.3  # of a joint's error
 _SAMPLES = 1500
 _BLOCKS = 24
-
-
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """Another way to read a recording.
-
-    Attributes:
-        words: What it supposes.
-        joints: Indices of the joints concerned; empty if all are.
-        motion: (7, 7) read position, velocity and acceleration -> the true ones.
-        effort: (7, 7) read effort -> the true one.
-    """
-
-    words: str
-    joints: tuple[int, ...]
-    motion: Array
-    effort: Array
-
-    def apply(self, motion: Motion) -> Motion:
-        """Return a motion read this way."""
-        direction = motion.direction
-        if direction is not None:
-            direction = np.where(direction @ self.motion.T < 0.0, -1.0, 1.0)
-        return replace(
-            motion,
-            q=motion.q @ self.motion.T,
-            qd=motion.qd @ self.motion.T,
-            qdd=motion.qdd @ self.motion.T,
-            effort=motion.effort @ self.effort.T,
-            direction=direction,
-        )
-
-    def correct(self, recording: Recording) -> Recording:
-        """Return a recording of all seven joints read this way."""
-        velocity, effort = recording.velocity, recording.effort
-        direction = recording.direction
-        return replace(
-            recording,
-            position=recording.position @ self.motion.T,
-            velocity=None if velocity is None else velocity @ self.motion.T,
-            effort=None if effort is None else effort @ self.effort.T,
-            direction=None if direction is None else np.sign(direction @ self.motion.T),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,24 +40,19 @@ class ReadingScore:
         return self.p_value < _ALPHA and self.removed > _LEAST_REMOVED and self.gain > 0.0
 
 
-def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
-    """Yield every other way to read seven joints: coordinates, signs, order."""
-    eye = np.eye(N_JOINTS)
-    forth, back = arm.actuator_to_joint, arm.joint_to_actuator
-    yield Reading("these are actuator coordinates, read as joint coordinates", (), forth, back.T)
-    yield Reading("these are joint coordinates, read as actuator coordinates", (), back, forth.T)
-    for joint in np.flatnonzero(moves).tolist():
-        flip = np.diag(np.where(np.arange(N_JOINTS) == joint, -1.0, 1.0))
-        name = JOINT_NAMES[joint]
-        yield Reading(f"all signs of {name} are turned round", (joint,), flip, flip)
-        yield Reading(f"the effort of {name} has the wrong sign", (joint,), eye, flip)
-        yield Reading(f"the position of {name} has the wrong sign", (joint,), flip, eye)
-    for first in range(N_JOINTS):
-        for second in range(first + 1, N_JOINTS):
-            order = np.arange(N_JOINTS)
-            order[[first, second]] = (second, first)
-            words = f"{JOINT_NAMES[first]} and {JOINT_NAMES[second]} are exchanged"
-            yield Reading(words, (first, second), eye[order], eye[order])
+def read_as(motion: Motion, reading: Reading) -> Motion:
+    """Return a motion read another way."""
+    direction = motion.direction
+    if direction is not None:
+        direction = np.where(direction @ reading.motion.T < 0.0, -1.0, 1.0)
+    return replace(
+        motion,
+        q=motion.q @ reading.motion.T,
+        qd=motion.qd @ reading.motion.T,
+        qdd=motion.qdd @ reading.motion.T,
+        effort=motion.effort @ reading.effort.T,
+        direction=direction,
+    )
 
 
 def try_readings(motion: Motion) -> list[ReadingScore]:
@@ -123,7 +73,7 @@ def try_readings(motion: Motion) -> list[ReadingScore]:
     alternatives = list(readings(motion.arm, motion.moves))
     scores = []
     for reading in alternatives:
-        after = reading.apply(few).residual ** 2 * usable
+        after = read_as(few, reading).residual ** 2 * usable
         mean = np.maximum(after.mean(axis=0), 1e-12)
         gain = 0.5 * (len(rows) / 4.0) * float(np.log(scale / mean).sum())
         if gain <= 0.0:

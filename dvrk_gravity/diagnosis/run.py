@@ -9,19 +9,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis import columns_body, columns_friction, columns_reading, columns_search
+from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.assemble import assemble
 from dvrk_gravity.diagnosis.bench import Bench
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import Diagnosis
-from dvrk_gravity.diagnosis.hypothesis import OF_LINKS, Hypothesis
 from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.judge import Judge, Unconfirmed
 from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.motion import Motion
-from dvrk_gravity.diagnosis.readings import ReadingScore, try_readings
+from dvrk_gravity.diagnosis.readings import ReadingScore, read_as, try_readings
 from dvrk_gravity.diagnosis.selection import LEAST_GAIN, Accepted, Selection, Tried
+from dvrk_gravity.effects.effect import Hypothesis
+from dvrk_gravity.effects.site import Kind
+from dvrk_gravity.effects.unknown import nameless
 from dvrk_gravity.identification.motion import known_still
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Given, Recording, RecordingFile, opened
@@ -33,7 +35,6 @@ _READING_SHARE = 0.7  # of the best hypothesis' gain, that another reading must 
 _LEAST_UNKNOWN = 1.5 * LEAST_GAIN
 _MOST_UNKNOWN = 3
 _MODEL_DOUBTFUL = 1.5  # times the noise, left by all that was found
-_MOVING = (columns_body.ALL_WEIGHTS, columns_body.ALL_INERTIA)
 _MOVING_GAIN = 20.0  # log-likelihood, all costs taken off
 _ATTEMPTS = 3  # at a choice that the held-out blocks confirm
 _AT_FLOOR = 1.05  # times the noise: nothing worth finding is left
@@ -126,7 +127,7 @@ def investigate(
         say(f"wrong reading: {tried[0].reading.words}")
         contest.release()
         del contest, pool  # of a long recording there is no room for two
-        loaded = replace(loaded, motion=tried[0].reading.apply(loaded.motion))
+        loaded = replace(loaded, motion=read_as(loaded.motion, tried[0].reading))
         contest, pool = _prepare(loaded.motion, say)
     selection = Selection(contest, pool, say)
     say("weighing hypotheses")
@@ -136,7 +137,7 @@ def investigate(
         selection, chosen = _with_model_moving(contest, pool, selection, chosen, say)
     chosen, unconfirmed = _confirmed(contest, selection, chosen, say)
     # Masses that only moved along are no cause: they come last.
-    chosen.sort(key=lambda one: one.hypothesis.place in _MOVING)
+    chosen.sort(key=lambda one: one.hypothesis.of_model)
     accepted = selection.explained(chosen)
     say("looking for structure without a name")
     floor = contest.bench.floor(loaded.floor, contest.left(chosen))
@@ -165,8 +166,9 @@ def _with_model_moving(
     could; only when they move along does the cause get its due.
     """
     say("weighing hypotheses with the model's own parameters moving along")
-    always = [one for one in pool if one.hypothesis.place in _MOVING]
-    pool = [one for one in pool if one in always or one.hypothesis.effect not in OF_LINKS]
+    always = [one for one in pool if one.hypothesis.of_model]
+    # What links weigh is theirs to say now.
+    pool = [one for one in pool if one in always or one.hypothesis.site.kind is not Kind.LINK]
     moving = Selection(contest, pool, say, always)
     other = moving.run()
     contest.weigh(contest.out_of_fold(other))
@@ -211,7 +213,7 @@ def _held_out_confirms(
         judge = Judge(contest)
         failures = [
             (failure, one) for one in kept
-            if one.hypothesis.place not in _MOVING and (failure := judge.unconfirmed(kept, one))
+            if not one.hypothesis.of_model and (failure := judge.unconfirmed(kept, one))
         ]  # fmt: skip
         if not failures:
             break
@@ -224,10 +226,8 @@ def _held_out_confirms(
 
 def hypotheses(motion: Motion) -> Iterable[Hypothesis]:
     """Yield every hypothesis that needs no search in the residual."""
-    yield from columns_friction.friction(motion)
-    yield from columns_friction.position_and_time(motion)
-    yield from columns_body.body(motion)
-    yield from columns_reading.reading(motion)
+    for effect in effects.effects():
+        yield from effect.hypotheses(motion)
 
 
 def _prepare(motion: Motion, say: Callable[[str], None]) -> tuple[Contest, list[Candidate]]:
@@ -245,7 +245,7 @@ def _nameless(
     present = contest.bench.motion.present
     clean = contest.score(named).rms <= _AT_FLOOR * floor  # false where the floor is not known
     joints = np.flatnonzero(present & ~clean).tolist()
-    pool = [contest.candidate(one) for one in columns_search.nameless(contest.bench.motion, joints)]
+    pool = [contest.candidate(one) for one in nameless(contest.bench.motion, joints)]
     unknown: list[Tried] = []
     while len(unknown) < _MOST_UNKNOWN:
         beside = [*named, *(one.candidate for one in unknown)]

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis import columns_search
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.contest import Contest, readiest, readiness
-from dvrk_gravity.diagnosis.hypothesis import Hypothesis, plausible
+from dvrk_gravity.effects.effect import Hypothesis
+from dvrk_gravity.effects.evidence import Residual
 
 Array = NDArray[np.float64]
 Report = Callable[[str], None]
@@ -172,11 +172,11 @@ class Selection:
         """Return how a candidate does beside the accepted ones."""
         after = self.contest.score([*accepted, one])
         p_value = self.contest.p_value(before, after, one)
-        corrected = min(1.0, p_value * self.count * one.hypothesis.prior_count**0.5)
+        corrected = min(1.0, p_value * self.count * one.hypothesis.searched**0.5)
         removed = self._removed(before, after, one)
         gain = after.likelihood - before.likelihood
         theta = self.contest.parameters([*accepted, one])
-        can_be = plausible(one.hypothesis, theta[-one.size :])
+        can_be = one.hypothesis.plausible(theta[-one.size :])
         return Tried(one, after, gain, corrected, removed, can_be)
 
     def _searched(self, accepted: Sequence[Candidate]) -> list[Candidate]:
@@ -185,11 +185,12 @@ class Selection:
         left = self.contest.left(accepted)
         allowed = bench.fold >= 0
         weight = allowed[:, None] * self.contest.weight**2
-        found = [
-            *columns_search.ripple(self.contest.ripple_bases, left, weight),
-            *columns_search.contact(bench, left, allowed),
+        residual = Residual(bench, left, weight, allowed)
+        return [
+            self.contest.candidate(found)
+            for effect, basis in self.contest.search_bases.items()
+            for found in effect.search(basis, residual)
         ]
-        return [self.contest.candidate(one) for one in found]
 
     def _prune(self, accepted: list[Candidate]) -> list[Candidate]:
         while len(accepted) > 1:

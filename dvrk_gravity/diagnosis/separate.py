@@ -7,13 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
-from dvrk_gravity.quantity import quantity
+from dvrk_gravity.quantity import pose, quantity
 
 _POSES = 400
-_PATH = ("presliding_hysteresis", "thermal_drift", "contact", "time_delay", "unknown")
 
 
 def separation(
@@ -31,15 +29,15 @@ def separation(
         other: The one that could stand in its place.
     """
     bench = contest.bench
-    if {mine.hypothesis.effect, other.hypothesis.effect} & set(_PATH):
-        if "thermal_drift" in (mine.hypothesis.effect, other.hypothesis.effect):
-            return "a longer recording, begun with a cold arm, would tell"
-        return ""
+    pair = (mine.hypothesis, other.hypothesis)
+    told = next((one.told_apart_by for one in pair if one.told_apart_by), "")
+    if told or not all(one.of_state for one in pair):
+        return told
     motion = bench.motion
     random = np.random.default_rng(0)
     rows = random.integers(len(motion.q), size=_POSES)
     arm = motion.arm
-    q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (_POSES, 7))
+    q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (_POSES, arm.n))
     anywhere = replace(
         motion,
         q=q,
@@ -56,9 +54,10 @@ def separation(
         columns = one.hypothesis.build(anywhere, one.hypothesis.setting)
         torques.append(columns @ theta[-one.size :])
     apart = np.abs(torques[0] - torques[1]) * contest.weight
-    pose, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
-    difference = quantity(abs(torques[0][pose, joint] - torques[1][pose, joint]), "N·m")
-    if apart[pose, joint] < 2.0:
+    where, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
+    unit = arm.joints[joint].effort_unit
+    difference = quantity(abs(torques[0][where, joint] - torques[1][where, joint]), unit)
+    if apart[where, joint] < 2.0:
         return "they hardly differ anywhere within the joints' limits"
-    where = ", ".join(f"{np.degrees(value):.0f}" for value in q[pose])
-    return f"at [{where}] deg they differ by {difference} on {JOINT_NAMES[int(joint)]}"
+    there = pose(q[where], [one.unit for one in arm.joints])
+    return f"at {there} they differ by {difference} on {arm.joint_names[joint]}"

@@ -14,11 +14,11 @@ import numpy as np
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.console import ARMS, N_GRAVITY, N_POLYNOMIALS, N_POWERS
+from dvrk_gravity.effects import Gravity, Term
+from dvrk_gravity.effects.rigid_body import PER_LINK
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification.columns import Column, Columns, base_directions
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.terms import Gravity, Term
-from dvrk_gravity.terms.rigid_body import PER_LINK
 from dvrk_gravity.tree import TREE_LINKS
 
 CONSOLE_EFFECTS = (

@@ -8,6 +8,7 @@ from typing import get_args
 import numpy as np
 
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import State
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.folds import make_folds
 from dvrk_gravity.identification.moments import build_design
@@ -15,7 +16,6 @@ from dvrk_gravity.identification.motion import Motion, Source, head, read, read_
 from dvrk_gravity.identification.selection import Selection, split_moments, start_columns
 from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.recording.data import Coordinates
-from dvrk_gravity.terms import State
 
 SECONDS = 40.0  # looked at, of the first recording
 CLEAR = 0.97  # ratio of the errors above which it does not matter, or cannot be told

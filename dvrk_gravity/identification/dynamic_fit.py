@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects import State
 from dvrk_gravity.identification.columns import DISPLACEMENTS, Columns
 from dvrk_gravity.identification.covariance import uncertainty
 from dvrk_gravity.identification.errors import joint_errors
@@ -36,7 +37,6 @@ from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
-from dvrk_gravity.terms import State
 
 Report = Callable[[str, float], None]
 # What a compensator may safely do with an identified friction: push most of it, never all,

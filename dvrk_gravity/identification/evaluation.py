@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.hand import beyond_limits
@@ -26,7 +27,6 @@ from dvrk_gravity.recording import (
 )
 from dvrk_gravity.recording.data import Coordinates, known_coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
-from dvrk_gravity.terms import State
 
 
 @dataclass(frozen=True, eq=False)

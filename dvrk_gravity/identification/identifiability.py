@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.effects import rigid_body
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.columns import DISPLACEMENTS, POSTURE, Column, Columns, beta_map
 from dvrk_gravity.identification.covariance import Uncertainty
@@ -17,7 +18,6 @@ from dvrk_gravity.identification.moments import Design
 from dvrk_gravity.identification.regression import Solution
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.terms import rigid_body
 from dvrk_gravity.tree import TREE_LINKS
 
 INSEPARABLE = 0.97  # correlation from which two estimates are called one

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.effects import State
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.motion import Motion
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.terms import State
 
 CHUNK = 2000  # samples whose regressor is held at a time
 ROWS = 12_000  # samples that are kept after the filter, at most

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.recording import (
@@ -23,7 +24,6 @@ from dvrk_gravity.recording import (
 from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.pieces import parts_of
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
-from dvrk_gravity.terms import State
 
 # What can be fitted to: in memory, in a file, or prepared already.
 Source = Recording | RecordingFile | Trajectory

@@ -14,10 +14,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dvrk_gravity.identification.columns import SIZES, Columns, prior_scale
+from dvrk_gravity.arms.mtm.sizes import SIZES
+from dvrk_gravity.effects import rigid_body
+from dvrk_gravity.effects.link_prior import prior_scale
+from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.regression import Solution
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.terms import rigid_body
 from dvrk_gravity.tree import TREE_LINKS
 
 _ROWS, _COLUMNS = np.tril_indices(4)
@@ -40,7 +42,7 @@ def physical_links(
     """
     index = list(chosen)
     bodies = len(columns.select(effect="link_inertia"))
-    scale = prior_scale()
+    scale = prior_scale(columns.arm)
     # (b, 90): what torque sees of the links; see base_directions.
     seen = columns.base.T / scale**2
     others = np.arange(bodies, len(index))

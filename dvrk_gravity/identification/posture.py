@@ -14,8 +14,8 @@ import pinocchio as pin
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects import State, rigid_body
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.terms import State, rigid_body
 
 # Joint 1's zero turns everything about the vertical; joint 7's turns its link's parameters along.
 OFFSETS = (1, 2, 3, 4, 5)

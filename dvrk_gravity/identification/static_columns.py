@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
 from dvrk_gravity.console import N_POLYNOMIALS
+from dvrk_gravity.effects.held_load import pose_functions
+from dvrk_gravity.effects.polynomial import MAX_DEGREE, Range
 from dvrk_gravity.identification.static_poses import Poses
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.terms.held_load import pose_functions
-from dvrk_gravity.terms.polynomial import MAX_DEGREE, Range
 
 N_BETA = 10
 ORDER = 4

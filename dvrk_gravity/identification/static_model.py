@@ -8,12 +8,12 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.effects.polynomial import MAX_DEGREE
+from dvrk_gravity.effects.term import as_value
 from dvrk_gravity.identification.static_solver import Choice, Solution, Table, solve_robust
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import Value
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.terms.base import as_value
-from dvrk_gravity.terms.polynomial import MAX_DEGREE
 
 # In motion: part of the difference between the directions that a compensator may safely apply,
 # and the speeds between which it comes in.

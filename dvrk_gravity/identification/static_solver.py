@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.identification.static_columns import (
     N_BETA,
     Group,
@@ -18,7 +19,6 @@ from dvrk_gravity.identification.static_columns import (
 )
 from dvrk_gravity.identification.static_poses import Poses
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.terms.polynomial import Range
 
 # The residual is what stiction left there, which one row of poses shares: so many count as one.
 TOGETHER = 25.0

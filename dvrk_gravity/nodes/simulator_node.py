@@ -18,7 +18,7 @@ from std_msgs.msg import Bool, Empty
 
 from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.errors import DvrkGravityError
-from dvrk_gravity.model import ALL_PARAMETERS
+from dvrk_gravity.model import all_parameters, arm_of
 from dvrk_gravity.nodes import runtime
 from dvrk_gravity.parameter import Parameter, check_all
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
@@ -82,7 +82,7 @@ class Simulator(Node):
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
         given = runtime.given_parameters(self)
         # A file for all nodes (`/**`) holds the compensator's parameters, too.
-        others = [name for name in given if name in ALL_PARAMETERS]
+        others = all_parameters(arm_of(given))
         mine = {name: value for name, value in given.items() if name not in others}
         defaults = {name: entry.default for name, entry in SIMULATOR_PARAMETERS.items()}
         value: dict[str, Any] = defaults | check_all(SIMULATOR_PARAMETERS, mine)

@@ -7,9 +7,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.terms import (
+from dvrk_gravity.effects import (
     CoulombFriction,
     DirectionalCable,
     ElasticCable,
@@ -24,7 +22,9 @@ from dvrk_gravity.terms import (
     TorqueOffset,
     ViscousFriction,
 )
-from dvrk_gravity.terms.polynomial import Range
+from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.tree import Tree, beta_tree
 
 Array = NDArray[np.float64]

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity.arm import N_JOINTS, gravity_in_base
+from dvrk_gravity.effects import StribeckFriction
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.simulate.hidden_parts import (
     INERTIA,
@@ -30,7 +31,6 @@ from dvrk_gravity.simulate.hidden_parts import (
 from dvrk_gravity.simulate.hidden_plant import Dahl
 from dvrk_gravity.simulate.hidden_readings import READINGS
 from dvrk_gravity.simulate.world import World
-from dvrk_gravity.terms import StribeckFriction
 
 
 def hide(world: World, effect: str, random: Random) -> tuple[World, Hidden]:

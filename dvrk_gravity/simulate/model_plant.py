@@ -10,13 +10,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects import LinkInertia, RotorInertia, State
+from dvrk_gravity.effects.link_prior import prior_scale
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification.columns import prior_scale
 from dvrk_gravity.identification.physical import certificate, nearest_bodies
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.plant_file import PlantFile
-from dvrk_gravity.terms import LinkInertia, RotorInertia, State
 from dvrk_gravity.tree import TREE_LINKS, link_frames
 
 Array = NDArray[np.float64]
@@ -106,7 +106,7 @@ def _completed(
     # The same squares from fewer rows.
     orthogonal, triangle = np.linalg.qr(np.column_stack([of_links, of_rotors, right]))
     seen, goal = triangle[:, :-1], triangle[:, -1]
-    scale = prior_scale()
+    scale = prior_scale(arm)
     bodies = len(scale)
     found, rotors = nearest_bodies(
         seen[:, :bodies], seen[:, bodies:], goal, middle, _HOLD / scale, motor / size,

@@ -9,12 +9,12 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.effects import Payload, PreslidingHysteresis
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.effects import Effects
 from dvrk_gravity.simulate.friction import FrictionSolver
 from dvrk_gravity.simulate.presliding import Presliding
-from dvrk_gravity.terms import Payload, PreslidingHysteresis
 from dvrk_gravity.tree import LINKS, build_tree
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS
-from dvrk_gravity.terms import PreslidingHysteresis
+from dvrk_gravity.effects import PreslidingHysteresis
 
 Array = NDArray[np.float64]
 

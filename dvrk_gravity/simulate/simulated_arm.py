@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.effects import TorqueOffset
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.planning import Move
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import SensorReader, Sensors
 from dvrk_gravity.simulate.set_point import SetPointFilter
-from dvrk_gravity.terms import TorqueOffset
 
 Array = NDArray[np.float64]
 

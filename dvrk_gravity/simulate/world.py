@@ -10,16 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.gravity import LinkMass, beta_from_links
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning import Multisine
-from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate.excitation import record_motion, record_poses
-from dvrk_gravity.simulate.hidden_plant import HiddenPlant, Torque
-from dvrk_gravity.simulate.plant_file import PlantFile
-from dvrk_gravity.simulate.sensors import Sensors
-from dvrk_gravity.simulate.simulated_arm import SimulatedArm
-from dvrk_gravity.terms import (
+from dvrk_gravity.effects import (
     CoulombFriction,
     ElasticCable,
     Gravity,
@@ -29,7 +20,16 @@ from dvrk_gravity.terms import (
     Term,
     ViscousFriction,
 )
-from dvrk_gravity.terms.polynomial import Range
+from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.gravity import LinkMass, beta_from_links
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.planning import Multisine
+from dvrk_gravity.recording import Recording
+from dvrk_gravity.simulate.excitation import record_motion, record_poses
+from dvrk_gravity.simulate.hidden_plant import HiddenPlant, Torque
+from dvrk_gravity.simulate.plant_file import PlantFile
+from dvrk_gravity.simulate.sensors import Sensors
+from dvrk_gravity.simulate.simulated_arm import SimulatedArm
 from dvrk_gravity.tree import TREE_LINKS, link_frames
 
 Array = NDArray[np.float64]
@@ -124,7 +124,7 @@ class World:
         up, down, motor_up, motor_down = self.coulomb
         return (
             Gravity(self.arm, self.beta, self.gravity),
-            ElasticCable(self.cable, Range(-free, free)),
+            ElasticCable(self.arm, self.cable, Range(-free, free)),
             CoulombFriction(self.arm, up, down, motor_up, motor_down, np.full(N_JOINTS, 0.01)),
             ViscousFriction(self.arm, self.viscous, np.zeros(N_JOINTS)),
         )

@@ -1,0 +1,62 @@
+"""The master arm's parallelogram: a crank and a bar that follow the elbow.
+
+They add no freedom: relative to the arm the crank turns with q3, relative to the forearm the bar
+turns with -q3. ``bar`` and ``crank`` are the seed document's 4' and 5'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from dvrk_gravity.arms.arm import Arm
+from dvrk_gravity.arms.dh import DHRow, Follower
+
+JOINT_NAMES = (
+    "outer_yaw",
+    "shoulder_pitch",
+    "elbow_pitch",
+    "wrist_platform",
+    "wrist_pitch",
+    "wrist_yaw",
+    "wrist_roll",
+)
+BODIES = ("link1", "link2", "crank", "link3", "bar", "link4", "link5", "link6", "link7")
+ANGLES = (  # alpha, offset of each joint, deg: what makes a chain an MTM, whatever its lengths
+    (90, -90), (0, -90), (-90, 90), (90, 0), (-90, 0), (90, -90), (0, 90),
+)  # fmt: skip
+
+
+def is_mtm(arm: Arm) -> bool:
+    """Tell whether an arm is a master arm: whether beta and its names fit it.
+
+    The file of an arm with these joints is only read if it has an MTM's angles, too.
+    """
+    return arm.joint_names == JOINT_NAMES and arm.body_names == BODIES
+
+
+def followers(table: Sequence[DHRow], side: float) -> tuple[Follower, Follower]:
+    """Return crank and bar of an MTM.
+
+    Their frames are both at the crank's tip: x_bar = -x2, y_bar = -y2; x_crank = z3, y_crank = -x3.
+
+    Args:
+        table: The seven rows of its DH table.
+        side: Length of the parallelogram's short sides, m.
+    """
+    elbow = np.eye(len(table))[2]
+    # The crank turns about the shoulder, starting along the arm; the bar about a point of the
+    # forearm, keeping the arm's orientation.
+    shoulder = pin.SE3(pin.utils.rotate("z", table[1].offset), np.zeros(3))
+    turn = pin.utils.rotate("z", table[2].offset)
+    tip = turn @ np.array([side, 0.0, 0.0])
+    # Columns: the crank's axes in frame 3.
+    axes = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    crank_frame = pin.SE3(turn @ pin.utils.rotate("x", table[2].alpha) @ axes, tip)
+    bar_frame = pin.SE3(pin.utils.rotate("z", np.pi), np.array([-table[1].a, 0.0, 0.0]))
+    return (
+        Follower("crank", "link2", shoulder, "revolute", elbow, crank_frame),
+        Follower("bar", "link3", pin.SE3(np.eye(3), tip), "revolute", 0.0 - elbow, bar_frame),
+    )

@@ -1,0 +1,237 @@
+"""Reading an arm from YAML: a serial chain by its DH table, and links that follow it.
+
+    name: made_up
+    convention: standard          # or modified (proximal); standard if left out
+    joints:                       # angles in degrees, lengths in m, efforts in N·m or N
+      - {name: yaw, alpha: 90, a: 0, d: 0.1, offset: 0, lower: -90, upper: 90, effort_limit: 20}
+      - {name: slide, type: prismatic, alpha: 0, a: 0, d: 0.2, offset: 90, lower: 0, upper: 0.3,
+         effort_limit: 50}
+    followers:                    # links whose coordinate is a combination of joints'
+      - {name: weight, parent: link1, xyz: [0, 0, 0], rpy: [0, 0, 0], type: prismatic,
+         follows: {slide: -0.5}}
+    actuator_to_joint: [[1, 0], [0, 1]]       # q = M a; the identity if left out
+    actuator_effort_limit: [20, 50]           # the joints', if there is no matrix
+    base_rpy: [0, 0, 0]                       # roll, pitch, yaw of the base in the world, degrees
+
+The links are ``link1`` to ``linkn``; a follower's axis is the z axis of the frame that ``xyz`` and
+``rpy`` (degrees) place on its parent's link frame. An MTM's file has ``parallelogram`` instead of
+followers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from dvrk_gravity import yaml_file
+from dvrk_gravity.arms.arm import Arm, Array, Joint, JointKind
+from dvrk_gravity.arms.dh import CONVENTIONS, Convention, DHRow, Follower, chain, link_frames
+from dvrk_gravity.arms.mtm import parallelogram
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameter import is_finite
+
+_REQUIRED = ("name", "joints")
+_OPTIONAL = (
+    "convention", "followers", "parallelogram", "actuator_to_joint", "actuator_effort_limit",
+    "base_rpy",
+)  # fmt: skip
+_JOINT = ("alpha", "a", "d", "offset", "lower", "upper", "effort_limit")
+_KINDS: tuple[JointKind, ...] = ("revolute", "prismatic")
+
+
+def read(path: Path, source: str) -> Arm:
+    """Return the arm in a YAML file.
+
+    Args:
+        path: The file.
+        source: What the arm is loaded from, as :meth:`Arm.load` was told.
+
+    Raises:
+        ConfigError: Naming the file and the field.
+    """
+    content = yaml_file.load(path)
+    try:
+        return _parse(content, source)
+    except ConfigError as error:
+        raise error if error.source else error.in_file(path) from None
+
+
+def _parse(content: dict[str, Any], source: str) -> Arm:
+    known = (*_REQUIRED, *_OPTIONAL)
+    for key in content:
+        if key not in known:
+            raise ConfigError(str(key), key, f"one of {', '.join(sorted(known))}")
+    for key in _REQUIRED:
+        if key not in content:
+            raise ConfigError(key, None, "a value")
+    if not isinstance(content["name"], str):
+        raise ConfigError("name", content["name"], "a name")
+    convention = _choice("convention", content.get("convention", "standard"), CONVENTIONS)
+    joints, table = _joints(content["joints"])
+    followers = _followers(content, joints, table, convention)
+    bodies = chain(table, [joint.kind for joint in joints], followers, convention)
+    matrix, limits = _transmission(content, joints)
+    roll, pitch, yaw = np.radians(_numbers("base_rpy", content.get("base_rpy", [0, 0, 0]), 3))
+    base = (float(roll), float(pitch), float(yaw))
+    return Arm(content["name"], joints, bodies, matrix, limits, base, source=source)
+
+
+def _joints(rows: Any) -> tuple[tuple[Joint, ...], tuple[DHRow, ...]]:
+    if not isinstance(rows, list) or not rows:
+        raise ConfigError("joints", rows, "a list of joints")
+    parsed = [_joint(f"joints[{i}]", row) for i, row in enumerate(rows)]
+    names = [joint.name for joint, _ in parsed]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise ConfigError(f"joints[{i}].name", name, "a name that no joint before it has")
+    return tuple(joint for joint, _ in parsed), tuple(row for _, row in parsed)
+
+
+def _joint(where: str, row: Any) -> tuple[Joint, DHRow]:
+    name = row.get("name") if isinstance(row, dict) else None
+    if not isinstance(name, str) or not name:
+        raise ConfigError(where, row, f"a joint with a name, {', '.join(_JOINT)}")
+    where = f"joints.{name}"
+    odd = (set(row) - {"type"}) ^ {"name", *_JOINT}
+    if odd:
+        raise ConfigError(
+            where, sorted(map(str, odd)), f"just {', '.join(_JOINT)}, and type if it is prismatic"
+        )
+    kind = _choice(f"{where}.type", row.get("type", "revolute"), _KINDS)
+    value = {key: _number(f"{where}.{key}", row[key]) for key in _JOINT}
+    degrees = ("alpha", "offset", "lower", "upper") if kind == "revolute" else ("alpha", "offset")
+    for key in degrees:
+        value[key] = math.radians(value[key])
+    if value["lower"] >= value["upper"]:
+        raise ConfigError(f"{where}.lower", row["lower"], f"less than upper ({row['upper']})")
+    joint = Joint(name, value["lower"], value["upper"], value["effort_limit"], kind)
+    if joint.effort_limit <= 0:
+        raise ConfigError(
+            f"{where}.effort_limit", row["effort_limit"], f"more than 0 {joint.effort_unit}"
+        )
+    return joint, DHRow(value["alpha"], value["a"], value["d"], value["offset"])
+
+
+def _transmission(content: dict[str, Any], joints: Sequence[Joint]) -> tuple[Array, Array]:
+    """Return the matrix from actuators to joints and the actuators' limits."""
+    n = len(joints)
+    given = content.get("actuator_to_joint")
+    if given is None:
+        matrix = np.eye(n)
+    else:
+        rows = _list("actuator_to_joint", given, n)
+        matrix = np.array(
+            [_numbers(f"actuator_to_joint[{i}]", row, n) for i, row in enumerate(rows)]
+        )
+        if abs(np.linalg.det(matrix)) < 1e-6:
+            raise ConfigError("actuator_to_joint", given, "an invertible matrix")
+    if given is None and "actuator_effort_limit" not in content:
+        return matrix, np.array([joint.effort_limit for joint in joints])
+    limits = _numbers("actuator_effort_limit", content.get("actuator_effort_limit"), n)
+    for joint, limit in zip(joints, limits, strict=True):
+        if limit <= 0:
+            raise ConfigError(
+                f"actuator_effort_limit of {joint.name}", limit, f"more than 0 {joint.effort_unit}"
+            )
+    return matrix, np.array(limits)
+
+
+def _followers(
+    content: dict[str, Any], joints: Sequence[Joint], table: Sequence[DHRow], convention: Convention
+) -> tuple[Follower, ...]:
+    names = tuple(joint.name for joint in joints)
+    if "parallelogram" in content or names == parallelogram.JOINT_NAMES:
+        return _parallelogram(content, joints, table, convention)
+    rows = content.get("followers", [])
+    if not isinstance(rows, list):
+        raise ConfigError("followers", rows, "a list of links")
+    links = link_frames(table, convention)
+    frames = {"base": pin.SE3.Identity()} | {
+        f"link{i}": frame for i, frame in enumerate(links, start=1)
+    }
+    found = []
+    for i, row in enumerate(rows):
+        follower = _follower(f"followers[{i}]", row, names, frames)
+        frames[follower.name] = follower.frame
+        found.append(follower)
+    return tuple(found)
+
+
+def _follower(
+    where: str, row: Any, joints: tuple[str, ...], frames: dict[str, pin.SE3]
+) -> Follower:
+    known = {"name", "parent", "type", "xyz", "rpy", "follows"}
+    if not isinstance(row, dict) or not {"name", "parent", "follows"} <= set(row) <= known:
+        raise ConfigError(where, row, f"a link with {', '.join(sorted(known))}")
+    name = row["name"]
+    if not isinstance(name, str) or not name or name in frames:
+        raise ConfigError(f"{where}.name", name, "a name that no other link has")
+    where = f"followers.{name}"
+    parent = _choice(f"{where}.parent", row["parent"], tuple(frames))
+    kind = _choice(f"{where}.type", row.get("type", "revolute"), _KINDS)
+    follows = row["follows"]
+    if not isinstance(follows, dict) or not follows:
+        raise ConfigError(f"{where}.follows", follows, "JOINT: factor, of at least one joint")
+    factors = np.zeros(len(joints))
+    for joint, factor in follows.items():
+        index = joints.index(_choice(f"{where}.follows", joint, joints))
+        factors[index] = _number(f"{where}.follows.{joint}", factor)
+    xyz = np.array(_numbers(f"{where}.xyz", row.get("xyz", [0, 0, 0]), 3))
+    rpy = np.radians(_numbers(f"{where}.rpy", row.get("rpy", [0, 0, 0]), 3))
+    placement = frames[parent] * pin.SE3(pin.rpy.rpyToMatrix(*rpy), xyz)
+    return Follower(name, parent, placement, kind, factors, pin.SE3.Identity())
+
+
+def _parallelogram(
+    content: dict[str, Any], joints: Sequence[Joint], table: Sequence[DHRow], convention: Convention
+) -> tuple[Follower, ...]:
+    """Return an MTM's crank and bar, after making sure that it is one: gY(q) beta counts on it."""
+    for key in ("followers", "convention"):
+        if key in content and content[key] not in ([], "standard"):
+            raise ConfigError(key, content[key], "nothing beside parallelogram, as an MTM's file")
+    names = parallelogram.JOINT_NAMES
+    if len(joints) != len(names):
+        raise ConfigError("joints", f"{len(joints)} joints", f"the {len(names)} of an MTM")
+    for joint, name in zip(joints, names, strict=True):
+        if (joint.name, joint.kind) != (name, "revolute"):
+            raise ConfigError(
+                f"joints.{name}", f"{joint.kind} {joint.name}", "an MTM's joints in their order"
+            )
+    side = _number("parallelogram", content.get("parallelogram"))
+    if side <= 0:
+        raise ConfigError("parallelogram", side, "a positive length")
+    for joint, row, angles in zip(joints, table, parallelogram.ANGLES, strict=True):
+        found = np.degrees([row.alpha, row.offset])
+        if not np.allclose(found, angles, atol=1e-9):
+            raise ConfigError(
+                f"joints.{joint.name}", f"alpha {found[0]:g}, offset {found[1]:g}",
+                f"alpha {angles[0]}, offset {angles[1]}, as an MTM's gravity model has them",
+            )  # fmt: skip
+    return parallelogram.followers(table, side)
+
+
+def _choice(field: str, value: Any, known: Sequence[Any]) -> Any:
+    if value not in known:
+        raise ConfigError(field, value, f"one of {', '.join(known)}")
+    return value
+
+
+def _number(field: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not is_finite(value):
+        raise ConfigError(field, value, "a finite number")
+    return float(value)
+
+
+def _list(field: str, value: Any, length: int) -> list[Any]:
+    if not isinstance(value, list) or len(value) != length:
+        raise ConfigError(field, value, f"a list of {length}")
+    return value
+
+
+def _numbers(field: str, value: Any, length: int) -> list[float]:
+    return [_number(f"{field}[{i}]", item) for i, item in enumerate(_list(field, value, length))]

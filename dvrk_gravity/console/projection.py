@@ -1,0 +1,327 @@
+"""The nearest model that the dVRK console's calibration file can hold, by least squares.
+
+The console has gravity with ten parameters on an upright base, and for each of joints 1 to 6 one
+polynomial of degree four while the joint moves up and one while it moves down. What a compensator
+does with a model at rest is fitted over the calibrated range by gravity and the mean of the two
+polynomials; what it adds in motion, by half their difference. :mod:`console_conversion` says what
+is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity import gravity
+from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.console.file import N_GRAVITY, N_POLYNOMIALS, N_POWERS
+from dvrk_gravity.effects import (
+    CoulombFriction,
+    DirectionalCable,
+    ElasticCable,
+    Gravity,
+    HeldLoad,
+    State,
+)
+from dvrk_gravity.effects.polynomial import Range, evaluate
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.node_parameters import NODE_PARAMETERS
+
+Array = NDArray[np.float64]
+
+POSES = 2000  # fitted; there are 40 unknowns
+RATIO, DEAD_BAND = "friction_compensation.ratio", "friction_compensation.dead_band"
+LEVEL = (0.0, 0.0, -gravity.GRAVITY)
+# A tie between gravity and polynomials (sin q2 is q2 over a short range) goes to the smaller
+# change: using all of what is plausible, PART of a joint's largest torque, must lower the error by
+# SLIGHT of that torque (RMS) to be worth it.
+PART, SLIGHT = 0.2, 1e-4
+STILL = 0.1  # rad: a joint that moved less was not posed, and gets constants only
+SATURATION = 0.2  # rad/s, the most usual ``sat_vec_vec`` of real files
+NOTHING = 1e-9  # N·m, less than which a coefficient contributes nowhere in the range
+
+
+def project(model: TorqueModel) -> tuple[TorqueModel, tuple[str, ...]]:
+    """Return the model in the console's form that commands what a compensator would.
+
+    Returns:
+        Gravity of ten parameters with a ``directional_cable`` of degree four, and what was
+        changed on the way for safety, a line each.
+
+    Raises:
+        ConfigError: Terms whose ranges have nothing in common.
+    """
+    valid = calibrated_range(model)
+    lower, upper = within_limits(model, valid)
+    given = model.term(DirectionalCable.NAME)
+    cable = given if isinstance(given, DirectionalCable) else _still_cable(model)
+    beta, mean = _at_rest(model, lower, upper)
+    half = _quartics(0.5 * (cable.positive - cable.negative), model.joint_offset, lower, upper)
+    level = _friction_level(model)
+    ratio, notes = _ratio(model, cable, level, half)
+    half[0] += level
+    cable = replace(cable, positive=mean + half, negative=mean - half, valid=valid, ratio=ratio)
+    terms = (Gravity(model.arm, beta, np.array(LEVEL)), cable)
+    node = {name: value for name, value in model.node.items() if name not in (RATIO, DEAD_BAND)}
+    return TorqueModel(model.arm, terms, node, model.document), notes
+
+
+def within_limits(model: TorqueModel, valid: Range) -> tuple[Array, Array]:
+    """Return the edges of the part of a range that lies within the arm's limits.
+
+    Raises:
+        ConfigError: There is none.
+    """
+    lower = np.maximum(valid.lower, model.arm.lower)
+    upper = np.minimum(valid.upper, model.arm.upper)
+    for joint, low, high in zip(JOINT_NAMES, lower.tolist(), upper.tolist(), strict=True):
+        if low > high:
+            raise ConfigError(
+                f"valid_lower of {joint}", low, f"at most {high:g}: the ranges of the model's "
+                "terms and the arm's limits have nothing in common",
+            )  # fmt: skip
+    return lower, upper
+
+
+def calibrated_range(model: TorqueModel) -> Range:
+    """Return the measured positions on which all of a model was fitted, else the arm's limits."""
+    lower, upper = np.full(N_JOINTS, -np.inf), np.full(N_JOINTS, np.inf)
+    for term in model.terms:
+        if isinstance(term, ElasticCable | DirectionalCable | HeldLoad):
+            lower = np.maximum(lower, term.valid.lower + model.joint_offset)
+            upper = np.minimum(upper, term.valid.upper + model.joint_offset)
+    # An edge a full turn beyond the joint's limits is none: model files have finite numbers.
+    far = 2.0 * np.pi + np.abs([model.arm.lower, model.arm.upper]).max(axis=0)
+    return Range(
+        np.where(lower < -far, model.arm.lower, lower),
+        np.where(upper > far, model.arm.upper, upper),
+    )
+
+
+def sent(model: TorqueModel, q: Array, qd: Array | None = None) -> Array:
+    """Return (N, 7) torques that the compensator commands before its limits, N·m.
+
+    Args:
+        model: The model.
+        q: (N, 7) measured positions, rad.
+        qd: (N, 7) velocities beyond the dead band of its friction compensation, rad/s.
+    """
+    at = q - model.joint_offset
+    part = np.array(_setting(model, RATIO))
+    torque = np.zeros(q.shape)
+    for term in model.terms:
+        if not term.COMPENSATED:
+            continue
+        if isinstance(term, DirectionalCable):
+            torque += term.elastic().torque(State(at)) + term.scaled(part).torque(State(at, qd))
+        elif term.FRICTION:
+            torque += term.scaled(part).torque(State(at, qd))
+        else:
+            torque += term.torque(State(at))  # of a payload the weight alone
+    return torque
+
+
+def left_out(model: TorqueModel) -> tuple[str, ...]:
+    """Return what the console has nothing for, a line each."""
+    never = [term.NAME for term in model.terms if not term.COMPENSATED]
+    speed = [
+        term.NAME
+        for term in model.terms
+        if term.FRICTION and term.COMPENSATED and not isinstance(term, CoulombFriction)
+    ]
+    notes = []
+    if never:
+        notes.append(f"left out, a compensator does not apply it: {', '.join(never)}")
+    if speed:
+        notes.append(
+            f"left out, friction that changes with the speed: {', '.join(speed)} (at some speeds "
+            "the console would push more than there is)"
+        )
+    return tuple(notes)
+
+
+def uniform_poses(lower: Array, upper: Array, count: int, seed: int) -> Array:
+    """Return (count, 7) positions, uniform between two edges, the same ones each time."""
+    return np.random.default_rng(seed).uniform(lower, upper, (count, N_JOINTS))
+
+
+def _setting(model: TorqueModel, name: str) -> tuple[float, ...]:
+    value = model.node.get(name, NODE_PARAMETERS[name].default)
+    assert isinstance(value, tuple)
+    return value
+
+
+def _still_cable(model: TorqueModel) -> DirectionalCable:
+    """Return a cable without torque, with the blend of the compensator's friction."""
+    zeros, everywhere = np.zeros((N_POWERS, N_JOINTS)), np.full(N_JOINTS, np.inf)
+    dead_band = np.array(_setting(model, DEAD_BAND))
+    return DirectionalCable(
+        model.arm, zeros, zeros, Range(-everywhere, everywhere),
+        dead_band, np.maximum(SATURATION, 2.0 * dead_band), np.zeros(N_JOINTS),
+    )  # fmt: skip
+
+
+def _at_rest(model: TorqueModel, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Fit what the compensator commands at rest, beginning with what the console has, too.
+
+    Returns:
+        (10,) beta in N·m and (5, 7) coefficients of the mean polynomials.
+    """
+    q = uniform_poses(lower, upper, POSES, 1)
+    able = model.arm.effort_limit
+    beta, mean = np.zeros(N_GRAVITY), np.zeros((N_POWERS, N_JOINTS))
+    for term in model.terms:
+        if isinstance(term, Gravity):
+            beta += term.beta[:N_GRAVITY]
+        elif isinstance(term, ElasticCable):
+            mean += _quartics(term.coefficients, model.joint_offset, lower, upper)
+        elif isinstance(term, DirectionalCable):
+            both = 0.5 * (term.positive + term.negative)
+            mean += _quartics(both, model.joint_offset, lower, upper)
+    y = gravity.regressor(q, LEVEL, N_GRAVITY)
+    rest = sent(model, q) - y @ beta - evaluate(mean, q)
+    columns = [y / able[:, None]]
+    scale = [np.full(N_GRAVITY, PART * able[1])]
+    for joint in range(N_POLYNOMIALS):
+        values = _legendre(q[:, joint], lower[joint], upper[joint])
+        block = np.zeros((POSES, N_JOINTS, values.shape[1]))
+        block[:, joint] = values / able[joint]
+        columns.append(block)
+        scale.append(np.full(values.shape[1], PART * able[joint]))
+    x = np.concatenate(columns, axis=2).reshape(POSES * N_JOINTS, -1)
+    prior = np.diag(SLIGHT * np.sqrt(POSES) / np.concatenate(scale))
+    right = np.concatenate([(rest / able).ravel(), np.zeros(len(prior))])
+    theta = np.linalg.lstsq(np.vstack([x, prior]), right)[0]
+    place = N_GRAVITY
+    for joint in range(N_POLYNOMIALS):
+        powers = _powers(lower[joint], upper[joint])
+        mean[:, joint] += powers @ theta[place : place + powers.shape[1]]
+        place += powers.shape[1]
+    return beta + theta[:N_GRAVITY], _settled(mean, lower, upper)
+
+
+def _quartics(coefficients: Array, offset: Array, lower: Array, upper: Array) -> Array:
+    """Return (5, 7) coefficients nearest to (k, 7) ones of true positions, of joints 1 to 6."""
+    found = np.zeros((N_POWERS, N_JOINTS))
+    nodes = np.cos(np.linspace(0.0, np.pi, 201))  # denser at the edges
+    for joint in range(N_POLYNOMIALS):
+        true = np.polynomial.Polynomial([-offset[joint], 1.0])
+        powers = coefficients[:, joint]
+        if offset[joint]:
+            powers = np.atleast_1d(np.polynomial.Polynomial(powers)(true).coef)
+        if not powers[N_POWERS:].any():
+            rows = min(N_POWERS, len(powers))
+            found[:rows, joint] = powers[:rows]
+            continue
+        q = 0.5 * (lower[joint] + upper[joint]) + 0.5 * (upper[joint] - lower[joint]) * nodes
+        x = _legendre(q, lower[joint], upper[joint])
+        value = np.polynomial.polynomial.polyval(q, powers)
+        found[:, joint] = _powers(lower[joint], upper[joint]) @ np.linalg.lstsq(x, value)[0]
+    return _settled(found, lower, upper)
+
+
+def _legendre(q: Array, low: float, high: float) -> Array:
+    """Return (N, k) Legendre polynomials over a range; constants alone where it is none."""
+    degree = N_POWERS - 1 if high - low >= STILL else 0
+    half = max(0.5 * (high - low), STILL)
+    scaled = (q - 0.5 * (low + high)) / half
+    return np.asarray(np.polynomial.legendre.legvander(scaled, degree), dtype=float)
+
+
+def _powers(low: float, high: float) -> Array:
+    """Return (5, k): powers of the position from the polynomials of :func:`_legendre`."""
+    count = N_POWERS if high - low >= STILL else 1
+    matrix = np.zeros((N_POWERS, count))
+    for k in range(count):
+        domain = (low, high) if count > 1 else (low - 1.0, low + 1.0)
+        one = np.polynomial.Legendre.basis(k, domain=domain)
+        matrix[: k + 1, k] = one.convert(kind=np.polynomial.Polynomial).coef
+    return matrix
+
+
+def _settled(coefficients: Array, lower: Array, upper: Array) -> Array:
+    """Return coefficients with those at zero that are rounding."""
+    reach = np.maximum(np.abs(lower), np.abs(upper)) ** np.arange(N_POWERS)[:, None]
+    return np.where(np.abs(coefficients) * reach < NOTHING, 0.0, coefficients)
+
+
+def _friction_level(model: TorqueModel) -> Array:
+    """Return (7,) Coulomb friction as levels of joints by themselves, N·m.
+
+    Friction of a motor that several joints turn follows none of their directions alone; its
+    level at each is the least-squares one over all directions.
+    """
+    term = model.term(CoulombFriction.NAME)
+    if not isinstance(term, CoulombFriction):
+        return np.zeros(N_JOINTS)
+    ways = _directions()
+    torque = term.torque(State(np.zeros(ways.shape), direction=ways))
+    level = (ways * torque).mean(axis=0)
+    level[N_POLYNOMIALS:] = 0.0
+    return level
+
+
+def _directions() -> Array:
+    """Return (16, 7) signs, balanced for every three joints (a folded-over Hadamard matrix)."""
+    from scipy.linalg import hadamard
+
+    half = hadamard(8)[:, 1:].astype(float)
+    return np.concatenate([half, -half])
+
+
+def _ratio(
+    model: TorqueModel, cable: DirectionalCable, level: Array, half: Array
+) -> tuple[Array, tuple[str, ...]]:
+    """Return (7,) parts of the differences that are applied, and what was done to them.
+
+    In no motion may the console put more power into the arm than the model's Coulomb friction
+    takes out. Both are linear between the planes on which a joint or a motor stands still, so
+    that the worst motion lies on an edge where those planes meet.
+    """
+    wanted = np.array(_setting(model, RATIO))
+    # Of a cable's friction the compensator applies the smaller of both parts.
+    least = np.minimum(wanted, cable.ratio)
+    ratio = np.where(half.any(axis=0), least, np.where(level > 0.0, wanted, cable.ratio))
+    term = model.term(CoulombFriction.NAME)
+    if not isinstance(term, CoulombFriction):
+        return ratio, ()
+    to_motor = model.arm.joint_to_actuator
+    joint = np.minimum(term.joint_positive, term.joint_negative)
+    motor = np.minimum(term.motor_positive, term.motor_negative)
+    before = ratio.copy()
+    for motion in _edges(to_motor):
+        taken = float(joint @ np.abs(motion) + motor @ np.abs(to_motor @ motion))
+        given = float((ratio * level) @ np.abs(motion))
+        if given > taken * (1.0 + 1e-9):
+            ratio = np.where(np.abs(motion) > 0.0, ratio * taken / given, ratio)
+    lowered = [
+        f"{name} {was:.2g} to {now:.2g}"
+        for name, was, now in zip(JOINT_NAMES, before, ratio, strict=True)
+        if now < was
+    ]
+    if not lowered:
+        return ratio, ()
+    note = (
+        f"{RATIO} lowered ({', '.join(lowered)}): friction of a motor that "
+        "turns with several joints is more than theirs in some motions, less in others"
+    )
+    return ratio, (note,)
+
+
+def _edges(to_motor: Array) -> Iterator[Array]:
+    """Yield (7,) motions in which as many joints and motors as possible stand still."""
+    planes: list[Array] = []
+    for row in np.vstack([np.eye(N_JOINTS), to_motor]):
+        unit = row / np.linalg.norm(row)
+        if not any(np.abs(unit @ other) > 1.0 - 1e-9 for other in planes):
+            planes.append(unit)
+    for chosen in combinations(planes, N_JOINTS - 1):
+        _, size, basis = np.linalg.svd(np.array(chosen))
+        if size[-1] > 1e-9:
+            motion = basis[-1]
+            yield np.where(np.abs(motion) > 1e-9, motion, 0.0)

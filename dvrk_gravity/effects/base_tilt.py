@@ -1,0 +1,120 @@
+"""A base that is not mounted as assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from dvrk_gravity import gravity
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.gravity import Gravity, with_beta
+from dvrk_gravity.effects.meaning import Meaning, meanings
+from dvrk_gravity.effects.merging import Values
+
+Array = NDArray[np.float64]
+
+_SHAFT = 0.03  # N·m that link 1 may plausibly weigh on its joint in a base that is tilted
+_STEP = 1e-4  # rad, for a difference quotient
+_LEVEL = 12  # entries of beta that an upright base shows
+
+
+class BaseTilt(Effect):
+    """Gravity comes from another direction than the model takes it to."""
+
+    NAME = "base_tilt"
+    MEANINGS = meanings(
+        roll=Meaning("rad", 0.0, least=-0.6, greatest=0.6),
+        pitch=Meaning("rad", 0.0, least=-0.6, greatest=0.6),
+    )
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`."""
+        if not motion.present.all() or not any(term.carries_arm for term in motion.model.terms):
+            return
+        weight = motion.model.term(Gravity.NAME)
+        knows_shaft = not isinstance(weight, Gravity) or len(weight.beta) > _LEVEL
+        yield TiltHypothesis(
+            arm=motion.arm, site=site.THE_BASE, setting={"roll": 0.0, "pitch": 0.0},
+            knows_shaft=knows_shaft,
+            plausible_size=() if knows_shaft else (np.inf, np.inf, _SHAFT, _SHAFT),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TiltHypothesis(Hypothesis):
+    """The base is tilted.
+
+    Attributes:
+        knows_shaft: Whether the model knows what link 1 weighs, which a level base never shows: it
+            turns about the vertical. If not, that comes with the tilt.
+    """
+
+    EFFECT = BaseTilt
+    CLAIM = "the base is tilted against the model's, by {roll} of roll and {pitch} of pitch"
+
+    knows_shaft: bool
+    fixed_point: tuple[str, ...] = ("roll", "pitch")
+    alignment: bool = True
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`.
+
+        The slope half-way makes slope times angle right to second order.
+        """
+        at = (0.5 * setting["roll"], 0.5 * setting["pitch"])
+        here = _tilted_torque(motion, *at)
+        roll = (_tilted_torque(motion, at[0] + _STEP, at[1]) - here) / _STEP
+        pitch = (_tilted_torque(motion, at[0], at[1] + _STEP) - here) / _STEP
+        columns = [roll, pitch]
+        if not self.knows_shaft:
+            shaft = np.zeros((2, *roll.shape))
+            shaft[:, :, 0] = _shaft_torque(motion.true_q)
+            columns += [*shaft]
+        return np.stack(columns, axis=2)
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"roll": float(theta[0]), "pitch": float(theta[1])}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`."""
+        turn = pin.rpy.rpyToMatrix(float(theta[0]), float(theta[1]), 0.0).T
+        vector = turn @ motion.gravity
+        values = {**values, "gravity_vector": tuple(vector.tolist())}
+        if self.knows_shaft:
+            return values
+        # What weighs on a shaft that leans, as the first moments of link 1.
+        q = np.zeros((4, len(self.arm.joints)))
+        q[:, 0] = np.linspace(-1.0, 1.0, len(q))
+        per_moment = gravity.regressor(q, vector, len(gravity.BETA_NAMES))[:, 0, _LEVEL:]
+        moments = np.linalg.lstsq(per_moment, theta[2:] @ _shaft_torque(q), rcond=None)[0]
+        return with_beta(values, np.pad(moments, (_LEVEL, 0)))
+
+    @property
+    def subject(self) -> str:
+        """See :meth:`Hypothesis.subject`."""
+        return "a tilt of the base"
+
+
+def _shaft_torque(q: Array) -> Array:
+    """Return (2, N) torques of a weight on link 1 at (N, n) positions, in a base that is tilted."""
+    return np.stack([np.cos(q[:, 0]), np.sin(q[:, 0])])
+
+
+def _tilted_torque(motion: Motion, roll: float, pitch: float) -> Array:
+    """Return (N, n) torque of what has weight, its base turned further by roll and pitch, rad."""
+    turn = pin.rpy.rpyToMatrix(roll, pitch, 0.0).T
+    terms = tuple(
+        term.with_gravity(turn @ term.gravity_vector)
+        for term in motion.model.terms
+        if term.gravity_vector is not None
+    )
+    return motion.torque_at(motion.q, replace(motion.model, terms=terms))

@@ -1,0 +1,274 @@
+"""Coulomb friction, at the joints and at the motors, possibly different by direction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.friction_sites import friction_sites
+from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
+from dvrk_gravity.effects.merging import array
+from dvrk_gravity.effects.term import (
+    Array,
+    Evaluator,
+    LinearTerm,
+    State,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_array,
+    motor_columns,
+)
+from dvrk_gravity.parameter import Parameter, Value
+
+_DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance
+_SIGN: Array = np.array(1e9)  # slope that makes the ramp a sign function, while 0 stays 0
+_LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
+
+
+@dataclass(frozen=True, eq=False)
+class CoulombFriction(LinearTerm):
+    """Constant torque along the motion of a joint or of a motor.
+
+    Friction at a motor acts on every joint that the motor moves: the elbow's
+    lives at q2 + q3. Below the transition velocity it rises linearly, so that a
+    command does not jump when the motion reverses.
+
+    Attributes:
+        arm: The arm, for its transmission.
+        joint_positive: (n,) N·m while the joint moves up.
+        joint_negative: (n,) N·m while the joint moves down (also counted positive).
+        motor_positive: (n,) N·m at the motor while it turns up.
+        motor_negative: (n,) N·m at the motor while it turns down.
+        transition_velocity: (n,) rad/s; 0 makes it a sign function.
+    """
+
+    NAME = "coulomb_friction"
+    TITLE = "Coulomb friction"
+    MEANINGS = meanings(
+        positive=size("N·m", MORE, "moving up"), negative=size("N·m", MORE, "moving down")
+    )
+    FRICTION = True
+
+    arm: Arm
+    joint_positive: Array
+    joint_negative: Array
+    motor_positive: Array
+    motor_negative: Array
+    transition_velocity: Array
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        declared = (
+            ("joint_positive", "N·m", "at the joint, moving up"),
+            ("joint_negative", "N·m", "at the joint, moving down"),
+            ("motor_positive", "N·m", "at the motor, turning up"),
+            ("motor_negative", "N·m", "at the motor, turning down"),
+            ("transition_velocity", "rad/s", "friction full from there"),
+        )
+        return tuple(
+            joint_array(arm, f"{cls.NAME}.{name}", unit, meaning, 0.0)
+            for name, unit, meaning in declared
+        )
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> CoulombFriction | None:
+        """See :meth:`Term.from_parameters`; a direction that is not given equals the other."""
+        n = arm.n
+        levels = {}
+        for place in ("joint", "motor"):
+            up = values.get(f"{cls.NAME}.{place}_positive") or ()
+            down = values.get(f"{cls.NAME}.{place}_negative") or ()
+            levels[f"{place}_positive"] = as_array(up or down, n, 0.0)
+            levels[f"{place}_negative"] = as_array(down or up, n, 0.0)
+        if not any(level.any() for level in levels.values()):
+            return None
+        transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), n, 0.02)
+        return cls(arm, **levels, transition_velocity=transition)
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        values: dict[str, Value] = {}
+        for place in ("joint", "motor"):
+            # Both or none: one alone would stand for both.
+            levels = {name: getattr(self, name) for name in _LEVELS if name.startswith(place)}
+            if any(level.any() for level in levels.values()):
+                values |= {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items()}
+        return values | {f"{self.NAME}.transition_velocity": as_value(self.transition_velocity)}
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) friction torques, N·m; zero where no motion is known."""
+        if state.direction is not None:  # no speed: friction is full
+            motion, slope = state.direction, _SIGN
+        elif state.qd is not None:
+            motion, slope = state.qd, self._slope
+        else:
+            return np.zeros(state.q.shape)
+        torque = _level(motion, slope, self.joint_positive, self.joint_negative)
+        if self._at_motors:
+            motor = self.arm.actuator_position(motion)
+            torque += self.arm.joint_effort(
+                _level(motor, slope, self.motor_positive, self.motor_negative)
+            )
+        return torque
+
+    def scaled(self, part: Array) -> CoulombFriction:
+        """See :meth:`Term.scaled`."""
+        return replace(self, **{name: part * getattr(self, name) for name in _LEVELS})
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        # Joints and motors side by side, motion upwards and downwards one above the other.
+        n = len(self.joint_positive)
+        motion = np.vstack([np.eye(n), self.arm.joint_to_actuator])
+        slope = np.tile(self._slope, 2)
+        lower = np.repeat([[0.0], [-1.0]], 2 * n, axis=1)
+        upwards = np.concatenate([self.joint_positive, self.motor_positive])
+        downwards = np.concatenate([self.joint_negative, self.motor_negative])
+        spread = np.diag(np.concatenate([upwards, downwards])) @ np.vstack([motion, motion])
+
+        def evaluate(q: Array, qd: Array | None) -> Array:
+            if qd is None:
+                return np.zeros(n)
+            part = np.minimum(np.maximum(motion.dot(qd) * slope, lower), lower + 1.0)
+            return part.ravel().dot(spread)
+
+        return evaluate
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`: joint up, joint down, motor up, motor down."""
+        return np.concatenate([getattr(self, name) for name in _LEVELS])
+
+    def with_theta(self, theta: Array) -> CoulombFriction:
+        """See :meth:`LinearTerm.with_theta`."""
+        up, down, motor_up, motor_down = np.reshape(theta, (4, -1))
+        return CoulombFriction(self.arm, up, down, motor_up, motor_down, self.transition_velocity)
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        if state.direction is not None:
+            motion, slope = state.direction, _SIGN
+        elif state.qd is not None:
+            motion, slope = state.qd, self._slope
+        else:
+            return np.zeros((*state.q.shape, len(self.theta)))
+        joint = np.clip(motion * slope, -1.0, 1.0)
+        motor = np.clip(self.arm.actuator_position(motion) * slope, -1.0, 1.0)
+        columns = [
+            diagonal_columns(np.maximum(joint, 0.0)),
+            diagonal_columns(np.minimum(joint, 0.0)),
+            motor_columns(self.arm, np.maximum(motor, 0.0)),
+            motor_columns(self.arm, np.minimum(motor, 0.0)),
+        ]
+        return np.concatenate(columns, axis=-1)
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`; of poses only where their direction is known."""
+        if motion.static and motion.direction is None:
+            return
+        for place in friction_sites(motion):
+            setting: dict[str, float] = {}
+            if not motion.static:
+                setting["transition"] = motion.slowest(place.row(motion.arm))
+            for one_level in (True, False):
+                yield CoulombHypothesis(
+                    arm=motion.arm, site=place, joints=(place.index,), setting=setting,
+                    refine=tuple(setting), one_level=one_level,
+                )  # fmt: skip
+
+    def at(self, where: site.Site) -> float:
+        """Return the larger level at a site, N·m; at a joint its motor's is felt as well."""
+        motor = max(self.motor_positive[where.index], self.motor_negative[where.index])
+        if where.kind is site.Kind.MOTOR:
+            return float(motor)
+        joint = max(self.joint_positive[where.index], self.joint_negative[where.index])
+        return float(joint + motor)
+
+    @cached_property
+    def _at_motors(self) -> bool:
+        return bool(self.motor_positive.any() or self.motor_negative.any())
+
+    @cached_property
+    def _slope(self) -> Array:
+        return 1.0 / np.maximum(self.transition_velocity, 1.0 / _SIGN)
+
+
+def _level(motion: Array, slope: Array, positive: Array, negative: Array) -> Array:
+    blend = np.clip(motion * slope, -1.0, 1.0)
+    return np.where(blend > 0, positive, negative) * blend
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CoulombHypothesis(Hypothesis):
+    """Coulomb friction that is whole from a speed on; of poses, whole.
+
+    Attributes:
+        one_level: The same in both directions.
+    """
+
+    EFFECT = CoulombFriction
+
+    one_level: bool
+    variable: str = "velocity"
+    directed: bool = True
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        row = self.site.row(self.arm)
+        sign = motion.sign(row, setting.get("transition"))
+        if self.one_level:
+            return spread(row, sign)
+        return spread(row, np.maximum(sign, 0.0), np.minimum(sign, 0.0))
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"positive": float(theta[0]), "negative": float(theta[-1])}
+
+    def plausible(self, theta: Array) -> bool:
+        """Tell whether it is friction: driving one way and braking the other is an offset."""
+        up, down = float(theta[0]), float(theta[-1])
+        return not (up * down < 0.0 and min(abs(up), abs(down)) > _DRIVES * max(abs(up), abs(down)))
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """See :meth:`Hypothesis.merge`."""
+        del motion
+        return with_coulomb(self.arm, values, self.site, theta)
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`."""
+        where, told = self.site.words(self.arm), self._told(parameters)
+        up, down = (parameters[name] for name in ("positive", "negative"))
+        if up == down:
+            return f"{where} has {told['positive']} Coulomb friction than the model"
+        if up.value * down.value > 0.0 and not (up.doubtful(0.0) or down.doubtful(0.0)):
+            both = f"{up.magnitude.shown} moving up, {down.magnitude.shown} moving down"
+            way = MORE[up.value < 0.0]
+            return f"{where} has {way} Coulomb friction than the model: {both}"
+        both = f"{told['positive']} moving up, {told['negative']} moving down"
+        return f"{where} has another Coulomb friction than the model: {both}"
+
+
+def with_coulomb(arm: Arm, values: Values, where: site.Site, levels: Array) -> dict[str, Any]:
+    """Return a model's parameters with more Coulomb friction, up and down, none below zero."""
+    prefix, index = f"{CoulombFriction.NAME}.{where.kind.value}", where.index
+    up = array(arm, values, f"{prefix}_positive", f"{prefix}_negative")
+    down = array(arm, values, f"{prefix}_negative", f"{prefix}_positive")
+    up[index] = max(0.0, up[index] + levels[0])
+    down[index] = max(0.0, down[index] + levels[-1])
+    return {
+        **values,
+        f"{prefix}_positive": tuple(up.tolist()),
+        f"{prefix}_negative": tuple(down.tolist()),
+    }

@@ -1,0 +1,211 @@
+"""Cable torque with a set for each direction of motion, as the dVRK console models it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import polynomial
+from dvrk_gravity.effects.elastic_cable import ElasticCable
+from dvrk_gravity.effects.term import (
+    Array,
+    Evaluator,
+    State,
+    Term,
+    as_array,
+    as_value,
+    joint_array,
+)
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameter import Parameter, Value
+
+
+@dataclass(frozen=True, eq=False)
+class DirectionalCable(Term):
+    """Positive and negative polynomials blended by velocity.
+
+    tau = alpha p_pos(q) + (1 - alpha) p_neg(q), where alpha is 0.5 inside the dead
+    band and goes to 0.5 +- 0.5 ratio at the saturation velocity, odd about 0.5 in
+    the velocity: linearly (dVRK console, gravity compensation of an MTM, version
+    2.0) or as a quarter of a sine (version 1.0, whose dead band is 0 and whose
+    ratio is 1). A static pose approached in a known direction has alpha 1 or 0.
+
+    Attributes:
+        arm: The arm, for its joints' names.
+        positive: (degree + 1, n) coefficients while moving up, N·m/rad^k.
+        negative: (degree + 1, n) coefficients while moving down.
+        valid: Range of positions on which they were fitted.
+        dead_band: (n,) speed below which the two are averaged, rad/s.
+        saturation_velocity: (n,) speed from which on the blend is full, rad/s.
+        ratio: (n,) part of the difference that is applied at full blend, 0 to 1.
+        shape: How the blend rises from the dead band on: ``linear`` or ``sine``.
+    """
+
+    NAME = "directional_cable"
+
+    arm: Arm
+    positive: Array
+    negative: Array
+    valid: polynomial.Range
+    dead_band: Array
+    saturation_velocity: Array
+    ratio: Array
+    shape: str = "linear"
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        name = cls.NAME
+        return (
+            *polynomial.declare_coefficients(arm, f"{name}.positive", "cable torque moving up"),
+            *polynomial.declare_coefficients(arm, f"{name}.negative", "cable torque moving down"),
+            *polynomial.declare_range(arm, name),
+            joint_array(arm, f"{name}.dead_band", "rad/s", "both sets averaged below", 0.0),
+            joint_array(arm, f"{name}.saturation_velocity", "rad/s", "blend full from there", 0.0),
+            joint_array(arm, f"{name}.ratio", "", "part of the difference applied", 0.0),
+            Parameter(
+                f"{name}.blend", "linear", "",
+                "how the blend rises between dead band and saturation velocity",
+                choices=("linear", "sine"),
+            ),
+        )  # fmt: skip
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> DirectionalCable | None:
+        """See :meth:`Term.from_parameters`."""
+        positive = polynomial.read_coefficients(arm, f"{cls.NAME}.positive", values)
+        negative = polynomial.read_coefficients(arm, f"{cls.NAME}.negative", values)
+        if positive is None and negative is None:
+            return None
+        if positive is None or negative is None or positive.shape != negative.shape:
+            raise ConfigError(
+                f"{cls.NAME}.negative",
+                None if negative is None else f"{len(negative)} coefficients",
+                "as many coefficients as directional_cable.positive",
+            )
+        n = arm.n
+        dead_band = as_array(values.get(f"{cls.NAME}.dead_band"), n, 0.02)
+        saturation = as_array(values.get(f"{cls.NAME}.saturation_velocity"), n, 0.2)
+        for joint, low, high in zip(arm.joint_names, dead_band, saturation, strict=True):
+            if low >= high:
+                raise ConfigError(
+                    f"{cls.NAME}.dead_band of {joint}", low, f"less than {high:g} rad/s"
+                )
+        ratio = as_array(values.get(f"{cls.NAME}.ratio"), n, 1.0)
+        if (ratio > 1).any():
+            raise ConfigError(f"{cls.NAME}.ratio", ratio.max(), "0 to 1")
+        valid = polynomial.Range.from_parameters(arm, cls.NAME, values)
+        shape = str(values.get(f"{cls.NAME}.blend", "linear"))
+        return cls(arm, positive, negative, valid, dead_band, saturation, ratio, shape)
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        # Zeros too: a set without them would be missing, and with it the whole term.
+        sets = {
+            f"{self.NAME}.{direction}.{joint}": as_value(coefficients[:, column])
+            for direction, coefficients in (
+                ("positive", self.positive),
+                ("negative", self.negative),
+            )
+            for column, joint in enumerate(self.arm.joint_names)
+        }
+        return {
+            **sets,
+            **self.valid.parameters(self.NAME),
+            f"{self.NAME}.dead_band": as_value(self.dead_band),
+            f"{self.NAME}.saturation_velocity": as_value(self.saturation_velocity),
+            f"{self.NAME}.ratio": as_value(self.ratio),
+            f"{self.NAME}.blend": self.shape,
+        }
+
+    def elastic(self) -> ElasticCable:
+        """Return the mean of both directions: what depends on the position alone."""
+        return ElasticCable(self.arm, self._mean, self.valid)
+
+    def scaled(self, part: Array) -> DirectionalCable:
+        """Return the rest, which is friction, with at most (n,) parts of it left at each joint.
+
+        ``ratio`` is a part of the same friction: where it is the smaller, it stays. With
+        :meth:`elastic` and all parts at 1 it makes up the whole term.
+        """
+        half = self._half_difference
+        ratio = np.minimum(self.ratio, part)
+        return replace(self, positive=half, negative=-half, ratio=ratio)
+
+    def split(self, part: Array) -> tuple[Term, Term]:
+        """See :meth:`Term.split`."""
+        return self.elastic(), self.scaled(part)
+
+    def friction_part(self, part: Array) -> Array:
+        """See :meth:`Term.friction_part`."""
+        return np.minimum(self.ratio, part)
+
+    def whole(self) -> DirectionalCable:
+        """See :meth:`Term.whole`: the whole difference between the directions."""
+        return replace(self, ratio=np.ones_like(self.ratio))
+
+    def blend(self, state: State) -> Array | None:
+        """Return (…, n) blend 2 alpha - 1 in [-1, 1]; ``None`` where no motion is known."""
+        if state.direction is not None:
+            return state.direction
+        if state.qd is None:
+            return None
+        speed = np.abs(state.qd)
+        rise = np.minimum(np.maximum((speed - self.dead_band) * self._slope, 0.0), 1.0)
+        if self.shape == "sine":
+            rise = np.sin(0.5 * np.pi * rise)
+        return np.copysign(self.ratio * rise, state.qd)
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) cable torques, N·m."""
+        q = self.valid.hold(state.q)
+        torque = polynomial.evaluate(self._mean, q)
+        blend = self.blend(state)
+        if blend is not None:
+            torque += blend * polynomial.evaluate(self._half_difference, q)
+        return torque
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        both, sum_up = self.prepare_parts(self.ratio), np.ones(2).dot
+        return lambda q, qd: sum_up(both(q, qd))
+
+    def prepare_parts(self, part: Array) -> Evaluator:
+        """See :meth:`Term.prepare_parts`: both parts share their powers of the position."""
+        elastic, friction = self.elastic(), self.scaled(part)
+        if friction.shape != "linear":
+            return lambda q, qd: np.stack([elastic.torque(State(q)), friction.torque(State(q, qd))])
+        count, n = elastic.coefficients.shape
+        slope = friction.ratio / (friction.saturation_velocity - friction.dead_band)
+        both = np.vstack([elastic.coefficients, friction.positive * slope])
+        # A velocity cut at the one less the same velocity cut at the other: the blend's ramp.
+        edges = np.array([friction.saturation_velocity, friction.dead_band])
+        lowest, full_less_dead = -edges, np.array([1.0, -1.0]).dot
+        powers = polynomial.prepare_powers(elastic.valid, count)
+        sum_up = np.repeat(np.eye(2), count, axis=1).dot
+        factors = np.zeros((2 * count, n))
+        plain, blended = factors[:count], factors[count:]
+
+        def evaluate(q: Array, qd: Array | None) -> Array:
+            powers(q, plain)
+            ramp = 0.0 if qd is None else full_less_dead(np.minimum(np.maximum(qd, lowest), edges))
+            np.multiply(plain, ramp, blended)
+            return sum_up(both * factors)
+
+        return evaluate
+
+    @cached_property
+    def _slope(self) -> Array:
+        return 1.0 / (self.saturation_velocity - self.dead_band)
+
+    @cached_property
+    def _mean(self) -> Array:
+        return 0.5 * (self.positive + self.negative)
+
+    @cached_property
+    def _half_difference(self) -> Array:
+        return 0.5 * (self.positive - self.negative)

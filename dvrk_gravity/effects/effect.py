@@ -1,0 +1,243 @@
+"""What every effect is, and what it is to suppose that one acts somewhere.
+
+An effect has a name and words; a hypothesis of it has few columns of torque, and says what their
+parameters would mean and how a model takes them in.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects.evidence import Filtered, Motion, Residual
+from dvrk_gravity.effects.meaning import Estimate, Meaning
+from dvrk_gravity.effects.site import Kind, Site
+
+Array = NDArray[np.float64]
+Setting = Mapping[str, float]
+Values = Mapping[str, Any]
+
+
+class Effect(ABC):
+    """One named cause of torque, or fault of a reading.
+
+    Class attributes:
+        NAME: Its name in the vocabulary.
+        TITLE: Its name as a person writes it; by default the same without underscores.
+        MEANINGS: Meanings of the parameters that findings report.
+    """
+
+    NAME: ClassVar[str]
+    TITLE: ClassVar[str] = ""
+    MEANINGS: ClassVar[Mapping[str, Meaning]] = {}
+
+    @classmethod
+    def title(cls) -> str:
+        """Return its name as a person writes it."""
+        return cls.TITLE or cls.NAME.replace("_", " ")
+
+    @classmethod
+    def meaning(cls, name: str) -> Meaning:
+        """Return the meaning of a parameter."""
+        return cls.MEANINGS.get(name) or Meaning()
+
+    @classmethod
+    def listed(cls, names: Iterable[str]) -> list[str]:
+        """Return which of a finding's parameters have a line in tables."""
+        return [name for name in names if cls.meaning(name).listed]
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """Yield where it can be supposed in a motion, apart from what :meth:`search` finds."""
+        del motion
+        yield from ()
+
+    @classmethod
+    def search_basis(cls, data: Filtered) -> Any:
+        """Return what :meth:`search` needs of the data, made once; it may be large."""
+        del data
+
+    @classmethod
+    def search(cls, basis: Any, residual: Residual) -> Iterator[Hypothesis]:
+        """Yield where it is seen in a residual."""
+        del basis, residual
+        yield from ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Hypothesis(ABC):
+    """One effect at one site, linear in a few parameters at one setting of its non-linear ones.
+
+    Class attributes:
+        EFFECT: The effect.
+        CLAIM: What is claimed, with ``{where}``, ``{joint}`` and parameters in words.
+
+    Attributes:
+        arm: The arm.
+        site: Where it acts.
+        joints: Indices of the joints that it is said of, the affected one first; empty for the arm.
+        form: Which of several forms it has there; ``""`` if there is but one.
+        setting: Non-linear parameters, by name.
+        refine: Names of settings that may be refined by a continuous search.
+        fixed_point: Names of settings whose best value is what :meth:`describe` returns under
+            the same name: the columns are rebuilt there.
+        edges: Names of settings that are times at which the torque jumps.
+        variable: What the torque is a function of, for the picture: ``position``, ``velocity``,
+            ``acceleration`` or ``time``.
+        directed: The picture tells the directions of motion apart.
+        searched: How many more hypotheses it stands for (the grid of a search), at least 1.
+        plausible_size: (k,) standard deviations that parameters may have before any data; empty
+            for claims, which no prior holds back.
+        of_model: These are parameters that the model has already, which may move along beside
+            other hypotheses; a claim of its own it is only in the last place.
+        alignment: It is about where joints or base are, which few motions tell from one another.
+        of_state: Its torque is a function of position, velocity and acceleration at one time.
+        shifts_positions: It changes what positions mean: merged into a model before others.
+    """
+
+    EFFECT: ClassVar[type[Effect]]
+    CLAIM: ClassVar[str] = ""
+
+    arm: Arm
+    site: Site
+    joints: tuple[int, ...] = ()
+    form: str = ""
+    setting: Setting = field(default_factory=dict)
+    refine: tuple[str, ...] = ()
+    fixed_point: tuple[str, ...] = ()
+    edges: tuple[str, ...] = ()
+    variable: str = "position"
+    directed: bool = False
+    searched: int = 1
+    plausible_size: tuple[float, ...] = ()
+    of_model: bool = False
+    alignment: bool = False
+    of_state: bool = True
+    shifts_positions: bool = False
+
+    @abstractmethod
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """Return (N, n, k) columns of torque per unit of each parameter, at a setting."""
+
+    @abstractmethod
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """Return named values of (k,) parameters at a setting."""
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """Return a model's parameters with (k,) parameters of this put in.
+
+        Args:
+            values: The model's parameters; encoder zeros that were found are in.
+            theta: Parameters, of columns that are functions of *measured* positions.
+            motion: The motion that they were found in.
+
+        Returns:
+            The values, or ``None`` if a model file cannot carry it.
+        """
+        del values, theta, motion
+        return None
+
+    def plausible(self, theta: Array) -> bool:
+        """Tell whether (k,) such parameters are possible.
+
+        A scale near zero, a friction that drives, a weight that lifts: a fit that asks for these
+        has found something else.
+        """
+        for name, value in self.describe(theta, self.setting).items():
+            meaning = self.EFFECT.meaning(name)
+            if not meaning.least <= value <= meaning.greatest:
+                return False
+        return True
+
+    def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
+        """Return between which values a setting is refined."""
+        del motion
+        centre = self.setting[name]
+        return 0.4 * centre, 2.5 * centre
+
+    @property
+    def judged_at(self) -> tuple[int, ...]:
+        """Joints by whose error it is judged; empty for all that its torque acts on."""
+        return () if self.site.kind is Kind.LINK else self.joints
+
+    @property
+    def depends_on(self) -> int | None:
+        """Joint whose variable the torque is a function of; ``None``: the judged one's own."""
+        return None
+
+    @property
+    def told_apart_by(self) -> str:
+        """What recording would tell it from others, in words; ``""`` where poses do."""
+        return ""
+
+    @property
+    def effect(self) -> str:
+        """Name in the vocabulary."""
+        return self.EFFECT.NAME
+
+    @property
+    def place(self) -> str:
+        """Form or site as findings name it."""
+        return self.form or self.site.kind.value
+
+    @property
+    def key(self) -> tuple[str, tuple[int, ...], str]:
+        """What it claims, its continuous settings apart."""
+        return self.effect, self.joints, self.place
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return tuple(self.arm.joint_names[joint] for joint in self.joints)
+
+    @property
+    def subject(self) -> str:
+        """What it would change, in words."""
+        return f"{self.EFFECT.title()} of {self.site.words(self.arm)}"
+
+    def unit(self, name: str) -> str:
+        """Return the unit of a parameter at this site; a joint that slides has N and m."""
+        unit = self.EFFECT.meaning(name).unit
+        at_joint = self.site.kind in (Kind.JOINT, Kind.MOTOR)
+        if at_joint and self.arm.joints[self.site.index].kind == "prismatic":
+            unit = unit.replace("N·m", "N").replace("rad", "m").replace("kg·m^2", "kg")
+        return unit
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """Return what is claimed, with its size."""
+        return self.CLAIM.format(**self.words(parameters), **self._told(parameters))
+
+    def correction(self) -> str:
+        """Return what is done about it, as the subject of `removes … % of the error`."""
+        return "correcting that"
+
+    def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
+        """Return what claims call site and joint."""
+        del parameters
+        joint = self.names[0] if self.joints else ""
+        return {"where": self.site.words(self.arm), "joint": joint}
+
+    def _told(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
+        """Return the parameters in words."""
+        return {name: self.meaning(name).tell(one) for name, one in parameters.items()}
+
+    def meaning(self, name: str) -> Meaning:
+        """Return the meaning of a parameter."""
+        return self.EFFECT.meaning(name)
+
+    def __str__(self) -> str:
+        """Return the claim in short."""
+        where = " and ".join(self.names) or "the arm"
+        detail = "" if self.place in ("joint", "") else f" ({self.place})"
+        return f"{self.effect} at {where}{detail}"
+
+
+def spread(row: Array, *values: Array) -> Array:
+    """Return (N, n, k) torques that (N,) values at a (n,) row of the joints mean at the joints."""
+    return np.stack([value[:, None] * row for value in values], axis=2)

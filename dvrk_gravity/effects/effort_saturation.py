@@ -1,0 +1,69 @@
+"""Efforts that read no more than a limit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.meaning import Meaning, meanings
+
+Array = NDArray[np.float64]
+
+_PERCENTILES = (90.0, 95.0, 98.0, 99.5)  # of the measured effort, where limits are tried
+
+
+class EffortSaturation(Effect):
+    """Measured effort clipped at a limit."""
+
+    NAME = "effort_saturation"
+    MEANINGS = meanings(
+        limit=Meaning("N·m"),
+        # Of what the limit would cut; all of it, or it is no limit.
+        share=Meaning(least=0.6, greatest=1.4, reported=False),
+    )
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`."""
+        for joint in np.flatnonzero(motion.present).tolist():
+            for percentile in _PERCENTILES:
+                limit = float(np.percentile(np.abs(motion.effort[:, joint]), percentile))
+                if limit > 0.0:
+                    yield ClippedHypothesis(
+                        arm=motion.arm, site=site.joint(joint), joints=(joint,),
+                        setting={"limit": limit},
+                    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ClippedHypothesis(Hypothesis):
+    """A joint's effort is clipped."""
+
+    EFFECT = EffortSaturation
+    CLAIM = "the effort of {joint} is clipped at {limit}"
+
+    refine: tuple[str, ...] = ("limit",)
+    searched: int = len(_PERCENTILES)
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        joint, limit = self.site.index, setting["limit"]
+        torque = np.zeros((*motion.q.shape, 1))
+        modelled = motion.modelled[:, joint]
+        torque[:, joint, 0] = np.clip(modelled, -limit, limit) - modelled
+        return torque
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        return {"limit": setting["limit"], "share": float(theta[0])}
+
+    def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
+        """See :meth:`Hypothesis.search_range`."""
+        del motion
+        return 0.9 * self.setting[name], 1.1 * self.setting[name]

@@ -1,0 +1,197 @@
+"""Elastic torque of a joint's own position: cable bundle, spring, counterbalance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial import Chebyshev, Polynomial
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import polynomial, site
+from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.merging import position_offset
+from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, diagonal_columns
+from dvrk_gravity.parameter import Parameter, Value
+
+_DEGREES = (1, 2, 3, 4, 6)
+_REACH = 1.1  # times half the way, beyond which a polynomial is held
+_FAR = 1e6  # rad, of an edge that is none
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticCable(LinearTerm):
+    """tau_j = k0 + k1 q_j + k2 q_j^2 + …, q_j held at the edges of the fitted range.
+
+    Attributes:
+        arm: The arm, for its joints' names.
+        coefficients: (degree + 1, n), lowest power first, N·m/rad^k.
+        valid: Range of positions on which they were fitted.
+    """
+
+    NAME = "elastic_cable"
+    MEANINGS = meanings(
+        stiffness=size("N·m/rad", MORE),
+        lowest=Meaning("N·m", 0.0, label="least torque", certain=True),
+        highest=Meaning("N·m", 0.0, label="greatest torque", certain=True),
+    )
+
+    arm: Arm
+    coefficients: Array
+    valid: polynomial.Range
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return (
+            *polynomial.declare_coefficients(arm, cls.NAME, "elastic torque k0, k1, …"),
+            *polynomial.declare_range(arm, cls.NAME),
+        )
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ElasticCable | None:
+        """See :meth:`Term.from_parameters`."""
+        coefficients = polynomial.read_coefficients(arm, cls.NAME, values)
+        if coefficients is None:
+            return None
+        return cls(arm, coefficients, polynomial.Range.from_parameters(arm, cls.NAME, values))
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        coefficients = polynomial.write_coefficients(self.arm, self.NAME, self.coefficients)
+        return coefficients | self.valid.parameters(self.NAME)
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) elastic torques, N·m."""
+        return polynomial.evaluate(self.coefficients, self.valid.hold(state.q))
+
+    @classmethod
+    def meaning(cls, name: str) -> Meaning:
+        """See :meth:`Effect.meaning`; coefficients are for programs."""
+        if name.startswith("k"):
+            unit = "N·m" if name == "k0" else f"N·m/rad^{name[1:]}"
+            return Meaning(unit, listed=False)
+        return super().meaning(name)
+
+    @classmethod
+    def listed(cls, names: Iterable[str]) -> list[str]:
+        """See :meth:`Effect.listed`; one slope says little of a curve."""
+        names = super().listed(names)
+        return [name for name in names if name != "stiffness" or "lowest" not in names]
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`."""
+        middle, half = motion.travel
+        for joint in np.flatnonzero(motion.moves).tolist():
+            for degree in _DEGREES:
+                yield CableHypothesis(
+                    arm=motion.arm, site=site.joint(joint), joints=(joint,),
+                    form=f"degree {degree}", degree=degree,
+                    middle=float(middle[joint]), half=float(half[joint]),
+                )  # fmt: skip
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        coefficients = self.coefficients
+        powers = polynomial.prepare_powers(self.valid, len(coefficients))
+        sum_up = np.ones(len(coefficients)).dot
+        return lambda q, qd: sum_up(coefficients * powers(q))
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`: all joints' k0, then all their k1, …."""
+        return self.coefficients.ravel()
+
+    def with_theta(self, theta: Array) -> ElasticCable:
+        """See :meth:`LinearTerm.with_theta`."""
+        return replace(self, coefficients=np.reshape(theta, (-1, self.coefficients.shape[1])))
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        held = self.valid.hold(state.q)
+        powers = [held**k for k in range(len(self.coefficients))]
+        return np.concatenate([diagonal_columns(power) for power in powers], axis=-1)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CableHypothesis(Hypothesis):
+    """A polynomial of a joint's position; its constant is where the spring is relaxed.
+
+    Attributes:
+        degree: Of the polynomial.
+        middle: Middle of the joint's way, rad.
+        half: Half of it, rad.
+    """
+
+    EFFECT = ElasticCable
+    CLAIM = "{joint} has {stiffness} stiffness than the model"
+
+    degree: int
+    middle: float
+    half: float
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`.
+
+        Chebyshev polynomials are the same space as powers, and well conditioned.
+        """
+        del setting
+        x = np.clip((motion.q[:, self.site.index] - self.middle) / self.half, -_REACH, _REACH)
+        values = np.polynomial.chebyshev.chebvander(x, self.degree)
+        return spread(self.site.row(self.arm), *values.T)
+
+    def _polynomial(self, theta: Array) -> Chebyshev:
+        return Chebyshev(theta, [self.middle - self.half, self.middle + self.half])
+
+    def _powers(self, theta: Array) -> Array:
+        powers = self._polynomial(theta).convert(kind=Polynomial).coef
+        return np.pad(powers, (0, self.degree + 1 - len(powers)))
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        scaled = self._polynomial(theta)
+        values = {f"k{i}": float(value) for i, value in enumerate(self._powers(theta))}
+        values = {"stiffness": float(scaled.deriv()(self.middle))} | values
+        if self.degree == 1:
+            return values
+        # One slope says little of a curve: between what it pulls, over the way.
+        way = scaled(np.linspace(self.middle - self.half, self.middle + self.half, 101))
+        return {"lowest": float(way.min()), "highest": float(way.max())} | values
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """See :meth:`Hypothesis.merge`; a curve is held at the edges of the motion."""
+        joint, name = self.site.index, f"{self.effect}.{self.arm.joint_names[self.site.index]}"
+        offset = float(position_offset(self.arm, values)[joint])
+        # Of the true position.
+        shifted = Polynomial(self._powers(theta))(Polynomial([offset, 1.0]))
+        powers = np.asarray(shifted.coef, dtype=np.float64)
+        known = np.array(values.get(name) or (0.0,))
+        total = np.zeros(max(len(known), len(powers)))
+        total[: len(known)] += known
+        total[: len(powers)] += powers
+        result = {**values, name: tuple(total.tolist())}
+        if self.degree < 2:
+            return result
+        middle, half = motion.travel
+        for edge, default, sign in (("valid_lower", -_FAR, -1.0), ("valid_upper", _FAR, 1.0)):
+            field = f"{self.effect}.{edge}"
+            limits = np.array(values.get(field) or np.full(len(self.arm.joints), default))
+            if not known.any() or abs(limits[joint]) >= _FAR:
+                limits[joint] = middle[joint] + sign * half[joint] - offset
+            result[field] = tuple(limits.tolist())
+        return result
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`."""
+        if "lowest" not in parameters:
+            return super().claim(parameters)
+        told = self._told(parameters)
+        return (
+            f"an elastic torque beside the model's pulls at {self.names[0]}, from "
+            f"{told['lowest']} to {told['highest']} over its way"
+        )

@@ -1,0 +1,150 @@
+"""Gravity of the links, from beta: gY(q) beta."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from dvrk_gravity import gravity
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import is_mtm
+from dvrk_gravity.arms.mtm.beta import beta_tree
+from dvrk_gravity.arms.tree import Tree
+from dvrk_gravity.effects.merging import Values
+from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, as_value
+from dvrk_gravity.effects.weight import gravity_parameters, weight_evaluator
+from dvrk_gravity.parameter import Parameter, Value
+
+_SIZES = (10, 12, 14)  # of beta
+
+
+@dataclass(frozen=True, eq=False)
+class Gravity(LinearTerm):
+    """tau = gY(q) beta (seed document, equation 1), for any direction of gravity.
+
+    Attributes:
+        arm: The arm.
+        beta: (10,), (12,) or (14,) base parameters, N·m at 9.81 m/s^2.
+        vector: (3,) gravity in the base frame, m/s^2.
+        enabled: The gravity flag; off means that this term is zero.
+    """
+
+    NAME = "gravity"
+
+    arm: Arm
+    beta: Array
+    vector: Array
+    enabled: bool = True
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        if not is_mtm(arm):
+            return ()
+        return (
+            Parameter(
+                "beta", (), "N·m", "gravity base parameters (g inside), 10, 12 or 14 of them",
+                lower=-100.0, upper=100.0, lengths=_SIZES,
+            ),
+            *gravity_parameters(),
+        )  # fmt: skip
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Gravity | None:
+        """See :meth:`Term.from_parameters`."""
+        if not values.get("beta"):
+            return None
+        vector = values.get("gravity_vector")
+        return cls(
+            arm,
+            np.array(values["beta"]),
+            arm.gravity if vector is None else np.array(vector),
+            bool(values.get("gravity_enabled", True)),
+        )
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        return {
+            "beta": as_value(self.beta),
+            "gravity_enabled": self.enabled,
+            "gravity_vector": as_value(self.vector),
+        }
+
+    def with_gravity(self, vector: Array) -> Gravity:
+        """See :meth:`Term.with_gravity`."""
+        return replace(self, vector=vector)
+
+    @property
+    def gravity_vector(self) -> Array:
+        """See :meth:`Term.gravity_vector`."""
+        return self.vector
+
+    def with_enabled(self, enabled: bool) -> Gravity:
+        """Return the same term with the gravity flag set."""
+        return replace(self, enabled=enabled)
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) gravity torques: one pose by Pinocchio, many in closed form."""
+        if not self.enabled:
+            return np.zeros(state.q.shape)
+        if state.q.ndim == 1:
+            return self._tree.gravity(state.q)
+        return gravity.torque(state.q, self.beta, self.vector)
+
+    @property
+    def carries_arm(self) -> bool:
+        """See :meth:`Term.carries_arm`."""
+        return self.enabled and bool(self.beta.any())
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        if not self.enabled:
+            return super().prepare()
+        return weight_evaluator(
+            beta_tree(self.arm, self.beta, self.vector)
+        )  # a workspace of its own
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`: beta."""
+        return self.beta
+
+    def with_theta(self, theta: Array) -> Gravity:
+        """See :meth:`LinearTerm.with_theta`."""
+        return replace(self, beta=np.asarray(theta, dtype=float))
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        return gravity.regressor(state.q, self.vector, len(self.beta))
+
+    @cached_property
+    def _tree(self) -> Tree:
+        return beta_tree(self.arm, self.beta, self.vector)
+
+
+def with_beta(values: Values, change: Array) -> Values | None:
+    """Return a model's parameters with (14,) N·m added to beta; ``None`` if it has no beta."""
+    beta = np.array(values.get("beta") or ())
+    if not beta.size:
+        return None
+    needed = next(size for size in _SIZES if not np.any(np.abs(change[size:]) > 1e-9))
+    total = np.zeros(max(len(beta), needed))
+    total[: len(beta)] += beta
+    total += change[: len(total)]
+    return {**values, "beta": tuple(total.tolist())}
+
+
+def link_beta(link: str, mass: float, moment: Array) -> Array:
+    """Return (14,) change of beta, N·m, by a link's mass, kg, and (3,) first moment, kg·m."""
+    weight = gravity.beta_from_links({link: gravity.LinkMass(1.0)}, columns=_SIZES[-1])
+    place = [
+        gravity.beta_from_links(
+            {link: gravity.LinkMass(1.0, tuple(axis.tolist()))}, columns=_SIZES[-1]
+        )
+        - weight
+        for axis in np.eye(3)
+    ]
+    return mass * weight + np.array(place).T @ moment

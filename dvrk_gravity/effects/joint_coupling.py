@@ -1,0 +1,111 @@
+"""Torque or motion that leaks from one joint into another: a wrong transmission matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.meaning import Estimate, Meaning, meanings
+
+Array = NDArray[np.float64]
+
+_SMALL = 1e-3  # below: a slope serves in place of a secant
+
+
+class JointCoupling(Effect):
+    """What is read at one joint holds part of what belongs to another."""
+
+    NAME = "joint_coupling"
+    MEANINGS = meanings(
+        factor=Meaning("", 0.0, ("", "with its sign turned round"), "leaks", percent=True)
+    )
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`: every pair, torque and motion."""
+        present = np.flatnonzero(motion.present).tolist()
+        for target in present:
+            for source in present:
+                if source == target:
+                    continue
+                name = motion.arm.joint_names[source]
+                yield TorqueLeak(
+                    arm=motion.arm, site=site.joint(target), joints=(target, source),
+                    form=f"torque of {name} leaks",
+                )  # fmt: skip
+                yield MotionLeak(
+                    arm=motion.arm, site=site.joint(target), joints=(target, source),
+                    form=f"motion of {name} leaks", setting={"factor": 0.0},
+                )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LeakHypothesis(Hypothesis):
+    """A part of the second joint's torque or motion is read at the first."""
+
+    EFFECT = JointCoupling
+    CLAIM = "{part} of {other}'s {what} leaks{turned} into the {read} read at {joint}"
+
+    what: str
+    read: str
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"factor": float(theta[0])}
+
+    @property
+    def judged_at(self) -> tuple[int, ...]:
+        """See :meth:`Hypothesis.judged_at`."""
+        return self.joints[:1]
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`."""
+        joint, other = self.names
+        factor = parameters["factor"]
+        turned = ", with its sign turned round," if factor.value < 0.0 else ""
+        return self.CLAIM.format(
+            part=factor.magnitude.percent().shown, other=other, what=self.what, turned=turned,
+            read=self.read, joint=joint,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TorqueLeak(LeakHypothesis):
+    """Part of another joint's torque is read."""
+
+    what: str = "torque"
+    read: str = "effort"
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        target, source = self.joints
+        torque = np.zeros((*motion.q.shape, 1))
+        torque[:, target, 0] = motion.modelled[:, source]
+        return torque
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MotionLeak(LeakHypothesis):
+    """Part of another joint's motion is read: position = true + factor x the other's position."""
+
+    what: str = "motion"
+    read: str = "position"
+    fixed_point: tuple[str, ...] = ("factor",)
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        target, source = self.joints
+        step = setting["factor"]
+        if abs(step) < _SMALL:
+            return -(motion.slope[:, :, target] * motion.q[:, [source]])[:, :, None]
+        there = motion.q.copy()
+        there[:, target] -= step * motion.q[:, source]
+        return ((motion.torque_at(there) - motion.modelled) / step)[:, :, None]

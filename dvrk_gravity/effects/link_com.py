@@ -1,0 +1,233 @@
+"""Links whose weight is not where the model has it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity import gravity
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import is_mtm
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.gravity import with_beta
+from dvrk_gravity.effects.link_change import with_link
+from dvrk_gravity.effects.link_prior import beta_map, prior_scale, weight_directions
+from dvrk_gravity.effects.link_weight import weight_regressor, with_weight
+from dvrk_gravity.effects.links import (
+    AXES,
+    joints_with_weight,
+    link_columns,
+    link_name,
+    moment_directions,
+)
+from dvrk_gravity.effects.meaning import Estimate, Meaning, size
+from dvrk_gravity.effects.merging import Values
+
+Array = NDArray[np.float64]
+
+_ENTRY = ("too small", "too great")
+# The joint whose link carries each entry of beta.
+_BETA_JOINTS = (1, 1, 2, 2, 3, 4, 4, 4, 5, 5, 6, 6)
+_WHOLE = len(gravity.BETA_NAMES)
+_ALL = "weight of all links"
+
+
+class LinkCom(Effect):
+    """A link's first moment differs from the model's."""
+
+    NAME = "link_com"
+    TITLE = "centre of mass"
+
+    @classmethod
+    def meaning(cls, name: str) -> Meaning:
+        """See :meth:`Effect.meaning`: the whole, along an axis, or an entry of beta."""
+        if name == "delta_beta":
+            return size("N·m", _ENTRY, "the model's weight moment is")
+        which = name.removeprefix("delta_beta_")
+        along = (f"along +{which}", f"along -{which}") if which in AXES else _ENTRY
+        return size("N·m", along, f"weight moment {which}")
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`: links along each axis and all, entries of beta, all."""
+        if not motion.present.all():
+            return
+        arm = motion.arm
+        for joint in joints_with_weight(arm):
+            for axes in ((0,), (1,), (2,), (0, 1, 2)):
+                letters = "".join(AXES[axis] for axis in axes)
+                yield MomentHypothesis(
+                    arm=arm, site=site.link(joint), joints=(joint,),
+                    form=f"{link_name(arm, joint)} {letters}", axes=axes,
+                )  # fmt: skip
+        if not is_mtm(arm):
+            yield LinkWeightsHypothesis(
+                arm=arm,
+                site=site.THE_ARM,
+                form=_ALL,
+                directions=weight_directions(arm),
+                plausible_size=(1.0,) * weight_directions(arm).shape[1],
+            )
+            return
+        for entry, joint in enumerate(_BETA_JOINTS):
+            yield BetaHypothesis(
+                arm=arm, site=site.link(joint), joints=(joint,),
+                form=f"weight only, {gravity.BETA_NAMES[entry]}", entry=entry,
+            )  # fmt: skip
+        yield AllWeightsHypothesis(
+            arm=arm, site=site.THE_ARM, form=_ALL, plausible_size=_plausible(arm)
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MomentHypothesis(Hypothesis):
+    """A link's centre of mass is elsewhere, along some axes of its frame.
+
+    Attributes:
+        axes: Indices of the axes.
+    """
+
+    EFFECT = LinkCom
+
+    axes: tuple[int, ...]
+
+    @property
+    def _directions(self) -> Array:
+        return moment_directions(self.arm, self.site.index, self.axes)
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return link_columns(motion, self.site.index, self._directions)
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        if len(self.axes) == 1:
+            return {"delta_beta": float(theta[0])}
+        return {f"delta_beta_{AXES[a]}": float(t) for a, t in zip(self.axes, theta, strict=True)}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`."""
+        del motion
+        return with_link(self.arm, values, self.site.index, self._directions @ theta)
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`."""
+        along = ", ".join(
+            self.meaning(f"delta_beta_{AXES[axis]}").tell(one)
+            for axis, one in zip(self.axes, parameters.values(), strict=True)
+        )
+        place = f"the centre of mass of {self.site.words(self.arm)} is not where the model has it"
+        return f"{place}: its weight moment is off by {along}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BetaHypothesis(Hypothesis):
+    """An entry of beta is another one, by a spring or a counterweight: weight without inertia.
+
+    Attributes:
+        entry: Its index.
+    """
+
+    EFFECT = LinkCom
+
+    entry: int
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        regressor = gravity.regressor(motion.true_q, motion.gravity, len(_BETA_JOINTS))
+        return regressor[:, :, [self.entry]]
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"delta_beta": float(theta[0])}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`."""
+        del motion
+        return with_beta(values, float(theta[0]) * np.eye(_WHOLE)[self.entry])
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`."""
+        name, told = gravity.BETA_NAMES[self.entry], self._told(parameters)["delta_beta"]
+        return f"the model's weight moment {name} of {self.site.words(self.arm)} is {told}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AllWeightsHypothesis(Hypothesis):
+    """Beta as a whole is another one."""
+
+    EFFECT = LinkCom
+    CLAIM = "the links' weights as a whole are others than the model's"
+
+    of_model: bool = True
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return gravity.regressor(motion.true_q, motion.gravity, len(_BETA_JOINTS))
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        names = gravity.BETA_NAMES
+        return {f"delta_beta_{n}": float(v) for n, v in zip(names, theta, strict=False)}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`."""
+        del motion
+        return with_beta(values, np.pad(theta, (0, _WHOLE - len(theta))))
+
+    def correction(self) -> str:
+        """See :meth:`Hypothesis.correction`."""
+        return "fitting them anew beside all else"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LinkWeightsHypothesis(Hypothesis):
+    """The links' weights as a whole are others, of an arm that has no beta.
+
+    Attributes:
+        directions: (4 bodies, k) combinations of masses and first moments that show, each of its
+            plausible size.
+    """
+
+    EFFECT = LinkCom
+    CLAIM = "the links' weights as a whole are others than the model's"
+
+    directions: Array
+    of_model: bool = True
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return weight_regressor(self.arm, motion.true_q, motion.gravity) @ self.directions
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`; its many coefficients mean nothing one by one."""
+        del theta, setting
+        return {}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`."""
+        del motion
+        change = (self.directions @ theta).reshape(len(self.arm.bodies), -1)
+        return with_weight(self.arm, values, change)
+
+    def correction(self) -> str:
+        """See :meth:`Hypothesis.correction`."""
+        return "fitting them anew beside all else"
+
+
+def _plausible(arm: Arm) -> tuple[float, ...]:
+    """Return plausible sizes of beta's entries."""
+    rows = beta_map(arm)[: len(_BETA_JOINTS)] * prior_scale(arm)
+    return tuple(np.linalg.norm(rows, axis=1).tolist())

@@ -1,0 +1,219 @@
+"""Torque that follows acceleration and velocity products: the links' inertia."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import rigid_body, site
+from dvrk_gravity.effects.effect import Hypothesis, Setting
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.link_prior import prior_scale
+from dvrk_gravity.effects.links import (
+    AXES,
+    inertia_directions,
+    joints_with_weight,
+    link_columns,
+    link_name,
+)
+from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
+from dvrk_gravity.effects.merging import Values
+from dvrk_gravity.effects.term import Array, LinearTerm, State, as_value
+from dvrk_gravity.errors import ShapeError
+from dvrk_gravity.parameter import Parameter, Value
+
+_WEIGHTLESS = np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkInertia(LinearTerm):
+    """tau = M(q) qdd + C(q, qd) qd of the links; their weight is the gravity term's.
+
+    Only combinations of the parameters act (42 of the 90); identified ones need not be
+    those of a physical body unless that was asked for.
+
+    Attributes:
+        arm: The arm.
+        links: (bodies, 10), one row a body of the arm, in its joint's frame, in Pinocchio's
+            order: m kg, m c (3) kg·m, Ixx, Ixy, Iyy, Ixz, Iyz, Izz kg·m^2 about the origin.
+    """
+
+    NAME = "link_inertia"
+    MEANINGS = meanings(
+        inertia=size("kg·m^2", MORE),
+        **{f"inertia_{axis}{axis}": size("kg·m^2", MORE) for axis in AXES},
+    )
+    COMPENSATED = False  # a compensator holds; it knows no acceleration
+
+    arm: Arm
+    links: Array
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return tuple(
+            Parameter(
+                f"{cls.NAME}.{body}",
+                (),
+                "kg, kg·m, kg·m^2",
+                f"{body} in its joint's frame: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz",
+                lengths=(rigid_body.PER_LINK,),
+            )
+            for body in arm.body_names
+        )
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> LinkInertia | None:
+        """See :meth:`Term.from_parameters`; a body that is not given has no inertia."""
+        given = [values.get(f"{cls.NAME}.{body}") for body in arm.body_names]
+        if not any(given):
+            return None
+        nothing = np.zeros(rigid_body.PER_LINK)
+        return cls(arm, np.array([np.array(row) if row else nothing for row in given]))
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        return {
+            f"{self.NAME}.{body}": as_value(row)
+            for body, row in zip(self.arm.body_names, self.links, strict=True)
+        }
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) torques, N·m; zero where no motion is known."""
+        if state.qd is None and state.qdd is None:
+            return np.zeros(state.q.shape)
+        q, qd, qdd = (
+            None if array is None else array.reshape(-1, array.shape[-1])
+            for array in (state.q, state.qd, state.qdd)
+        )
+        assert q is not None
+        torque = rigid_body.torque(self.arm, self.theta, q, qd, qdd, _WEIGHTLESS)
+        return torque.reshape(state.q.shape)
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`: of each link, and of all together."""
+        if motion.static or not motion.present.all():
+            return
+        for joint in joints_with_weight(motion.arm):
+            for form, isotropic in (("isotropic", True), ("principal", False)):
+                yield InertiaHypothesis(
+                    arm=motion.arm, site=site.link(joint), joints=(joint,),
+                    form=f"{link_name(motion.arm, joint)} {form}", isotropic=isotropic,
+                )  # fmt: skip
+        yield AllInertiaHypothesis(
+            arm=motion.arm, site=site.THE_ARM, form="inertia of all links",
+            plausible_size=tuple(prior_scale(motion.arm)[motion.inertial].tolist()),
+        )  # fmt: skip
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`."""
+        return self.links.ravel()
+
+    def with_theta(self, theta: Array) -> LinkInertia:
+        """See :meth:`LinearTerm.with_theta`."""
+        return replace(self, links=np.reshape(theta, self.links.shape))
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        if state.q.ndim != 2:
+            raise ShapeError("q", state.q.shape, "(N, n)")
+        return rigid_body.regressor(self.arm, state.q, state.qd, state.qdd, _WEIGHTLESS)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InertiaHypothesis(Hypothesis):
+    """A link's rotational inertia is another one.
+
+    Attributes:
+        isotropic: The same about all axes, or one about each axis of the link's frame.
+    """
+
+    EFFECT = LinkInertia
+
+    isotropic: bool
+    variable: str = "acceleration"
+
+    @property
+    def _directions(self) -> Array:
+        return inertia_directions(self.arm, self.site.index, self.isotropic)
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return link_columns(motion, self.site.index, self._directions)
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        if self.isotropic:
+            return {"inertia": float(theta[0])}
+        return {f"inertia_{a}{a}": float(t) for a, t in zip(AXES, theta, strict=True)}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """See :meth:`Hypothesis.merge`."""
+        del motion
+        return _with_change(values, link_name(self.arm, self.site.index), self._directions @ theta)
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`."""
+        told, joint = self._told(parameters), self.names[0]
+        if self.isotropic:
+            return f"the link of {joint} has {told['inertia']} inertia than the model's"
+        about = ", ".join(f"{value} about {name[-1]}" for name, value in told.items())
+        return f"the link of {joint} has another inertia than the model's: {about}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AllInertiaHypothesis(Hypothesis):
+    """The links' inertia as a whole is another one, or missing.
+
+    Its many coefficients mean nothing one by one.
+    """
+
+    EFFECT = LinkInertia
+    CLAIM = "the links' inertias as a whole are others than the model's"
+
+    variable: str = "acceleration"
+    of_model: bool = True
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return motion.inertial_torque(motion.inertial)
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del theta, setting
+        return {}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """See :meth:`Hypothesis.merge`."""
+        change = np.zeros(rigid_body.PER_LINK * len(self.arm.bodies))
+        change[motion.inertial] = theta
+        for body, row in zip(
+            self.arm.body_names, change.reshape(-1, rigid_body.PER_LINK), strict=True
+        ):
+            values = _with_change(values, body, row)
+        return values
+
+    def correction(self) -> str:
+        """See :meth:`Hypothesis.correction`."""
+        return "fitting them anew beside all else"
+
+
+def _with_change(values: Values, body: str, change: Array) -> Values:
+    name = f"{LinkInertia.NAME}.{body}"
+    row = np.array(values.get(name) or np.zeros(rigid_body.PER_LINK)) + change
+    return {**values, name: tuple(row.tolist())}
+
+
+def with_inertia(values: Values, body: str, change: Array) -> Values:
+    """Return a model's parameters with (10,) more of a body, if the model has inertia at all."""
+    if not any(name.startswith(f"{LinkInertia.NAME}.") for name in values):
+        return values
+    return _with_change(values, body, change)

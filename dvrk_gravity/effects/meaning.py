@@ -1,0 +1,107 @@
+"""What an estimated parameter means: its unit, its sign in words, what it plausibly is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from dvrk_gravity.quantity import quantity
+
+_TURN = 2.0 * math.pi  # an interval as wide says nothing of an angle
+
+MORE = ("more", "less")
+READS = ("too high", "too low")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter with its 95 % interval.
+
+    Attributes:
+        value: Estimate.
+        low: Lower end of the interval.
+        high: Upper end.
+        unit: SI unit, ``""`` if it has none.
+    """
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+    def doubtful(self, neutral: float | None) -> bool:
+        """Whether the interval holds the value that stands for no effect, if there is one."""
+        return neutral is not None and self.low <= neutral <= self.high
+
+    @property
+    def shown(self) -> str:
+        """The value with half its 95 % interval and its unit, as one reads it."""
+        return quantity(self.value, self.unit, 0.5 * (self.high - self.low))
+
+    @property
+    def magnitude(self) -> Estimate:
+        """The same without its sign."""
+        return Estimate(abs(self.value), self.low, self.high, self.unit)
+
+    def percent(self, neutral: float = 0.0) -> Estimate:
+        """Return by how much it is off a neutral value, in percent."""
+        value, low, high = (100.0 * (v - neutral) for v in (self.value, self.low, self.high))
+        return Estimate(value, low, high, "%")
+
+    def signed(self, senses: tuple[str, str]) -> str:
+        """Return its magnitude and the word for its sign; `perhaps` if zero is in its interval."""
+        words = f"{self.magnitude.shown} {senses[self.value < 0.0]}".rstrip()
+        return f"perhaps {words}" if self.doubtful(0.0) else words
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a parameter of a finding means.
+
+    Attributes:
+        unit: Its unit on revolute joints; of prismatic ones N and m stand for N·m and rad.
+        neutral: Value at which the effect is not there; ``None`` if it has none.
+        senses: What a positive value means, and a negative one.
+        label: What it is called in a table; by default its name.
+        least: Smallest plausible value: beyond, the effect is a name for something else.
+        greatest: Largest plausible value.
+        percent: It is a factor, and told as a change in percent.
+        reported: It is told at all, and not only used.
+        listed: It has a line in tables.
+        certain: Its sign is never in doubt, since it describes a curve and no size.
+    """
+
+    unit: str = ""
+    neutral: float | None = None
+    senses: tuple[str, str] | None = None
+    label: str = ""
+    least: float = -math.inf
+    greatest: float = math.inf
+    percent: bool = False
+    reported: bool = True
+    listed: bool = True
+    certain: bool = False
+
+    def tell(self, estimate: Estimate) -> str:
+        """Return an estimate in words; before one whose interval holds zero stands `perhaps`."""
+        if self.percent:
+            return estimate.percent(self.neutral or 0.0).signed(self.senses or ("", ""))
+        if estimate.unit == "rad" and estimate.high - estimate.low > _TURN:
+            return "any angle"
+        if self.senses is not None:
+            return estimate.signed(self.senses)
+        if self.certain or not estimate.doubtful(self.neutral):
+            return estimate.shown
+        return f"perhaps {estimate.shown}"
+
+
+def size(unit: str, senses: tuple[str, str] | None = None, label: str = "") -> Meaning:
+    """Return the meaning of a size, zero where the effect is not there."""
+    return Meaning(unit, 0.0, senses, label)
+
+
+def meanings(**of: Meaning) -> Mapping[str, Meaning]:
+    """Return the meanings of parameters by name, for an effect's ``MEANINGS``."""
+    return MappingProxyType(of)

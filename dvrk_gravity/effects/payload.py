@@ -1,0 +1,206 @@
+"""A mass carried by a link: a tool, a clip, a gripper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.tree import Tree, build_tree
+from dvrk_gravity.effects import rigid_body, site
+from dvrk_gravity.effects.effect import Hypothesis, Setting
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.link_change import with_link
+from dvrk_gravity.effects.links import (
+    AXES,
+    joints_with_weight,
+    link_columns,
+    link_name,
+    mass_directions,
+)
+from dvrk_gravity.effects.meaning import Meaning, meanings
+from dvrk_gravity.effects.merging import Values
+from dvrk_gravity.effects.term import Array, Evaluator, State, Term, as_value
+from dvrk_gravity.effects.weight import weight_evaluator
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameter import Parameter, Value
+
+_WEIGHTLESS = np.zeros(3)
+
+
+_LEAST = 1e-4  # kg, of which the place can be told
+_FARTHEST = 0.3  # m, from the link's frame
+
+
+@dataclass(frozen=True, eq=False)
+class Payload(Term):
+    """Weight and inertia of a point mass on a link.
+
+    The compensator carries its weight; its inertia is predicted and simulated. Gravity's
+    direction and flag are those of the gravity term, from the same parameters.
+
+    Attributes:
+        arm: The arm.
+        link: The link that carries it, by name.
+        mass: kg.
+        first_moment: (3,) mass times its place in the link's frame, kg·m.
+        vector: (3,) gravity in the base frame, m/s^2.
+        weighs: The gravity flag.
+    """
+
+    NAME = "payload"
+    MEANINGS = meanings(
+        mass=Meaning("kg", 0.0, least=0.0, greatest=5.0),
+        **{f"first_moment_{axis}": Meaning("kg·m") for axis in AXES},
+        **{axis: Meaning("m", reported=False) for axis in AXES},
+    )
+
+    arm: Arm
+    link: str
+    mass: float
+    first_moment: Array
+    vector: Array
+    weighs: bool = True
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        links = _links(arm)
+        return (
+            Parameter("payload.mass", 0.0, "kg", "mass carried by a link", lower=0.0, upper=10.0),
+            Parameter(
+                "payload.first_moment", (), "kg·m", "mass times its place in the link's DH frame",
+                lower=-10.0, upper=10.0, lengths=(3,),
+            ),
+            Parameter("payload.link", links[-1], "", "link that carries it", choices=links),
+        )  # fmt: skip
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Payload | None:
+        """See :meth:`Term.from_parameters`."""
+        mass = values.get("payload.mass", 0.0)
+        moment = np.array(values.get("payload.first_moment") or (0.0, 0.0, 0.0))
+        assert isinstance(mass, float)
+        if mass == 0.0:
+            if moment.any():
+                raise ConfigError("payload.mass", mass, "more than 0 kg beside a first moment")
+            return None
+        vector = values.get("gravity_vector")
+        return cls(
+            arm,
+            str(values.get("payload.link", _links(arm)[-1])),
+            mass,
+            moment,
+            arm.gravity if vector is None else np.array(vector),
+            bool(values.get("gravity_enabled", True)),
+        )
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        return {
+            "payload.mass": self.mass,
+            "payload.first_moment": as_value(self.first_moment),
+            "payload.link": self.link,
+            "gravity_vector": as_value(self.vector),
+            "gravity_enabled": self.weighs,
+        }
+
+    def with_gravity(self, vector: Array) -> Payload:
+        """See :meth:`Term.with_gravity`."""
+        return replace(self, vector=vector)
+
+    @property
+    def gravity_vector(self) -> Array:
+        """See :meth:`Term.gravity_vector`."""
+        return self.vector
+
+    @property
+    def inertia(self) -> pin.Inertia:
+        """Of the point mass, in the link's frame."""
+        return pin.Inertia(self.mass, self.first_moment / self.mass, np.zeros((3, 3)))
+
+    @property
+    def weight(self) -> Tree:
+        """Tree whose gravity torques are the payload's."""
+        gravity = self.vector if self.weighs else _WEIGHTLESS
+        return build_tree(self.arm, {self.link: self.inertia}, gravity)
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`: its weight alone."""
+        return weight_evaluator(self.weight)
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) torques of weight and inertia, N·m; at rest where no motion is known."""
+        q, qd, qdd = (
+            None if array is None else array.reshape(-1, array.shape[-1])
+            for array in (state.q, state.qd, state.qdd)
+        )
+        assert q is not None
+        gravity = self.vector if self.weighs else _WEIGHTLESS
+        torque = rigid_body.torque(self.arm, self._links, q, qd, qdd, gravity)
+        return torque.reshape(state.q.shape)
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`."""
+        if not motion.present.all():
+            return
+        for joint in joints_with_weight(motion.arm):
+            yield PayloadHypothesis(
+                arm=motion.arm, site=site.link(joint), joints=(joint,),
+                form=link_name(motion.arm, joint), setting=dict.fromkeys(AXES, 0.0),
+            )  # fmt: skip
+
+    @cached_property
+    def _links(self) -> Array:
+        """(10 bodies,) inertial parameters of the arm's bodies."""
+        rows = np.zeros((len(self.arm.bodies), rigid_body.PER_LINK))
+        body = self.arm.body(self.link).frame.act(self.inertia)
+        rows[self.arm.body_names.index(self.link)] = body.toDynamicParameters()
+        return rows.ravel()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PayloadHypothesis(Hypothesis):
+    """A link carries a point mass that the model does not know."""
+
+    EFFECT = Payload
+    CLAIM = "{joint}'s link carries {mass} that the model does not know"
+
+    fixed_point: tuple[str, ...] = AXES
+
+    def _directions(self, setting: Setting) -> Array:
+        place = np.array([setting[axis] for axis in AXES])
+        return mass_directions(self.arm, self.site.index, place)
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        return link_columns(motion, self.site.index, self._directions(setting))
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        mass = float(theta[0])
+        moments = {f"first_moment_{a}": float(m) for a, m in zip(AXES, theta[1:], strict=True)}
+        safe = mass if abs(mass) > _LEAST else _LEAST
+        place = np.clip(theta[1:] / safe, -_FARTHEST, _FARTHEST)
+        return {"mass": mass, **moments} | {a: float(p) for a, p in zip(AXES, place, strict=True)}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`; beside a payload that is there it is part of the link."""
+        link, name = link_name(self.arm, self.site.index), self.effect
+        if motion.model.term(name) is None and f"{name}.mass" not in values and theta[0] > 0.0:
+            moment = tuple(theta[1:].tolist())
+            named = {"mass": float(theta[0]), "first_moment": moment, "link": link}
+            return {**values, **{f"{name}.{key}": value for key, value in named.items()}}
+        change = self._directions(self.setting) @ theta
+        return with_link(self.arm, values, self.site.index, change)
+
+
+def _links(arm: Arm) -> tuple[str, ...]:
+    """Return the links of the chain, which a thing can be fastened to."""
+    return tuple(link_name(arm, joint) for joint in range(arm.n))

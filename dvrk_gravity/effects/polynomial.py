@@ -1,0 +1,130 @@
+"""Polynomials of one's own joint's position, held at the edge of their range.
+
+A quartic fitted on +-40 deg is off by hundreds of mN·m beyond it; held at the
+edge it stays within what the data ever showed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects.term import Array, as_array, as_value, joint_array
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameter import Parameter, Value
+
+MAX_DEGREE = 12
+_FAR = 1e6  # rad, beyond every joint
+
+
+def declare_coefficients(arm: Arm, prefix: str, meaning: str) -> Iterator[Parameter]:
+    """Declare ``prefix.JOINT`` for each joint: k0, k1, … of k0 + k1 q + …."""
+    for joint in arm.joint_names:
+        yield Parameter(
+            f"{prefix}.{joint}",
+            (),
+            "N·m/rad^k",
+            f"{meaning}, {joint}",
+            lengths=tuple(range(1, MAX_DEGREE + 2)),
+        )
+
+
+def declare_range(arm: Arm, prefix: str) -> tuple[Parameter, ...]:
+    """Declare the range of positions outside which the polynomial's argument is held."""
+    return (
+        joint_array(
+            arm, f"{prefix}.valid_lower", "rad", "lower edge of the range it was fitted on"
+        ),
+        joint_array(
+            arm, f"{prefix}.valid_upper", "rad", "upper edge of the range it was fitted on"
+        ),
+    )
+
+
+def read_coefficients(arm: Arm, prefix: str, values: Mapping[str, Value]) -> Array | None:
+    """Return (degree + 1, n) coefficients, lowest power first; ``None`` if not given."""
+    given = {joint: values.get(f"{prefix}.{joint}", ()) for joint in arm.joint_names}
+    length = max(len(value) for value in given.values() if isinstance(value, tuple))
+    if length == 0:
+        return None
+    coefficients = np.zeros((length, len(given)))
+    for column, value in enumerate(given.values()):
+        if isinstance(value, tuple):
+            coefficients[: len(value), column] = value
+    return coefficients
+
+
+def write_coefficients(arm: Arm, prefix: str, coefficients: Array) -> dict[str, Value]:
+    """Return the values that :func:`read_coefficients` reads; joints with zeros only left out."""
+    return {
+        f"{prefix}.{joint}": as_value(coefficients[:, column])
+        for column, joint in enumerate(arm.joint_names)
+        if coefficients[:, column].any()
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Range:
+    """Positions on which a polynomial was fitted.
+
+    Attributes:
+        lower: (n,) rad; ``-inf`` where there is no edge.
+        upper: (n,) rad.
+    """
+
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, prefix: str, values: Mapping[str, Value]) -> Range:
+        """Read ``prefix.valid_lower`` and ``prefix.valid_upper``.
+
+        Raises:
+            ConfigError: A lower edge above its upper edge.
+        """
+        lower = as_array(values.get(f"{prefix}.valid_lower"), arm.n, -np.inf)
+        upper = as_array(values.get(f"{prefix}.valid_upper"), arm.n, np.inf)
+        for joint, low, high in zip(arm.joint_names, lower.tolist(), upper.tolist(), strict=True):
+            if low > high:
+                raise ConfigError(
+                    f"{prefix}.valid_lower of {joint}", low, f"at most valid_upper ({high:g})"
+                )
+        return cls(lower, upper)
+
+    def parameters(self, prefix: str) -> dict[str, Value]:
+        """Return the values that :meth:`from_parameters` reads."""
+        edges = {"valid_lower": self.lower, "valid_upper": self.upper}
+        # Parameters are finite: where only some joints have an edge, the others get a far one.
+        return {
+            f"{prefix}.{name}": as_value(np.clip(edge, -_FAR, _FAR))
+            for name, edge in edges.items()
+            if np.isfinite(edge).any()
+        }
+
+    def hold(self, q: Array) -> Array:
+        """Return (…, n) positions with those outside the range at its edge."""
+        return np.minimum(np.maximum(q, self.lower), self.upper)
+
+
+def evaluate(coefficients: Array, q: Array) -> Array:
+    """Return (…, n) values of (degree + 1, n) coefficients at (…, n) positions (Horner)."""
+    result = np.broadcast_to(coefficients[-1], q.shape).copy()
+    for row in coefficients[-2::-1]:
+        result *= q
+        result += row
+    return result
+
+
+def prepare_powers(valid: Range, count: int) -> Callable[..., Array]:
+    """Return what makes (count, n) powers 0, 1, … of (n,) positions held within a range."""
+    lower, upper = valid.lower, valid.upper
+    steps = np.ones((count, len(lower)))
+
+    def powers(q: Array, out: Array | None = None) -> Array:
+        steps[1:] = np.minimum(np.maximum(q, lower), upper)
+        return np.multiply.accumulate(steps, 0, None, out)
+
+    return powers

@@ -1,0 +1,304 @@
+"""Friction that builds up with displacement after the motion reverses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
+from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.friction_sites import friction_sites
+from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.term import (
+    Array,
+    LinearTerm,
+    State,
+    as_value,
+    diagonal_columns,
+    motor_columns,
+)
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameter import Parameter, Value
+
+_MOST = 8
+_FAR = 1e6  # rad
+_MOMENT = 0.2  # s
+_DISPLACEMENTS = (1e-4, 10.0)  # rad
+_RESOLVED = 3.0  # encoder steps that a displacement must have to be seen
+_REPLACED = 1.5  # times the model's Coulomb friction: more than that, it cannot take away
+_LENGTHS = (0.02, 0.06, 0.15, 0.35)  # of half the way of the joint, from which the search begins
+_PLACES = ("joint", "motor")
+
+
+@dataclass(frozen=True, eq=False)
+class PreslidingHysteresis(LinearTerm):
+    """Elements in parallel, each an elastic contact that yields (Dahl 1968; Maxwell slip).
+
+    Element k pushes with levels[k] z_k against the motion of a joint or motor, where
+    dz_k = (sign(dx) - z_k) |dx| / displacement[k]: after a reversal it takes that
+    displacement, not a time, to build up. Samples of an (N, n) state follow each other in time;
+    before the first one the arm is taken to have slid as it does there. A single sample has no
+    past, and a velocity then gives the level that it would end at.
+
+    Attributes:
+        arm: The arm, for its transmission.
+        displacement: (K,) rad.
+        joint: (K, n) levels at the joints, N·m.
+        motor: (K, n) levels at the motors, N·m.
+    """
+
+    NAME = "presliding_hysteresis"
+    MEANINGS = meanings(
+        level=Meaning("N·m", 0.0, least=0.0),
+        length=Meaning("rad", label="builds up over"),
+        coulomb=size("N·m", MORE, "Coulomb friction beside it"),
+    )
+    FRICTION = True
+    COMPENSATED = False
+
+    arm: Arm
+    displacement: Array
+    joint: Array
+    motor: Array
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        lengths = tuple(range(1, _MOST + 1))
+        return (
+            Parameter(
+                f"{cls.NAME}.displacement", (), "rad",
+                "displacement over which each element builds up",
+                lower=_DISPLACEMENTS[0], upper=_DISPLACEMENTS[1], lengths=lengths,
+            ),
+            *(
+                Parameter(
+                    f"{cls.NAME}.{place}.{joint}", (), "N·m",
+                    f"friction of each element at the {place}, {joint}",
+                    lower=0.0, lengths=lengths,
+                )
+                for place in _PLACES
+                for joint in arm.joint_names
+            ),
+        )  # fmt: skip
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> PreslidingHysteresis | None:
+        """See :meth:`Term.from_parameters`."""
+        displacement = values.get(f"{cls.NAME}.displacement") or ()
+        assert isinstance(displacement, tuple)
+        levels = {place: np.zeros((len(displacement), arm.n)) for place in _PLACES}
+        for place in _PLACES:
+            for column, joint in enumerate(arm.joint_names):
+                given = values.get(f"{cls.NAME}.{place}.{joint}") or ()
+                assert isinstance(given, tuple)
+                if given and len(given) != len(displacement):
+                    raise ConfigError(
+                        f"{cls.NAME}.{place}.{joint}",
+                        f"{len(given)} numbers",
+                        f"{len(displacement)}, as many as {cls.NAME}.displacement",
+                    )
+                if given:
+                    levels[place][:, column] = given
+        return cls(arm, np.array(displacement), **levels) if displacement else None
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        values: dict[str, Value] = {f"{self.NAME}.displacement": as_value(self.displacement)}
+        for place in _PLACES:
+            levels = getattr(self, place)
+            values |= {
+                f"{self.NAME}.{place}.{joint}": as_value(levels[:, column])
+                for column, joint in enumerate(self.arm.joint_names)
+                if levels[:, column].any()
+            }
+        return values
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) friction torques, N·m; zero where no motion is known."""
+        elements = self.elements(state)
+        joint = (self.joint * elements[..., 0, :]).sum(axis=-2)
+        motor = (self.motor * elements[..., 1, :]).sum(axis=-2)
+        return joint + self.arm.joint_effort(motor)
+
+    def scaled(self, part: Array) -> PreslidingHysteresis:
+        """See :meth:`Term.scaled`."""
+        return replace(self, joint=part * self.joint, motor=part * self.motor)
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`: for each element its joints, then its motors."""
+        return np.concatenate([self.joint, self.motor], axis=1).ravel()
+
+    def with_theta(self, theta: Array) -> PreslidingHysteresis:
+        """See :meth:`LinearTerm.with_theta`."""
+        levels = np.reshape(theta, (len(self.displacement), 2, -1))
+        return replace(self, joint=levels[:, 0], motor=levels[:, 1])
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        return self.columns(self.elements(state))
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`: at several displacements, with and without exchange."""
+        if motion.static:
+            return
+        for place in friction_sites(motion):
+            row = place.row(motion.arm)
+            half = float(np.ptp(np.percentile(motion.q @ row, [1, 99]))) / 2
+            # What happens within few steps of an encoder looks like what happens at low speed.
+            shortest = _RESOLVED * float(motion.step @ np.abs(row))
+            for length in sorted({max(part * half, shortest) for part in _LENGTHS}):
+                for known in (None, _known_coulomb(motion, place)):
+                    yield PreslidingHypothesis(
+                        arm=motion.arm, site=place, joints=(place.index,),
+                        setting={"length": length}, shortest=shortest, known=known,
+                    )  # fmt: skip
+
+    def columns(self, elements: Array) -> Array:
+        """Return (N, n, 2 n K) regressor from (N, K, 2, n) states of the elements."""
+        columns = []
+        for k in range(len(self.displacement)):
+            columns.append(diagonal_columns(elements[..., k, 0, :]))
+            columns.append(motor_columns(self.arm, elements[..., k, 1, :]))
+        return np.concatenate(columns, axis=-1)
+
+    def elements(self, state: State, before: Array | None = None) -> Array:
+        """Return (…, K, 2, n) states z of the elements, -1 to 1: at the joints, at the motors.
+
+        Args:
+            state: As :meth:`torque` takes it.
+            before: (K, 2, n) states at the first of (N, n) samples, where they are known.
+        """
+        count, n = len(self.displacement), state.q.shape[-1]
+        motion = state.qd if state.direction is None else state.direction
+        if motion is None:
+            return np.zeros((*state.q.shape[:-1], count, 2, n))
+        motion = np.stack([motion, self.arm.actuator_position(motion)], axis=-2)
+        if state.direction is not None or state.q.ndim != 2 or len(state.q) < 2:
+            # Approached from far, or as far as the velocity goes in a moment.
+            travel = _FAR if state.direction is not None else _MOMENT
+            reach = travel / self.displacement
+            return np.clip(motion[..., None, :, :] * reach[:, None, None], -1.0, 1.0)
+        position = np.stack([state.q, self.arm.actuator_position(state.q)], axis=-2)
+        if before is None:
+            before = np.broadcast_to(np.sign(motion[0]), (count, 2, n))
+        return _build_up(position, before, self.displacement)
+
+
+def _build_up(position: Array, first: Array, displacement: Array) -> Array:
+    """Return (N, K, 2, n) states along (N, 2, n) positions from (K, 2, n) ``first`` ones on."""
+    out = np.empty((len(position), *first.shape))
+    for k, place, index in np.ndindex(*first.shape):
+        way = position[:, place, index]
+        out[:, k, place, index] = dahl(way, float(displacement[k]), float(first[k, place, index]))
+    return out
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PreslidingHypothesis(Hypothesis):
+    """One element at a joint or a motor; part of the model's Coulomb friction may be its.
+
+    Attributes:
+        shortest: Displacement below which the encoder shows nothing, rad.
+        known: The model's Coulomb friction there, N·m; ``None``: it stays what it is.
+    """
+
+    EFFECT = PreslidingHysteresis
+
+    shortest: float
+    known: float | None = None
+    refine: tuple[str, ...] = ("length",)
+    searched: int = len(_LENGTHS)
+    directed: bool = True
+    of_state: bool = False
+
+    def _length(self, setting: Setting) -> float:
+        return max(setting["length"], self.shortest)
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`; elements are relaxed at the beginning of every part."""
+        row = self.site.row(self.arm)
+        position = motion.q @ row
+        state = np.zeros(len(position))
+        for part in motion.parts:
+            state[part] = dahl(position[part], self._length(setting), 0.0)
+        if self.known is None:
+            return spread(row, state)
+        return spread(row, state, motion.sign(row))
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        values = {"level": float(theta[0]), "length": self._length(setting)}
+        return values | ({} if self.known is None else {"coulomb": float(theta[1])})
+
+    def plausible(self, theta: Array) -> bool:
+        """See :meth:`Hypothesis.plausible`; it takes no Coulomb friction that is not there."""
+        taken = 0.0 if self.known is None else -float(theta[1])
+        return super().plausible(theta) and taken <= _REPLACED * (self.known or 0.0)
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`: an element more, and the change of Coulomb friction."""
+        del motion
+        if theta[0] < 0.0:
+            return None
+        name = self.effect
+        mine = f"{name}.{self.site.kind.value}.{self.arm.joint_names[self.site.index]}"
+        lengths = tuple(values.get(f"{name}.displacement") or ())
+        length = float(np.clip(self.setting["length"], *_DISPLACEMENTS))
+        result = {**values, f"{name}.displacement": (*lengths, length)}
+        levels = tuple(f"{name}.{place}." for place in _PLACES)
+        for other in values:
+            if other.startswith(levels) and values[other]:
+                result[other] = (*values[other], 0.0)
+        before = tuple(values.get(mine) or np.zeros(len(lengths)).tolist())
+        result[mine] = (*before, float(theta[0]))
+        if len(theta) > 1:
+            result = with_coulomb(self.arm, result, self.site, theta[1:])
+        return result
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`."""
+        told = self._told(parameters)
+        beside = f", beside {told['coulomb']} Coulomb friction" if "coulomb" in told else ""
+        return (
+            f"friction of {self.site.words(self.arm)} builds up to {told['level']} over "
+            f"{told['length']} after each reversal{beside}"
+        )
+
+
+def _known_coulomb(motion: Motion, where: site.Site) -> float:
+    """Return the model's Coulomb friction at a site, a joint's with its motor's, N·m."""
+    term = motion.model.term(CoulombFriction.NAME)
+    return term.at(where) if isinstance(term, CoulombFriction) else 0.0
+
+
+def dahl(position: Array, displacement: float, first: float) -> Array:
+    """Return (N,) states of an element in [-1, 1] along (N,) positions, from its first state on.
+
+    Between reversals z = s + (z0 - s) exp(-way / displacement), which is exact: what happens on
+    the way is known as soon as the states at the reversals are, and these follow one another.
+    """
+    step = np.diff(position)
+    if not len(step):
+        return np.full(len(position), first)
+    sign = np.sign(step)
+    starts = np.flatnonzero(np.diff(sign, prepend=np.nan))  # of runs that go one way
+    way = np.concatenate([[0.0], np.cumsum(np.abs(step))])
+    ends = np.append(starts[1:], len(step))
+    left = np.exp(-(way[ends] - way[starts]) / displacement).tolist()
+    at_start, state = [], first
+    for goal, kept in zip(sign[starts].tolist(), left, strict=True):
+        at_start.append(state)
+        # Where nothing moves, nothing is lost: of a zero step all is kept.
+        state = goal + (state - goal) * kept
+    run = np.repeat(np.arange(len(starts)), ends - starts)
+    along = np.exp(-(way[1:] - way[starts][run]) / displacement)
+    states = sign + (np.array(at_start)[run] - sign) * along
+    return np.concatenate([[first], states])

@@ -1,0 +1,119 @@
+"""Inertia of the motors' rotors as the motors feel it through their gears."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.meaning import MORE, meanings, size
+from dvrk_gravity.effects.merging import added
+from dvrk_gravity.effects.term import (
+    Array,
+    LinearTerm,
+    State,
+    as_array,
+    as_value,
+    joint_array,
+    motor_columns,
+)
+from dvrk_gravity.parameter import Parameter, Value
+
+
+@dataclass(frozen=True, eq=False)
+class RotorInertia(LinearTerm):
+    """Torque proportional to the acceleration of a motor, felt by every joint that it moves.
+
+    Attributes:
+        arm: The arm, for its transmission.
+        motor: (n,) reflected inertia at the motors, kg·m^2.
+    """
+
+    NAME = "rotor_inertia"
+    MEANINGS = meanings(inertia=size("kg·m^2", MORE))
+    COMPENSATED = False  # a compensator holds; it knows no acceleration
+
+    arm: Arm
+    motor: Array
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return (
+            joint_array(
+                arm, "rotor_inertia.motor", "kg·m^2", "reflected inertia at the motor", 0.0
+            ),
+        )
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> RotorInertia | None:
+        """See :meth:`Term.from_parameters`."""
+        motor = as_array(values.get("rotor_inertia.motor"), arm.n, 0.0)
+        return cls(arm, motor) if motor.any() else None
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        return {"rotor_inertia.motor": as_value(self.motor)}
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) torques, N·m; zero where the acceleration is unknown."""
+        if state.qdd is None:
+            return np.zeros(state.q.shape)
+        return self.arm.joint_effort(self.motor * self.arm.actuator_position(state.qdd))
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`."""
+        return self.motor
+
+    def with_theta(self, theta: Array) -> RotorInertia:
+        """See :meth:`LinearTerm.with_theta`."""
+        return replace(self, motor=np.asarray(theta, dtype=float))
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`."""
+        if motion.static:
+            return
+        for motor, row in enumerate(motion.arm.joint_to_actuator):
+            if motion.moves[row != 0].any():
+                yield RotorHypothesis(arm=motion.arm, site=site.motor(motor), joints=(motor,))
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        if state.qdd is None:
+            return np.zeros((*state.q.shape, len(self.motor)))
+        return motor_columns(self.arm, self.arm.actuator_position(state.qdd))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RotorHypothesis(Hypothesis):
+    """A motor's rotor has another inertia."""
+
+    EFFECT = RotorInertia
+    CLAIM = "{where} has {inertia} rotor inertia than the model"
+
+    variable: str = "acceleration"
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        row = self.site.row(self.arm)
+        return spread(row, motion.qdd @ row)
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"inertia": float(theta[0])}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`; no rotor has an inertia below zero."""
+        del motion
+        name = f"{self.effect}.motor"
+        result = added(self.arm, values, name, self.site.index, float(theta[0]))
+        return None if min(result[name]) < 0.0 else result

@@ -1,0 +1,194 @@
+"""Friction at rest and at low speed that falls as the speed grows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.friction_sites import friction_sites
+from dvrk_gravity.effects.meaning import Meaning, meanings
+from dvrk_gravity.effects.merging import array
+from dvrk_gravity.effects.term import (
+    Array,
+    Friction,
+    State,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_array,
+    motor_columns,
+)
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameter import Parameter, Value
+
+_PLACES = ("joint", "motor")
+_SPEEDS = (0.12, 0.3, 0.7)  # of the RMS speed, from which the search begins
+_SLOWEST = 1e-4  # rad/s, of a velocity that a level can have
+
+
+@dataclass(frozen=True, eq=False)
+class StribeckFriction(Friction):
+    """tau = level exp(-(v / velocity)^2) sign(v), beside Coulomb friction.
+
+    The Gaussian form of the Stribeck effect (Armstrong-Hélouvry, Dupont and Canudas de Wit 1994,
+    Automatica 30:7, equation 6 with an exponent of two). Like Coulomb friction it rises linearly
+    up to the transition velocity; a pose that was approached and held has the whole of it.
+
+    Attributes:
+        arm: The arm, for its transmission.
+        joint: (n,) levels at rest at the joints, N·m.
+        motor: (n,) levels at rest at the motors, N·m.
+        joint_velocity: (n,) speeds of the joints at which 1/e is left, rad/s.
+        motor_velocity: (n,) speeds of the motors at which 1/e is left, rad/s.
+        transition_velocity: (n,) rad/s; 0 makes it jump with the sign.
+    """
+
+    NAME = "stribeck_friction"
+    TITLE = "Stribeck friction"
+    MEANINGS = meanings(
+        level=Meaning("N·m", 0.0, label="greater at rest by", least=0.0),
+        velocity=Meaning("rad/s", label="gone above about"),
+    )
+
+    joint_velocity: Array
+    motor_velocity: Array
+    transition_velocity: Array
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        declared = (
+            ("joint", "N·m", "level at rest, at the joint"),
+            ("motor", "N·m", "level at rest, at the motor"),
+            ("joint_velocity", "rad/s", "the joint's speed that leaves 1/e"),
+            ("motor_velocity", "rad/s", "the motor's speed that leaves 1/e"),
+            ("transition_velocity", "rad/s", "sign complete from there"),
+        )
+        return tuple(
+            joint_array(arm, f"{cls.NAME}.{name}", unit, meaning, 0.0)
+            for name, unit, meaning in declared
+        )
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> StribeckFriction | None:
+        """See :meth:`Term.from_parameters`; where there is a level, there must be a velocity."""
+        n = arm.n
+        levels = {p: as_array(values.get(f"{cls.NAME}.{p}"), n, 0.0) for p in _PLACES}
+        if not any(level.any() for level in levels.values()):
+            return None
+        speeds = {}
+        for place, level in levels.items():
+            name = f"{cls.NAME}.{place}_velocity"
+            speeds[f"{place}_velocity"] = speed = as_array(values.get(name), n, 0.0)
+            for index in np.flatnonzero((level > 0.0) & (speed < _SLOWEST)).tolist():
+                raise ConfigError(
+                    f"{name} of {arm.joint_names[index]}",
+                    float(speed[index]),
+                    f"at least {_SLOWEST:g} rad/s beside a level of {level[index]:g} N·m",
+                )
+        transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), n, 0.02)
+        return cls(arm, **levels, **speeds, transition_velocity=transition)
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        used = [place for place in _PLACES if getattr(self, place).any()]
+        names = [name for place in used for name in (place, f"{place}_velocity")]
+        names.append("transition_velocity")
+        return {f"{self.NAME}.{name}": as_value(getattr(self, name)) for name in names}
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) friction torques, N·m; zero where no motion is known."""
+        parts = self._parts(state)
+        if parts is None:
+            return np.zeros(state.q.shape)
+        joint, motor = parts
+        return self.joint * joint + self.arm.joint_effort(self.motor * motor)
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        parts = self._parts(state)
+        if parts is None:
+            return np.zeros((*state.q.shape, len(self.theta)))
+        joint, motor = parts
+        columns = [diagonal_columns(joint), motor_columns(self.arm, motor)]
+        return np.concatenate(columns, axis=-1)
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`."""
+        if motion.static:
+            return
+        for place in friction_sites(motion):
+            speed = float(np.sqrt(np.mean((motion.qd @ place.row(motion.arm)) ** 2)))
+            for part in _SPEEDS:
+                yield StribeckHypothesis(
+                    arm=motion.arm, site=place, joints=(place.index,),
+                    setting={"velocity": part * speed},
+                )  # fmt: skip
+
+    def _parts(self, state: State) -> tuple[Array, Array] | None:
+        """Return (…, n) torques per level at the joints and at the motors."""
+        if state.direction is not None:
+            return np.sign(state.direction), np.sign(self.arm.actuator_position(state.direction))
+        if state.qd is None:
+            return None
+        motion = (state.qd, self.arm.actuator_position(state.qd))
+        joint, motor = (
+            np.clip(v * self._slope, -1.0, 1.0) * np.exp(-((v * inverse) ** 2))
+            for v, inverse in zip(motion, self._inverse, strict=True)
+        )
+        return joint, motor
+
+    @cached_property
+    def _slope(self) -> Array:
+        return 1.0 / np.maximum(self.transition_velocity, 1e-9)
+
+    @cached_property
+    def _inverse(self) -> tuple[Array, Array]:
+        """1 / velocity at the joints and at the motors; 0 where there is none, nor a level."""
+        joint, motor = (
+            np.divide(1.0, speed, out=np.zeros(speed.shape), where=speed >= _SLOWEST)
+            for speed in (self.joint_velocity, self.motor_velocity)
+        )
+        return joint, motor
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StribeckHypothesis(Hypothesis):
+    """Friction that falls with the speed, at a joint or a motor."""
+
+    EFFECT = StribeckFriction
+    CLAIM = (
+        "friction of {where} is {level} greater at rest than at speed, "
+        "and falls within about {velocity}"
+    )
+
+    refine: tuple[str, ...] = ("velocity",)
+    variable: str = "velocity"
+    searched: int = len(_SPEEDS)
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        row = self.site.row(self.arm)
+        ratio = (motion.qd @ row) / setting["velocity"]
+        return spread(row, motion.sign(row) * np.exp(-(ratio**2)))
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        return {"level": float(theta[0]), "velocity": setting["velocity"]}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`; a joint has one velocity."""
+        del motion
+        name, index = f"{self.effect}.{self.site.kind.value}", self.site.index
+        level, speed = (array(self.arm, values, one) for one in (name, f"{name}_velocity"))
+        if level[index] > 0.0 or theta[0] < 0.0:
+            return None
+        level[index], speed[index] = theta[0], self.setting["velocity"]
+        return {**values, name: tuple(level.tolist()), f"{name}_velocity": tuple(speed.tolist())}

@@ -1,0 +1,252 @@
+"""What every physical term is: parameters with units, and a torque at a state."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dvrk_gravity.arguments import floats
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects.effect import Effect
+from dvrk_gravity.errors import ShapeError
+from dvrk_gravity.parameter import Parameter, Value
+
+Array = NDArray[np.float64]
+Evaluator = Callable[[Array, "Array | None"], Array]
+"""Torque (n,) of one sample from positions (n,) and velocities (n,), ``None`` where unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where the arm is and how it moves, in joint space.
+
+    Attributes:
+        q: (…, n) positions, rad.
+        qd: (…, n) velocities, rad/s; ``None`` if unknown: friction is then left out.
+        qdd: (…, n) accelerations, rad/s^2; ``None`` counts as zero.
+        direction: (…, n) +1/-1, the way in which a static pose was approached;
+            where given, it replaces the sign of the velocity in dry friction.
+
+    Samples of an (N, n) state that has velocities follow each other in time; it matters only
+    to friction that remembers where the motion last reversed.
+    """
+
+    q: Array
+    qd: Array | None = None
+    qdd: Array | None = None
+    direction: Array | None = None
+
+    @classmethod
+    def of(
+        cls,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        qdd: ArrayLike | None = None,
+        direction: ArrayLike | None = None,
+        joints: int | None = None,
+    ) -> State:
+        """Check the shapes and build a state.
+
+        Args:
+            q: (…, n) positions.
+            qd: Velocities, if they are known.
+            qdd: Accelerations, if they are known.
+            direction: Ways of approach, if they are known.
+            joints: The arm's number n of joints; ``None``: that of ``q``.
+
+        Raises:
+            ShapeError: ``q`` is not (…, n), or another array's shape differs from it.
+            ArgumentError: What holds no numbers.
+        """
+        position = floats("q", q)
+        if position.ndim == 0 or joints not in (None, position.shape[-1]):
+            raise ShapeError("q", position.shape, f"(…, {'n' if joints is None else joints})")
+        rest: dict[str, Array | None] = {}
+        for name, given in (("qd", qd), ("qdd", qdd), ("direction", direction)):
+            array = None if given is None else floats(name, given)
+            if array is not None and array.shape != position.shape:
+                raise ShapeError(name, array.shape, f"{position.shape}, as q")
+            rest[name] = array
+        return cls(position, **rest)
+
+    def rows(self, which: slice | NDArray[np.int64]) -> State:
+        """Return some of the samples of an (N, n) state."""
+        rest = (self.qd, self.qdd, self.direction)
+        return State(self.q[which], *(None if one is None else one[which] for one in rest))
+
+
+class Term(Effect):
+    """One named physical cause of torque.
+
+    Torques are those that the *actuators apply*, expressed in joint space: a
+    static arm reads ``g(q)``, and friction counts positive along the motion.
+
+    Class attributes:
+        NAME: The effect's name in the fixed vocabulary.
+        FRICTION: Dissipative: the compensator scales it by its friction ratio, with
+            :meth:`scaled`.
+        COMPENSATED: The compensator applies it; off for what needs the past of the motion or
+            lives in a sensor.
+    """
+
+    FRICTION: ClassVar[bool] = False
+    COMPENSATED: ClassVar[bool] = True
+
+    @classmethod
+    @abstractmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """Return the declarations of every parameter that the effect has in an arm's files."""
+
+    @classmethod
+    @abstractmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Term | None:
+        """Build the term from checked values, ``None`` if they do not mention it.
+
+        Raises:
+            ConfigError: Values that do not fit each other.
+        """
+
+    @abstractmethod
+    def parameters(self) -> dict[str, Value]:
+        """Return the values that :meth:`from_parameters` would take."""
+
+    @abstractmethod
+    def torque(self, state: State) -> Array:
+        """Return (…, n) joint torques, N·m."""
+
+    def scaled(self, part: Array) -> Term:
+        """Return the friction of which (n,) parts are left at each joint and its motor.
+
+        Raises:
+            NotImplementedError: The effect is no friction and has none.
+        """
+        raise NotImplementedError(f"{self.NAME} is no friction")
+
+    def whole(self) -> Term:
+        """Return the term as physics, not as the part of it that is compensated."""
+        return self
+
+    def split(self, part: Array) -> tuple[Term | None, Term | None]:
+        """Return what a compensator applies of the term: without friction, and friction.
+
+        The first is applied as at rest: a compensator leaves inertia to the hand.
+
+        Args:
+            part: (n,) part of friction that is compensated at each joint and its motor.
+        """
+        return (None, self.scaled(part)) if self.FRICTION else (self, None)
+
+    def friction_part(self, part: Array) -> Array:
+        """Return (n,) the part of its friction that :meth:`split` leaves; zeros if it has none."""
+        return part if self.FRICTION else np.zeros_like(part)
+
+    @property
+    def carries_arm(self) -> bool:
+        """Whether it is what holds the arm itself up against gravity."""
+        return False
+
+    @property
+    def gravity_vector(self) -> Array | None:
+        """(3,) gravity in the base frame that it is computed with, m/s^2; ``None``: no weight."""
+        return None
+
+    def with_gravity(self, vector: Array) -> Term:
+        """Return the term with another gravity in the base frame; what has no weight stays."""
+        del vector
+        return self
+
+    def prepare(self) -> Evaluator:
+        """Return an evaluator of one sample, equal to :meth:`torque` but faster.
+
+        Of what is no friction it may be the torque at rest, which is what a compensator asks for.
+        """
+        return lambda q, qd: self.torque(State(q, qd))
+
+    def prepare_parts(self, part: Array) -> Evaluator | None:
+        """Return an evaluator of both parts of :meth:`split`, (2, n), if the term has both."""
+        return None
+
+
+class LinearTerm(Term):
+    """A term that is linear in its coefficients theta: ``torque = regressor @ theta``.
+
+    What identification solves for; everything else about the term (ranges, transition
+    velocities, gravity's direction) stays as it is.
+    """
+
+    @property
+    @abstractmethod
+    def theta(self) -> Array:
+        """(k,) coefficients, in the order of the regressor's columns."""
+
+    @abstractmethod
+    def with_theta(self, theta: Array) -> LinearTerm:
+        """Return the same term with other (k,) coefficients."""
+
+    @abstractmethod
+    def regressor(self, state: State) -> Array:
+        """Return (N, n, k) for (N, n) states: joint torques of each coefficient at one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Friction(LinearTerm):
+    """Friction with a coefficient at each joint and one at each motor.
+
+    Attributes:
+        arm: The arm, for its transmission.
+        joint: (n,) coefficients at the joints.
+        motor: (n,) coefficients at the motors.
+    """
+
+    FRICTION = True
+
+    arm: Arm
+    joint: Array
+    motor: Array
+
+    def scaled(self, part: Array) -> Self:
+        """See :meth:`Term.scaled`."""
+        return replace(self, joint=part * self.joint, motor=part * self.motor)
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`: at the joints, then at the motors."""
+        return np.concatenate([self.joint, self.motor])
+
+    def with_theta(self, theta: Array) -> Self:
+        """See :meth:`LinearTerm.with_theta`."""
+        joint, motor = np.reshape(theta, (2, -1))
+        return replace(self, joint=joint, motor=motor)
+
+
+def diagonal_columns(values: Array) -> Array:
+    """Return (N, n, n) columns that act on one joint each, from (N, n) values."""
+    columns = np.zeros((*values.shape, values.shape[-1]))
+    index = np.arange(values.shape[-1])
+    columns[..., index, index] = values
+    return columns
+
+
+def motor_columns(arm: Arm, values: Array) -> Array:
+    """Return (N, n, n) joint torques of (N, n) motor torques, a column a motor."""
+    return values[..., None, :] * arm.joint_to_actuator.T
+
+
+def joint_array(arm: Arm, name: str, unit: str, meaning: str, lower: float = -np.inf) -> Parameter:
+    """Declare an optional array with a number for each joint of an arm."""
+    return Parameter(name, (), unit, meaning, lower=lower, lengths=(arm.n,))
+
+
+def as_array(value: Value | None, n: int, default: float) -> Array:
+    """Return a parameter's (n,) array, filled with ``default`` where it is not given."""
+    return np.array(value, dtype=float) if value else np.full(n, default)
+
+
+def as_value(array: Array) -> tuple[float, ...]:
+    """Return an array as a parameter's value."""
+    return tuple(array.tolist())

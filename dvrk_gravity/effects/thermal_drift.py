@@ -1,0 +1,66 @@
+"""Torque that changes with the time that an arm has been on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.meaning import Meaning, meanings
+
+Array = NDArray[np.float64]
+
+_TIMES = (4.0, 10.0, 25.0, 60.0)  # s, from which the search begins
+
+
+class ThermalDrift(Effect):
+    """tau = torque (1 - exp(-t / time_constant)): drives and grease that warm up."""
+
+    NAME = "thermal_drift"
+    MEANINGS = meanings(
+        torque=Meaning("N·m", 0.0, ("up", "down"), "drifts"), time_constant=Meaning("s")
+    )
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`."""
+        if motion.static:
+            return
+        for joint in np.flatnonzero(motion.present).tolist():
+            for constant in _TIMES:
+                yield DriftHypothesis(
+                    arm=motion.arm, site=site.joint(joint), joints=(joint,),
+                    setting={"time_constant": constant},
+                )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DriftHypothesis(Hypothesis):
+    """A joint's torque drifts, from a level of its own; in time, so no model file carries it."""
+
+    EFFECT = ThermalDrift
+    CLAIM = "the torque of {joint} drifts {torque} with time (time constant {time_constant})"
+
+    refine: tuple[str, ...] = ("time_constant",)
+    variable: str = "time"
+    searched: int = len(_TIMES)
+    of_state: bool = False
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        rise = 1.0 - np.exp(-motion.time / setting["time_constant"])
+        return spread(self.site.row(self.arm), rise, np.ones(len(rise)))
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        return {"torque": float(theta[0]), "time_constant": setting["time_constant"]}
+
+    @property
+    def told_apart_by(self) -> str:
+        """See :meth:`Hypothesis.told_apart_by`."""
+        return "a longer recording, begun with a cold arm, would tell"

@@ -1,0 +1,105 @@
+"""Constant bias of the measured efforts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.meaning import READS, meanings, size
+from dvrk_gravity.effects.merging import added
+from dvrk_gravity.effects.term import (
+    Array,
+    LinearTerm,
+    State,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_array,
+)
+from dvrk_gravity.parameter import Parameter, Value
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueOffset(LinearTerm):
+    """measured effort = applied effort + offset: a current sensor's zero, seen from the joints.
+
+    It is a fault of the reading and pushes nothing: predictions of measured efforts have it, the
+    simulator's sensors add it, the compensator leaves it out. A constant torque that the arm does
+    feel is the constant of ``elastic_cable``; efforts alone cannot tell one from the other.
+
+    Attributes:
+        offset: (n,) N·m.
+    """
+
+    NAME = "torque_offset"
+    MEANINGS = meanings(offset=size("N·m", READS, "reads"))
+    COMPENSATED = False
+
+    offset: Array
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return (joint_array(arm, cls.NAME, "N·m", "measured minus applied effort"),)
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> TorqueOffset | None:
+        """See :meth:`Term.from_parameters`."""
+        offset = as_array(values.get(cls.NAME), arm.n, 0.0)
+        return cls(offset) if offset.any() else None
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        return {self.NAME: as_value(self.offset)}
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) the offset, N·m."""
+        return np.broadcast_to(self.offset, state.q.shape).copy()
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`."""
+        return self.offset
+
+    def with_theta(self, theta: Array) -> TorqueOffset:
+        """See :meth:`LinearTerm.with_theta`."""
+        return replace(self, offset=np.asarray(theta, dtype=float))
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`."""
+        for joint in np.flatnonzero(motion.present).tolist():
+            yield OffsetHypothesis(arm=motion.arm, site=site.joint(joint), joints=(joint,))
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        return diagonal_columns(np.ones(state.q.shape))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OffsetHypothesis(Hypothesis):
+    """A joint's effort reads too much, always."""
+
+    EFFECT = TorqueOffset
+    CLAIM = "the effort of {where} reads {offset}, always"
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return spread(self.site.row(self.arm), np.ones(len(motion.q)))
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"offset": float(theta[0])}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """See :meth:`Hypothesis.merge`."""
+        del motion
+        return added(self.arm, values, self.effect, self.site.index, float(theta[0]))

@@ -1,0 +1,72 @@
+"""Efforts that read in wrong units, or with a wrong torque constant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.friction_sites import mixed_motors
+from dvrk_gravity.effects.meaning import READS, Estimate, Meaning, meanings
+
+Array = NDArray[np.float64]
+
+
+class TorqueScale(Effect):
+    """measured effort = factor x applied effort."""
+
+    NAME = "torque_scale"
+    MEANINGS = meanings(factor=Meaning("", 1.0, READS, least=0.2, greatest=5.0, percent=True))
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`: of a joint, of all together, of a motor."""
+        arm = motion.arm
+        unit = np.eye(arm.n)
+        for joint in np.flatnonzero(motion.present).tolist():
+            yield ScaleHypothesis(
+                arm=arm, site=site.joint(joint), joints=(joint,), mixing=np.diag(unit[joint])
+            )
+        if not motion.present.all():
+            return
+        yield ScaleHypothesis(
+            arm=arm, site=site.THE_ARM, joints=tuple(range(len(unit))), form="all", mixing=unit
+        )
+        for motor in mixed_motors(arm):
+            mixing = arm.actuator_to_joint @ np.diag(unit[motor]) @ arm.joint_to_actuator
+            yield ScaleHypothesis(arm=arm, site=site.motor(motor), joints=(motor,), mixing=mixing)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ScaleHypothesis(Hypothesis):
+    """Efforts read too much or too little by a factor; to be put right where they are read.
+
+    Attributes:
+        mixing: (n, n) torques of the joints -> those that read wrongly, as the joints show them.
+    """
+
+    EFFECT = TorqueScale
+
+    mixing: Array
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return (motion.modelled @ self.mixing)[:, :, None]
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"factor": 1.0 + float(theta[0])}
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`."""
+        factor = self._told(parameters)["factor"]
+        if self.site == site.THE_ARM:
+            return f"the efforts of all joints read {factor}"
+        return f"the effort of {self.site.words(self.arm)} reads {factor}"

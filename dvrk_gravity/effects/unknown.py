@@ -1,0 +1,131 @@
+"""Structure without a name: smooth functions of whatever was measured. A legal answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.meaning import Meaning, meanings
+
+Array = NDArray[np.float64]
+Basis = Callable[[Motion], Array]
+
+_CENTRES = 7  # of a smooth function of a position, velocity or acceleration
+_IN_TIME = 12  # of one of time
+_BY_DIRECTION = 5  # of one for each direction of motion
+_DEGREE = 3  # of a product of polynomials of two positions
+_REACH = 1.1  # times half the way, beyond which polynomials are held
+_VARIABLES: Mapping[str, Basis] = {
+    "position": lambda motion: motion.q,
+    "velocity": lambda motion: motion.qd,
+    "acceleration": lambda motion: motion.qdd,
+}
+
+
+class Unknown(Effect):
+    """What depends on something measured, in no way that an effect has."""
+
+    NAME = "unknown"
+    MEANINGS = meanings(rms=Meaning("N·m", label="RMS"))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NamelessHypothesis(Hypothesis):
+    """A joint's torque is a smooth function of something, which :attr:`form` names.
+
+    Attributes:
+        basis: Returns (N, k) functions at the samples of a motion.
+        of: Joint whose variable it is a function of; ``None``: of several, or of time.
+    """
+
+    EFFECT = Unknown
+
+    basis: Basis
+    of: int | None = None
+    of_state: bool = False
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return spread(self.site.row(self.arm), *self.basis(motion).T)
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"rms": float(np.sqrt(np.mean(theta**2)))}
+
+    @property
+    def depends_on(self) -> int | None:
+        """See :meth:`Hypothesis.depends_on`."""
+        return self.of
+
+
+def nameless(motion: Motion, joints: Sequence[int]) -> Iterator[NamelessHypothesis]:
+    """Yield smooth functions of every variable on some joints."""
+    arm, moving = motion.arm, np.flatnonzero(motion.moves).tolist()
+    kinds = ("position",) if motion.static else tuple(_VARIABLES)
+    for joint in joints:
+        for other in moving:
+            for kind in kinds:
+                form = f"{kind} of {arm.joint_names[other]}"
+                basis = partial(_of_variable, kind=kind, other=other)
+                yield _smooth(arm, joint, form, kind, basis, other)
+        if not motion.static:
+            yield _smooth(arm, joint, "time", "time", _of_time)
+            if motion.moves[joint]:
+                for other in moving:
+                    form = f"its direction and position of {arm.joint_names[other]}"
+                    basis = partial(_by_direction, joint=joint, other=other)
+                    yield _smooth(arm, joint, form, "position", basis)
+        for other in moving:
+            if other != joint and motion.moves[joint]:
+                pair = f"{arm.joint_names[joint]} and {arm.joint_names[other]}"
+                basis = partial(_products, joint=joint, other=other)
+                yield _smooth(arm, joint, f"positions of {pair} together", "position", basis)
+
+
+def _smooth(
+    arm: Arm, joint: int, form: str, variable: str, basis: Basis, of: int | None = None
+) -> NamelessHypothesis:
+    return NamelessHypothesis(
+        arm=arm, site=site.joint(joint), joints=(joint,), form=form, variable=variable,
+        basis=basis, of=of,
+    )  # fmt: skip
+
+
+def _of_variable(motion: Motion, kind: str, other: int) -> Array:
+    return _hats(_VARIABLES[kind](motion)[:, other], _CENTRES)
+
+
+def _of_time(motion: Motion) -> Array:
+    return _hats(motion.time, _IN_TIME)
+
+
+def _by_direction(motion: Motion, joint: int, other: int) -> Array:
+    direction = motion.sign(site.joint(joint).row(motion.arm))
+    return direction[:, None] * _hats(motion.q[:, other], _BY_DIRECTION)
+
+
+def _hats(values: Array, count: int) -> Array:
+    """Return (N, count) Gaussian bells over the range of (N,) values, held at its edges."""
+    low, high = np.percentile(values, [1.0, 99.0])
+    centres = np.linspace(low, max(high, low + 1e-6), count)
+    width = float(np.median(np.diff(centres)))
+    return np.exp(-0.5 * ((np.clip(values, low, high)[:, None] - centres) / width) ** 2)
+
+
+def _products(motion: Motion, joint: int, other: int) -> Array:
+    """Return (N, 15) products of Chebyshev polynomials of two joints' positions."""
+    middle, half = motion.travel
+    x = np.clip((motion.q - middle) / half, -_REACH, _REACH)
+    mine, theirs = (np.polynomial.chebyshev.chebvander(x[:, k], _DEGREE) for k in (joint, other))
+    products = (mine[:, :, None] * theirs[:, None, :]).reshape(len(x), -1)
+    return products[:, 1:]  # a constant depends on nothing

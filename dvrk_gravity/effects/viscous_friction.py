@@ -1,0 +1,125 @@
+"""Viscous friction, at the joints and at the motors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.friction_sites import friction_sites
+from dvrk_gravity.effects.meaning import MORE, meanings, size
+from dvrk_gravity.effects.merging import array
+from dvrk_gravity.effects.term import (
+    Array,
+    Evaluator,
+    Friction,
+    State,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_array,
+    motor_columns,
+)
+from dvrk_gravity.parameter import Parameter, Value
+
+
+@dataclass(frozen=True, eq=False)
+class ViscousFriction(Friction):
+    """Torque proportional to the velocity of a joint or of a motor.
+
+    Attributes:
+        arm: The arm, for its transmission.
+        joint: (n,) N·m·s/rad at the joints.
+        motor: (n,) N·m·s/rad at the motors.
+    """
+
+    NAME = "viscous_friction"
+    MEANINGS = meanings(coefficient=size("N·m·s/rad", MORE))
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return tuple(
+            joint_array(
+                arm, f"{cls.NAME}.{place}", "N·m·s/rad", f"viscous friction at the {place}", 0.0
+            )
+            for place in ("joint", "motor")
+        )
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ViscousFriction | None:
+        """See :meth:`Term.from_parameters`."""
+        joint = as_array(values.get(f"{cls.NAME}.joint"), arm.n, 0.0)
+        motor = as_array(values.get(f"{cls.NAME}.motor"), arm.n, 0.0)
+        return cls(arm, joint, motor) if joint.any() or motor.any() else None
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        levels = {"joint": self.joint, "motor": self.motor}
+        return {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items() if v.any()}
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) friction torques, N·m; zero where the velocity is unknown."""
+        if state.qd is None:
+            return np.zeros(state.q.shape)
+        return state.qd @ self._damping
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        damping = self._damping
+        return lambda q, qd: np.zeros(len(damping)) if qd is None else qd.dot(damping)
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        if state.qd is None:
+            return np.zeros((*state.q.shape, len(self.theta)))
+        motor = motor_columns(self.arm, self.arm.actuator_position(state.qd))
+        return np.concatenate([diagonal_columns(state.qd), motor], axis=-1)
+
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`."""
+        if motion.static:
+            return
+        for place in friction_sites(motion):
+            yield ViscousHypothesis(arm=motion.arm, site=place, joints=(place.index,))
+
+    @cached_property
+    def _damping(self) -> Array:
+        """(n, n) symmetric damping matrix in joint space."""
+        to_motor = self.arm.joint_to_actuator
+        return np.diag(self.joint) + to_motor.T @ np.diag(self.motor) @ to_motor
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ViscousHypothesis(Hypothesis):
+    """Viscous friction at a joint or a motor."""
+
+    EFFECT = ViscousFriction
+    CLAIM = "{where} has {coefficient} viscous friction than the model"
+
+    variable: str = "velocity"
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        row = self.site.row(self.arm)
+        return spread(row, motion.qd @ row)
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"coefficient": float(theta[0])}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """See :meth:`Hypothesis.merge`; no friction is below zero."""
+        del motion
+        name, index = f"{self.effect}.{self.site.kind.value}", self.site.index
+        level = array(self.arm, values, name)
+        level[index] = max(0.0, level[index] + theta[0])
+        return {**values, name: tuple(level.tolist())}

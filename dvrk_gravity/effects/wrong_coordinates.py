@@ -1,0 +1,59 @@
+"""Recordings read in wrong coordinates, with wrong signs, or with joints exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+
+class WrongCoordinates(Effect):
+    """What was read is another linear combination of the joints than it is taken for."""
+
+    NAME = "wrong_coordinates"
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """Another way to read a recording.
+
+    Attributes:
+        words: What it supposes.
+        joints: Indices of the joints concerned; empty if all are.
+        motion: (n, n) read position, velocity and acceleration -> the true ones.
+        effort: (n, n) read effort -> the true one.
+    """
+
+    words: str
+    joints: tuple[int, ...]
+    motion: Array
+    effort: Array
+
+
+def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
+    """Yield every other way to read all joints of an arm: coordinates, signs, order."""
+    eye = np.eye(arm.n)
+    forth, back = arm.actuator_to_joint, arm.joint_to_actuator
+    if np.any(forth != eye):
+        words = "these are {} coordinates, read as {} coordinates"
+        yield Reading(words.format("actuator", "joint"), (), forth, back.T)
+        yield Reading(words.format("joint", "actuator"), (), back, forth.T)
+    for joint in np.flatnonzero(moves).tolist():
+        flip = np.diag(np.where(np.arange(len(eye)) == joint, -1.0, 1.0))
+        name = arm.joint_names[joint]
+        yield Reading(f"all signs of {name} are turned round", (joint,), flip, flip)
+        yield Reading(f"the effort of {name} has the wrong sign", (joint,), eye, flip)
+        yield Reading(f"the position of {name} has the wrong sign", (joint,), flip, eye)
+    for first in range(len(eye)):
+        for second in range(first + 1, len(eye)):
+            order = np.arange(len(eye))
+            order[[first, second]] = (second, first)
+            words = f"{arm.joint_names[first]} and {arm.joint_names[second]} are exchanged"
+            yield Reading(words, (first, second), eye[order], eye[order])
