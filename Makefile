@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SYSTEM_PYTHON := $(firstword $(foreach p,$(PYTHON) python3 python3.12 python3.11,\
   $(shell $(p) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' 2>/dev/null && echo $(p))))
-ENVIRONMENT := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
+ENVIRONMENT := OPENBLAS_NUM_THREADS=1
 IN_WORKSPACE := . install/setup.sh && $(ENVIRONMENT)
 SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '*.pyc') setup.py setup.cfg package.xml
 

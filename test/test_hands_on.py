@@ -433,6 +433,7 @@ def test_two_who_publish_measured_js_are_not_followed(arm, start):
 
 def test_an_encoder_that_jumps_by_thirty_degrees_is_not_followed(arm, start):
     start("compensator", "-p", "timeout:=0.5", "-p", "input_depth:=100")
+    arm.run_until(lambda: arm.state.startswith("commanding"), "the end of the ramp")
     commanding(arm)
     torque = arm.efforts[-1]
     jumped = list(arm.position)
