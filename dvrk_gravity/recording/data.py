@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arguments import floats
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ArgumentError, RecordingError, ShapeError
 
 Coordinates = Literal["joint", "actuator"]
@@ -50,13 +50,13 @@ class Recording:
     """What some joints of an arm did: N samples of n joints, all arrays read-only.
 
     Attributes:
-        joints: Names of the n columns, in the order of ``JOINT_NAMES``; joints that were not
-            recorded are left out.
+        joints: Names of the n columns; joints that were not recorded are left out. Of an arm, they
+            are in its order.
         time: ``(N,)`` s, strictly increasing, relative to ``start_ns`` (so the first sample
             of a file is at 0; a slice keeps its own times). ``None``: static poses.
-        position: ``(N, n)`` rad.
-        velocity: ``(N, n)`` rad/s, or ``None`` where not recorded.
-        effort: ``(N, n)`` N·m that the actuators apply, or ``None`` where not recorded.
+        position: ``(N, n)`` rad or m.
+        velocity: ``(N, n)`` rad/s or m/s, or ``None`` where not recorded.
+        effort: ``(N, n)`` N·m or N that the actuators apply, or ``None`` where not recorded.
         direction: ``(N, n)``, +1 or -1: how a static pose was approached, or ``None``.
         coordinates: ``"joint"`` (what measured_js publishes) or ``"actuator"`` (motors).
         source: File or folder that it came from.
@@ -64,11 +64,12 @@ class Recording:
         invalid: Number of messages left out because they carried stamp 0, which is how the
             dVRK marks invalid data.
         repeated: Number of samples left out because they carried the stamp of the sample before.
+        arm: Whose joints these are; ``None`` where it is not known: then nothing tells units apart.
 
     Raises:
         ShapeError: If an array does not fit ``position``.
-        RecordingError: If there is no sample or joint, a joint is unknown, out of order or
-            twice, a value is not finite or beyond 1e12, time does not increase, or a direction
+        RecordingError: If there is no sample or joint, a joint is twice, or not the arm's or out of
+            its order, a value is not finite or beyond 1e12, time does not increase, or a direction
             is not +1 or -1.
     """
 
@@ -83,18 +84,14 @@ class Recording:
     start_ns: int = 0
     invalid: int = 0
     repeated: int = 0
+    arm: Arm | None = None
 
     def __post_init__(self) -> None:
         """Check the parts against each other and make the arrays read-only."""
         if isinstance(self.joints, str) or not isinstance(self.joints, Iterable):
             raise ArgumentError("joints", self.joints, "the names of joints")
         object.__setattr__(self, "joints", tuple(self.joints))
-        if not self.joints or self.joints != tuple(j for j in JOINT_NAMES if j in self.joints):
-            raise RecordingError(
-                self.source,
-                f"joints are {', '.join(map(str, self.joints)) or 'missing'}, "
-                f"expected some of, in this order: {', '.join(JOINT_NAMES)}",
-            )
+        self._check_joints()
         if self.coordinates not in ("joint", "actuator"):
             raise RecordingError(
                 self.source, f"coordinates {self.coordinates!r}, expected 'joint' or 'actuator'"
@@ -120,6 +117,19 @@ class Recording:
                 f"{self.direction[row, column]:g}, expected +1 or -1",
             )
         self._check_time(shape[0])
+
+    def _check_joints(self) -> None:
+        given = ", ".join(map(str, self.joints)) or "missing"
+        if self.arm is not None:
+            known = self.arm.joint_names
+            if not self.joints or self.joints != tuple(j for j in known if j in self.joints):
+                raise RecordingError(
+                    self.source,
+                    f"joints are {given}, expected some of, in this order: {', '.join(known)}",
+                )
+        named = all(isinstance(joint, str) and joint for joint in self.joints)
+        if not self.joints or not named or len(set(self.joints)) < len(self.joints):
+            raise RecordingError(self.source, f"joints are {given}, expected names, each once")
 
     def _require_finite(self, name: str, array: Array) -> None:
         usable = np.abs(array) < LARGEST
@@ -159,6 +169,7 @@ class Recording:
         topic: str | None = None,
         coordinates: Coordinates = "joint",
         time_base: TimeBase = "stamp",
+        arm: Arm | None = None,
     ) -> Recording:
         """Read a whole recording.
 
@@ -169,13 +180,14 @@ class Recording:
             topic: JointState topic of a bag; found if there is one candidate.
             coordinates: What the file's columns are; files do not tell.
             time_base: For bags: the header's stamp, or the time at which the bag received it.
+            arm: Whose joints are read, in its order; ``None``: those that the file names, in its.
 
         Raises:
             RecordingError: If the file cannot be used; the text says where and why.
         """
         from dvrk_gravity.recording.stream import load_recording
 
-        return load_recording(path, topic, coordinates, time_base)
+        return load_recording(path, topic, coordinates, time_base, arm)
 
     def save(
         self, path: str | Path, storage: Storage = "sqlite3", topic: str = "/measured_js"
@@ -227,6 +239,45 @@ class Recording:
                 self.source, f"has no joint {name!r}, expected one of: {', '.join(self.joints)}"
             )
         return self.joints.index(name)
+
+    def of(self, arm: Arm) -> Recording:
+        """Return what an arm's joints did, in its order; other joints are left out.
+
+        Raises:
+            RecordingError: If no joint is the arm's.
+        """
+        if self.arm is arm:
+            return self
+        joints = tuple(joint for joint in arm.joint_names if joint in self.joints)
+        if not joints:
+            raise RecordingError(
+                self.source,
+                f"joints are {', '.join(self.joints)}, "
+                f"expected some of: {', '.join(arm.joint_names)}",
+            )
+        if joints == self.joints:
+            return replace(self, arm=arm)
+        columns = [self.joints.index(joint) for joint in joints]
+
+        def pick(array: Array | None) -> Array | None:
+            return None if array is None else array[:, columns]
+
+        return replace(
+            self,
+            joints=joints,
+            position=self.position[:, columns],
+            velocity=pick(self.velocity),
+            effort=pick(self.effort),
+            direction=pick(self.direction),
+            arm=arm,
+        )
+
+    @property
+    def scale(self) -> Array:
+        """(n,) rad or m that count as much as a rad; see ``Arm.scale``."""
+        if self.arm is None:
+            return np.ones(len(self.joints))
+        return self.arm.scale[[self.arm.joint_names.index(joint) for joint in self.joints]]
 
     def rows(self, selection: slice | Sequence[int] | NDArray[np.bool_ | np.integer]) -> Recording:
         """Return the samples that a slice, index array or mask of length N selects."""

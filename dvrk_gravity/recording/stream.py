@@ -11,6 +11,7 @@ import numpy as np
 
 from dvrk_gravity import text_file
 from dvrk_gravity.arguments import path_of
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.recording.bag import SUFFIXES
 from dvrk_gravity.recording.bag_writer import write_bag
@@ -29,6 +30,7 @@ def iterate_recording(
     coordinates: Coordinates = "joint",
     time_base: TimeBase = "stamp",
     chunk: int = CHUNK,
+    arm: Arm | None = None,
 ) -> Iterator[Recording]:
     """Yield a recording in consecutive parts of at most ``chunk`` samples.
 
@@ -44,9 +46,9 @@ def iterate_recording(
     if not text_file.is_file(path):
         raise RecordingError(path, "is a pipe or device, expected a file or a folder")
     if path.is_dir() or path.suffix in SUFFIXES:
-        return iterate_bag(path, topic, coordinates, time_base, chunk)
+        return iterate_bag(path, topic, coordinates, time_base, chunk, arm)
     if path.suffix.lower() == ".csv":
-        return iterate_csv(path, coordinates, chunk)
+        return iterate_csv(path, coordinates, chunk, arm)
     raise RecordingError(path, "expected a .csv file, a rosbag2 folder, or a .db3 or .mcap file")
 
 
@@ -66,19 +68,28 @@ class RecordingFile:
         topic: str | None = None,
         time_base: TimeBase = "stamp",
         coordinates: Coordinates = "joint",
+        arm: Arm | None = None,
     ) -> None:
         """Read the first part; arguments are those of ``Recording.load``."""
         self._path, self._topic, self._time_base = path, topic, time_base
-        self._coordinates = coordinates
+        self._coordinates, self._arm = coordinates, arm
         self.head = next(self.parts())
 
     def __repr__(self) -> str:
         """Say which file it is."""
         return f"<RecordingFile {self._path}>"
 
+    def of(self, arm: Arm) -> RecordingFile:
+        """Return the same file read as an arm's; see ``Recording.of``."""
+        if self._arm is arm:
+            return self
+        return RecordingFile(self._path, self._topic, self._time_base, self._coordinates, arm)
+
     def parts(self) -> Iterator[Recording]:
         """Yield consecutive parts."""
-        return iterate_recording(self._path, self._topic, self._coordinates, self._time_base)
+        return iterate_recording(
+            self._path, self._topic, self._coordinates, self._time_base, arm=self._arm
+        )
 
     def load(self) -> Recording:
         """Return the whole."""
@@ -89,37 +100,42 @@ Given = Recording | RecordingFile | str | os.PathLike[str]
 
 
 def opened(
-    given: Given | Iterable[Given], coordinates: Coordinates = "joint"
+    given: Given | Iterable[Given], coordinates: Coordinates = "joint", arm: Arm | None = None
 ) -> list[Recording | RecordingFile]:
     """Return one or several recordings as a list, paths as the files that they name.
 
     Args:
         given: One or several.
         coordinates: Of the files that are given as paths, which do not tell.
+        arm: Whose joints they are to be; see ``Recording.of``.
 
     Raises:
         ArgumentError: What is neither a recording nor a path.
-        RecordingError: A file that cannot be used.
+        RecordingError: A file that cannot be used, or joints that are not the arm's.
     """
     if isinstance(given, Recording | RecordingFile | str | os.PathLike):
         given = [given]
     elif not isinstance(given, Iterable):
         raise ArgumentError("recordings", given, f"a Recording, {A_PATH}, or several of them")
-    return [
-        one
-        if isinstance(one, Recording | RecordingFile)
-        else RecordingFile(
-            path_of("recordings", one, f"a Recording or {A_PATH}"), coordinates=coordinates
-        )
-        for one in given
-    ]
+
+    def opened_one(one: Given) -> Recording | RecordingFile:
+        if isinstance(one, Recording | RecordingFile):
+            return one if arm is None else one.of(arm)
+        path = path_of("recordings", one, f"a Recording or {A_PATH}")
+        return RecordingFile(path, coordinates=coordinates, arm=arm)
+
+    return [opened_one(one) for one in given]
 
 
 def load_recording(
-    path: str | Path, topic: str | None, coordinates: Coordinates, time_base: TimeBase
+    path: str | Path,
+    topic: str | None,
+    coordinates: Coordinates,
+    time_base: TimeBase,
+    arm: Arm | None,
 ) -> Recording:
     """Read a whole recording; see ``Recording.load``."""
-    return join(list(iterate_recording(path, topic, coordinates, time_base)))
+    return join(list(iterate_recording(path, topic, coordinates, time_base, arm=arm)))
 
 
 def join(parts: Sequence[Recording]) -> Recording:
