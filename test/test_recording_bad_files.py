@@ -8,7 +8,7 @@ import pytest
 from conftest import examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from recording_samples import START, TOPIC, joint_state, shared_data, wave, write_messages
+from recording_samples import ARM, START, TOPIC, joint_state, shared_data, wave, write_messages
 
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.errors import DvrkGravityError, RecordingError
@@ -31,7 +31,7 @@ BAD_CSV = {
     "header only": (HEAD, "has a header but no rows"),
     "header and blank lines": (HEAD + "\n\n", "has a header but no rows"),
     "no header": ("0,1,2\n1,2,3\n", "line 1: column 1 is '0', expected time, direction or"),
-    "unknown joint": ("time,elbow.position\n0,1\n", "line 1: column 2 is 'elbow.position'"),
+    "nameless joint": ("time,.position\n0,1\n", "line 1: column 2 is '.position'"),
     "unknown quantity": ("outer_yaw.current\n0\n", "line 1: column 1 is 'outer_yaw.current'"),
     "semicolons": (HEAD.replace(",", ";") + "0;1;2\n", "line 1: columns are parted by semicolons"),
     "twice": ("time,time,outer_yaw.position\n0,0,0\n", "line 1: column 'time' appears twice"),
@@ -179,7 +179,6 @@ BAD_MESSAGES = {
     "not CDR": ([(START, b"\xff" * 40)], "message 0 is not a JointState"),
     "empty CDR": ([(START, b"")], "message 0 is not a JointState: 0 bytes"),
     "cut CDR": ([(START, joint_state(0)[1][:-9])], "message 0 is not a JointState: 7 numbers at"),
-    "unknown names": ([joint_state(0, ("a", "b"))], "message 0 names joints a, b, expected some"),
     "no names": ([joint_state(0, ())], "message 0 names joints (none)"),
     "twice": ([joint_state(0, ("outer_yaw",) * 2)], "message 0 names outer_yaw twice"),
     "no position": (
@@ -215,6 +214,15 @@ def test_bad_messages_are_told_with_their_number(tmp_path, case, storage):
         Recording.load(tmp_path / "bag")
     assert str(caught.value).startswith(f"{tmp_path / 'bag'}: ")
     assert expected in str(caught.value)
+
+
+def test_joints_of_another_arm_are_told(tmp_path):
+    write_messages(tmp_path / "bag", [joint_state(0, ("a", "b"))])
+    (tmp_path / "bad.csv").write_text("time,elbow.position\n0,1\n")
+    with pytest.raises(RecordingError, match="message 0 names joints a, b, expected some of: out"):
+        Recording.load(tmp_path / "bag", arm=ARM)
+    with pytest.raises(RecordingError, match=r"line 1: column 2 is 'elbow.position'.*outer_yaw"):
+        Recording.load(tmp_path / "bad.csv", arm=ARM)
 
 
 def test_writer_refuses_what_it_cannot_write(tmp_path):
