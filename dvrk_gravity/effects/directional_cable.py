@@ -46,6 +46,7 @@ class DirectionalCable(Term):
     """
 
     NAME = "directional_cable"
+    AT_POSES = True
 
     arm: Arm
     positive: Array

@@ -48,7 +48,7 @@ def link_sizes(arm: Arm) -> tuple[tuple[float, float], ...]:
 
 
 @lru_cache(maxsize=8)
-def _samples(arm: Arm) -> tuple[Array, Array, Array]:
+def samples(arm: Arm) -> tuple[Array, Array, Array]:
     """Return (200, n) random positions within the limits, velocities and accelerations."""
     random = np.random.default_rng(0)
     q = random.uniform(*arm.range, (200, arm.n))
@@ -83,7 +83,7 @@ def base_directions(arm: Arm, absent: tuple[int, ...] = ()) -> Array:
 
     scale = prior_scale(arm)
     scale[list(absent)] = 0.0
-    full = rigid_body.regressor(arm, *_samples(arm), arm.gravity).reshape(-1, len(scale)) * scale
+    full = rigid_body.regressor(arm, *samples(arm), arm.gravity).reshape(-1, len(scale)) * scale
     diagonal = np.abs(np.diag(qr(full, mode="r", pivoting=True)[0]))
     rank = int(np.sum(diagonal > 1e-9 * diagonal[0]))
     directions = np.linalg.svd(full, full_matrices=False)[2][:rank].T
@@ -94,7 +94,7 @@ def base_directions(arm: Arm, absent: tuple[int, ...] = ()) -> Array:
 def beta_map(arm: Arm) -> Array:
     """Return (12 or 14, 90): beta in N·m of an MTM from its links' parameters."""
     tilted = bool(np.abs(arm.gravity[:2]).max() > 1e-9)
-    q = _samples(arm)[0]
+    q = samples(arm)[0]
     weight = rigid_body.regressor(arm, q, None, None, arm.gravity).reshape(-1, rigid_body.COLUMNS)
     y = gravity.regressor(q, arm.gravity, 14 if tilted else 12)
     return np.asarray(np.linalg.lstsq(y.reshape(len(weight), -1), weight, rcond=None)[0])
