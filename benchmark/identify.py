@@ -24,8 +24,9 @@ import numpy as np
 from dvrk_gravity import text_file
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import State
+from dvrk_gravity.effects.link_prior import base_directions
 from dvrk_gravity.identification import identify
-from dvrk_gravity.identification.columns import Columns, base_directions
+from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.moments import Moments, build_design
 from dvrk_gravity.identification.motion import read, read_motions
 from dvrk_gravity.model import TorqueModel

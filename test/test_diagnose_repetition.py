@@ -15,8 +15,8 @@ from dvrk_gravity.commands import diagnose as command
 from dvrk_gravity.diagnosis.bench import Bench
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.repetition import Repetition, find_repetition
-from dvrk_gravity.identification.columns import POSTURE
-from dvrk_gravity.identification.run import IDENTIFIED
+from dvrk_gravity.identification.columns import identified
+from dvrk_gravity.identification.posture import POSTURE
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.excitation import record_motion
@@ -210,7 +210,7 @@ def _nothing_but_the_yaw(result) -> None:
 
 @pytest.mark.slow
 def test_a_good_model_of_the_real_motion_has_nothing_to_explain_but_an_ambiguity(measured):
-    level = [effect for effect in IDENTIFIED if effect not in POSTURE]
+    level = [effect for effect in identified(KNOWN.arm) if effect not in POSTURE]
     result = diagnose(measured, identify([measured], KNOWN.arm, "actuator", level).model)
 
     _nothing_but_the_yaw(result)

@@ -8,8 +8,9 @@ from scipy.optimize import lsq_linear
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import State, rigid_body
+from dvrk_gravity.effects.link_prior import base_directions, beta_map
 from dvrk_gravity.gravity import regressor as gravity_regressor
-from dvrk_gravity.identification.columns import Columns, base_directions, beta_map
+from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.covariance import uncertainty
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.folds import GAP, find_period, make_folds

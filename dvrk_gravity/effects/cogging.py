@@ -44,6 +44,7 @@ class Cogging(Term):
     """
 
     NAME = "cogging"
+    NOT_FITTED = "`diagnose` finds it and extends the model"
     MEANINGS = meanings(
         amplitude=Meaning("N·m"), cycles_per_revolution=Meaning("1/rev"), phase=Meaning("rad")
     )

@@ -40,6 +40,7 @@ class Contact(Term):
     """
 
     NAME = "contact"
+    NOT_FITTED = "`diagnose` finds it and extends the model"
     MEANINGS = meanings(
         # What the actuators apply is against a push.
         torque=Meaning(

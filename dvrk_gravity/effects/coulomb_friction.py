@@ -17,6 +17,8 @@ from dvrk_gravity.effects.friction_sites import friction_sites
 from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
 from dvrk_gravity.effects.merging import array
 from dvrk_gravity.effects.plant_part import PlantPart
+from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.site import Kind
 from dvrk_gravity.effects.term import (
     Array,
     Evaluator,
@@ -28,10 +30,12 @@ from dvrk_gravity.effects.term import (
     joint_array,
     motor_columns,
 )
+from dvrk_gravity.effects.unknowns import PART, Unknowns, site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
 _DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance
 _SIGN: Array = np.array(1e9)  # slope that makes the ramp a sign function, while 0 stays 0
+_TRANSITION = 0.003  # rad/s over which it changes its sign when it is identified
 _LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
 
 
@@ -160,6 +164,22 @@ class CoulombFriction(LinearTerm):
         """See :meth:`LinearTerm.with_theta`."""
         up, down, motor_up, motor_down = np.reshape(theta, (4, -1))
         return CoulombFriction(self.arm, up, down, motor_up, motor_down, self.transition_velocity)
+
+    @classmethod
+    def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
+        """See :meth:`LinearTerm.unknowns`.
+
+        The same upwards and downwards: a difference is a constant, which is a column of another.
+        """
+        nothing, scale = np.zeros(arm.n), PART * arm.actuator_effort_limit
+        term = cls(arm, *(nothing,) * 4, transition_velocity=np.full(arm.n, _TRANSITION))
+        columns = [
+            column
+            for kind in (Kind.JOINT, Kind.MOTOR)
+            for column in site_columns(cls.NAME, kind, scale, 0, True, "N·m")
+        ]
+        both = np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1)))
+        return Unknowns(term, tuple(columns), both.astype(float))
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""

@@ -47,6 +47,7 @@ class DirectionalCable(Term):
     """
 
     NAME = "directional_cable"
+    AT_POSES = True
 
     arm: Arm
     positive: Array

@@ -16,8 +16,10 @@ from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.merging import position_offset
 from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, diagonal_columns
+from dvrk_gravity.effects.unknowns import PART, Unknowns, site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
+DEGREE = 7  # highest power of a joint's own position that identification tries
 _DEGREES = (1, 2, 3, 4, 6)
 _REACH = 1.1  # times half the way, beyond which a polynomial is held
 _FAR = 1e6  # rad, of an edge that is none
@@ -34,6 +36,7 @@ class ElasticCable(LinearTerm):
     """
 
     NAME = "elastic_cable"
+    AT_POSES = True
     MEANINGS = meanings(
         stiffness=size("N·m/rad", MORE),
         lowest=Meaning("N·m", 0.0, label="least torque", certain=True),
@@ -115,6 +118,23 @@ class ElasticCable(LinearTerm):
     def with_theta(self, theta: Array) -> ElasticCable:
         """See :meth:`LinearTerm.with_theta`."""
         return replace(self, coefficients=np.reshape(theta, (-1, self.coefficients.shape[1])))
+
+    @classmethod
+    def unknowns(cls, arm: Arm, valid: polynomial.Range) -> Unknowns:
+        """See :meth:`LinearTerm.unknowns`: as Legendre polynomials over the range."""
+        scale = PART * arm.actuator_effort_limit
+        columns = [
+            column
+            for power in range(DEGREE + 1)
+            for column in site_columns(cls.NAME, site.Kind.JOINT, scale, power, False, "")
+        ]
+        term = cls(arm, np.zeros((DEGREE + 1, arm.n)), valid)
+        return Unknowns(term, tuple(columns), polynomial.legendre(valid, DEGREE))
+
+    def reduced(self) -> ElasticCable:
+        """See :meth:`LinearTerm.reduced`: to the highest power that any joint has."""
+        used = np.flatnonzero(self.coefficients.any(axis=1)).tolist()
+        return replace(self, coefficients=self.coefficients[: max(used, default=0) + 1])
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""

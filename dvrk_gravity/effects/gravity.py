@@ -34,6 +34,7 @@ class Gravity(LinearTerm):
     """
 
     NAME = "gravity"
+    AT_POSES = True
 
     arm: Arm
     beta: Array
@@ -104,9 +105,8 @@ class Gravity(LinearTerm):
         """See :meth:`Term.prepare`."""
         if not self.enabled:
             return super().prepare()
-        return weight_evaluator(
-            beta_tree(self.arm, self.beta, self.vector)
-        )  # a workspace of its own
+        own = beta_tree(self.arm, self.beta, self.vector)  # Pinocchio's workspace is for one thread
+        return weight_evaluator(own)
 
     @property
     def theta(self) -> Array:

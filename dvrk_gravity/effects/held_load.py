@@ -42,6 +42,7 @@ class HeldLoad(Term):
     """
 
     NAME = "held_load"
+    AT_POSES = True
     COMPENSATED = False
 
     arm: Arm

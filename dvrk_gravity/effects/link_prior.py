@@ -49,7 +49,7 @@ def link_sizes(arm: Arm) -> tuple[tuple[float, float], ...]:
 
 
 @lru_cache(maxsize=8)
-def _samples(arm: Arm) -> tuple[Array, Array, Array]:
+def samples(arm: Arm) -> tuple[Array, Array, Array]:
     """Return (200, n) random positions within the limits, velocities and accelerations."""
     random = np.random.default_rng(0)
     q = random.uniform(*arm.range, (200, arm.n))
@@ -82,14 +82,14 @@ def base_directions(arm: Arm, absent: tuple[int, ...] = ()) -> Array:
     """
     scale = prior_scale(arm)
     scale[list(absent)] = 0.0
-    return _that_act(rigid_body.regressor(arm, *_samples(arm), arm.gravity), scale)
+    return _that_act(rigid_body.regressor(arm, *samples(arm), arm.gravity), scale)
 
 
 @lru_cache(maxsize=8)
 def weight_directions(arm: Arm) -> Array:
     """Return (4 bodies, b): as :func:`base_directions`, of masses and first moments at rest."""
     scale = prior_scale(arm).reshape(len(arm.bodies), -1)[:, :_OF_WEIGHT].ravel()
-    whole = rigid_body.regressor(arm, _samples(arm)[0], None, None, arm.gravity)
+    whole = rigid_body.regressor(arm, samples(arm)[0], None, None, arm.gravity)
     by_body = whole.reshape(*whole.shape[:2], len(arm.bodies), -1)[..., :_OF_WEIGHT]
     return _that_act(by_body, scale)
 
@@ -109,7 +109,7 @@ def _that_act(regressor: Array, scale: Array) -> Array:
 def beta_map(arm: Arm) -> Array:
     """Return (12 or 14, 90): beta in N·m of an MTM from its links' parameters."""
     tilted = bool(np.abs(arm.gravity[:2]).max() > 1e-9)
-    q = _samples(arm)[0]
+    q = samples(arm)[0]
     weight = rigid_body.regressor(arm, q, None, None, arm.gravity).reshape(-1, rigid_body.COLUMNS)
     y = gravity.regressor(q, arm.gravity, 14 if tilted else 12)
     return np.asarray(np.linalg.lstsq(y.reshape(len(weight), -1), weight, rcond=None)[0])

@@ -54,6 +54,7 @@ class Payload(Term):
     """
 
     NAME = "payload"
+    NOT_FITTED = "what a link carries is in the parameters of links, which are fitted anyway"
     MEANINGS = meanings(
         mass=Meaning("kg", 0.0, least=0.0, greatest=5.0),
         **{f"first_moment_{axis}": Meaning("kg·m") for axis in AXES},

@@ -151,3 +151,19 @@ def prepare_powers(valid: Range, count: int) -> Callable[..., Array]:
         return np.multiply.accumulate(steps, 0, None, out)
 
     return powers
+
+
+def legendre(valid: Range, degree: int) -> Array:
+    """Return (k, k) from coefficients of Legendre polynomials over a range to those of powers.
+
+    Both order by order, and of one order joint by joint.
+    """
+    n = len(valid.lower)
+    matrix = np.zeros((degree + 1, n, degree + 1, n))
+    for joint, (low, high) in enumerate(zip(valid.lower, valid.upper, strict=True)):
+        domain = (low, high) if high - low > 1e-3 else (low - 1.0, low + 1.0)
+        for order in range(degree + 1):
+            polynomial = np.polynomial.Legendre.basis(order, domain=domain)
+            powers = polynomial.convert(kind=np.polynomial.Polynomial).coef
+            matrix[: len(powers), joint, order, joint] = powers
+    return matrix.reshape((degree + 1) * n, -1)

@@ -15,6 +15,7 @@ from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.friction_sites import friction_sites
 from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.plant_part import PlantPart
+from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.term import (
     Array,
     LinearTerm,
@@ -23,12 +24,14 @@ from dvrk_gravity.effects.term import (
     diagonal_columns,
     motor_columns,
 )
+from dvrk_gravity.effects.unknowns import PART, Unknowns, site_columns
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
 _MOST = 8
 _FAR = 1e6  # rad
 _MOMENT = 0.2  # s
+DISPLACEMENTS = (0.01, 0.03, 0.1, 0.3)  # rad, of the elements that are identified
 _DISPLACEMENTS = (1e-4, 10.0)  # rad
 _RESOLVED = 3.0  # encoder steps that a displacement must have to be seen
 _REPLACED = 1.5  # times the model's Coulomb friction: more than that, it cannot take away
@@ -143,7 +146,7 @@ class PreslidingHysteresis(LinearTerm):
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
-        return self.columns(self.elements(state))
+        return self._columns(self.elements(state))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
@@ -166,7 +169,37 @@ class PreslidingHysteresis(LinearTerm):
         """See :meth:`Term.plant`: elements with a state, relaxed at first."""
         return PlantPart(memory=Elements(self))
 
-    def columns(self, elements: Array) -> Array:
+    @classmethod
+    def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
+        """See :meth:`LinearTerm.unknowns`: elements of some displacements."""
+        scale, nothing = PART * arm.actuator_effort_limit, np.zeros((len(DISPLACEMENTS), arm.n))
+        columns = [
+            column
+            for element in range(len(DISPLACEMENTS))
+            for kind in (site.Kind.JOINT, site.Kind.MOTOR)
+            for column in site_columns(cls.NAME, kind, scale, element, True, "N·m")
+        ]
+        return Unknowns(cls(arm, np.array(DISPLACEMENTS), nothing, nothing), tuple(columns))
+
+    def memory(self, state: State, before: Array | None = None) -> Array:
+        """See :meth:`LinearTerm.memory`: the states of the elements."""
+        shape = (len(self.displacement), 2, state.q.shape[-1])
+        known = None if before is None else before.reshape(shape)
+        return self.elements(state, known).reshape(len(state.q), -1)
+
+    def columns(self, state: State, memory: Array) -> Array:
+        """See :meth:`LinearTerm.columns`."""
+        count, n = state.q.shape
+        return self._columns(memory.reshape(count, len(self.displacement), 2, n))
+
+    def reduced(self) -> PreslidingHysteresis:
+        """See :meth:`LinearTerm.reduced`: without elements that no joint or motor uses."""
+        used = self.joint.any(axis=1) | self.motor.any(axis=1)
+        return PreslidingHysteresis(
+            self.arm, self.displacement[used], self.joint[used], self.motor[used]
+        )
+
+    def _columns(self, elements: Array) -> Array:
         """Return (N, n, 2 n K) regressor from (N, K, 2, n) states of the elements."""
         columns = []
         for k in range(len(self.displacement)):

@@ -14,6 +14,8 @@ from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.meaning import MORE, meanings, size
 from dvrk_gravity.effects.merging import added
 from dvrk_gravity.effects.plant_part import PlantPart
+from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.site import Kind
 from dvrk_gravity.effects.term import (
     Array,
     LinearTerm,
@@ -23,7 +25,10 @@ from dvrk_gravity.effects.term import (
     joint_array,
     motor_columns,
 )
+from dvrk_gravity.effects.unknowns import Unknowns, site_columns
 from dvrk_gravity.parameter import Parameter, Value
+
+_PART = 0.05  # of a motor's largest torque that a rad/s^2 may plausibly take
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +93,13 @@ class RotorInertia(LinearTerm):
         for motor, row in enumerate(motion.arm.joint_to_actuator):
             if motion.moves[row != 0].any():
                 yield RotorHypothesis(arm=motion.arm, site=site.motor(motor), joints=(motor,))
+
+    @classmethod
+    def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
+        """See :meth:`LinearTerm.unknowns`."""
+        scale = _PART * arm.actuator_effort_limit
+        columns = site_columns(cls.NAME, Kind.MOTOR, scale, 0, True, "kg·m^2")
+        return Unknowns(cls(arm, np.zeros(arm.n)), tuple(columns))
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""

@@ -7,16 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.directional_cable import DirectionalCable
-from dvrk_gravity.effects.elastic_cable import ElasticCable
-from dvrk_gravity.effects.gravity import Gravity
-from dvrk_gravity.effects.held_load import HeldLoad
 from dvrk_gravity.effects.term import Array, State, Term, as_array, as_value, joint_array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
-
-_OF_POSES: tuple[type[Term], ...] = (Gravity, ElasticCable, DirectionalCable, HeldLoad)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +56,8 @@ class ShownTorque(Term):
         for joint, low, high in zip(arm.joint_names, lower.tolist(), upper.tolist(), strict=True):
             if low > high:
                 raise ConfigError(f"{cls.NAME}.lower of {joint}", low, f"at most upper ({high:g})")
-        built = (term.from_parameters(arm, values) for term in _OF_POSES)
+        of_poses = (term for term in effects.terms() if term.AT_POSES)
+        built = (term.from_parameters(arm, values) for term in of_poses)
         return cls(tuple(term for term in built if term is not None), lower, upper)
 
     def parameters(self) -> dict[str, Value]:

@@ -51,6 +51,7 @@ class StribeckFriction(Friction):
     """
 
     NAME = "stribeck_friction"
+    NOT_FITTED = "`diagnose` finds it and extends the model"
     TITLE = "Stribeck friction"
     MEANINGS = meanings(
         level=Meaning("N·m", 0.0, label="greater at rest by", least=0.0),

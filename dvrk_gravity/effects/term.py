@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,8 +14,13 @@ from dvrk_gravity.arguments import floats
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.effect import Effect
 from dvrk_gravity.effects.plant_part import PlantPart, secant_damping
+from dvrk_gravity.effects.site import THE_ARM, Kind
+from dvrk_gravity.effects.unknowns import Column, Unknowns, site_columns
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
+
+if TYPE_CHECKING:
+    from dvrk_gravity.effects.polynomial import Range
 
 Array = NDArray[np.float64]
 Evaluator = Callable[[Array, "Array | None"], Array]
@@ -94,11 +99,15 @@ class Term(Effect):
         COMPENSATED: The compensator applies it; off for what needs the past of the motion or
             lives in a sensor.
         IN_EFFORT_SENSOR: It is in what the effort sensors read, and the arm does not feel it.
+        AT_POSES: Static poses determine it.
+        NOT_FITTED: Why trajectories are not fitted with it, for who asks for that.
     """
 
     FRICTION: ClassVar[bool] = False
     COMPENSATED: ClassVar[bool] = True
     IN_EFFORT_SENSOR: ClassVar[bool] = False
+    AT_POSES: ClassVar[bool] = False
+    NOT_FITTED: ClassVar[str] = ""
 
     @classmethod
     @abstractmethod
@@ -193,7 +202,53 @@ class LinearTerm(Term):
 
     What identification solves for; everything else about the term (ranges, transition
     velocities, gravity's direction) stays as it is.
+
+    Class attributes:
+        SITES: What coefficients belong to, for :meth:`unknowns`: joints, motors, or both.
     """
+
+    SITES: ClassVar[tuple[Kind, ...]] = (Kind.JOINT,)
+
+    @classmethod
+    def plausible(cls, arm: Arm, valid: Range) -> LinearTerm | None:
+        """Return a term of plausible size, ``None`` if trajectories are not fitted with it.
+
+        Its coefficients are the prior standard deviations of those that are looked for; all else
+        about it stays as it is.
+
+        Args:
+            arm: The arm.
+            valid: Range of positions in the data.
+        """
+        del arm, valid
+        return None
+
+    @classmethod
+    def unknowns(cls, arm: Arm, valid: Range) -> Unknowns | None:
+        """Return what a fit solves for, ``None`` if trajectories are not fitted with it.
+
+        By default it is :meth:`plausible`'s coefficients, one column each; of a friction they must
+        not be negative. They come joint by joint, ``SITES`` by ``SITES``, or are just numbered.
+        """
+        prior = cls.plausible(arm, valid)
+        if prior is None:
+            return None
+        scale, unit = np.abs(prior.theta), cls.schema(arm)[0].unit
+        group = len(cls.SITES) * arm.n
+        if len(scale) % group:
+            columns = tuple(
+                Column(cls.NAME, THE_ARM, index, size, cls.FRICTION, unit)
+                for index, size in enumerate(scale.tolist())
+            )
+        else:
+            rows = scale.reshape(-1, len(cls.SITES), arm.n)
+            columns = tuple(
+                column
+                for index, row in enumerate(rows)
+                for kind, sizes in zip(cls.SITES, row, strict=True)
+                for column in site_columns(cls.NAME, kind, sizes, index, cls.FRICTION, unit)
+            )
+        return Unknowns(prior.with_theta(np.zeros(len(scale))), columns)
 
     @property
     @abstractmethod
@@ -208,6 +263,25 @@ class LinearTerm(Term):
     def regressor(self, state: State) -> Array:
         """Return (N, n, k) for (N, n) states: joint torques of each coefficient at one."""
 
+    def memory(self, state: State, before: Array | None = None) -> Array:
+        """Return (N, m) what the term remembers at each sample of a motion; by default nothing.
+
+        Args:
+            state: (N, n) arrays, a motion or its continuation.
+            before: (m,) at the first sample, where the motion is continued.
+        """
+        del before
+        return np.zeros((len(state.q), 0))
+
+    def columns(self, state: State, memory: Array) -> Array:
+        """Return the regressor at a part of a motion, with the (N, m) :meth:`memory` there."""
+        del memory
+        return self.regressor(state)
+
+    def reduced(self) -> LinearTerm:
+        """Return the term without coefficients that are zero, where it can do without them."""
+        return self
+
 
 @dataclass(frozen=True, eq=False)
 class Friction(LinearTerm):
@@ -220,6 +294,7 @@ class Friction(LinearTerm):
     """
 
     FRICTION = True
+    SITES = (Kind.JOINT, Kind.MOTOR)
 
     arm: Arm
     joint: Array

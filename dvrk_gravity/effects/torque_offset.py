@@ -38,6 +38,7 @@ class TorqueOffset(LinearTerm):
     """
 
     NAME = "torque_offset"
+    NOT_FITTED = "a constant torque is the first coefficient of elastic_cable"
     MEANINGS = meanings(offset=size("N·m", READS, "reads"))
     COMPENSATED = False
     IN_EFFORT_SENSOR = True

@@ -15,6 +15,7 @@ from dvrk_gravity.effects.friction_sites import friction_sites
 from dvrk_gravity.effects.meaning import MORE, meanings, size
 from dvrk_gravity.effects.merging import array
 from dvrk_gravity.effects.plant_part import PlantPart
+from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.term import (
     Array,
     Evaluator,
@@ -26,6 +27,7 @@ from dvrk_gravity.effects.term import (
     joint_array,
     motor_columns,
 )
+from dvrk_gravity.effects.unknowns import PART
 from dvrk_gravity.parameter import Parameter, Value
 
 
@@ -74,6 +76,12 @@ class ViscousFriction(Friction):
         """See :meth:`Term.prepare`."""
         damping = self._damping
         return lambda q, qd: np.zeros(len(damping)) if qd is None else qd.dot(damping)
+
+    @classmethod
+    def plausible(cls, arm: Arm, valid: Range) -> ViscousFriction:
+        """See :meth:`LinearTerm.plausible`: at one radian a second."""
+        scale = PART * arm.actuator_effort_limit
+        return cls(arm, scale, scale)
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""

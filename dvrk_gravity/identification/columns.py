@@ -1,83 +1,39 @@
-"""The columns that a fit may use: what each is, its prior size, and its way into a model."""
+"""The columns that a fit may use: what each is, its prior size, and its way into a model.
+
+They are those of the rigid body, of every effect that says what a fit solves for in it
+(:meth:`~dvrk_gravity.effects.LinearTerm.unknowns`), and of zeros of joints and tilt of the base.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity import gravity
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
-from dvrk_gravity.effects import (
-    CoulombFriction,
-    ElasticCable,
-    LinearTerm,
-    LinkInertia,
-    PreslidingHysteresis,
-    RotorInertia,
-    State,
-    Term,
-    ViscousFriction,
-    rigid_body,
-)
-from dvrk_gravity.effects.link_prior import (  # noqa: F401
-    _samples,
-    base_directions,
-    beta_map,
-)
+from dvrk_gravity import effects
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import LinearTerm, State, Term
 from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.identification.posture import OFFSETS, Posture
+from dvrk_gravity.effects.unknowns import Column, Unknowns
+from dvrk_gravity.identification.posture import POSTURE, Posture
+from dvrk_gravity.identification.rigid_columns import RIGID, RigidColumns
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.tree import TREE_LINKS
-
-SPRINGS = 4  # entries of beta, arm and forearm, that a balancing spring can add to
-DEGREE = 7  # highest power of a joint's own position that is tried
-DISPLACEMENTS = (0.01, 0.03, 0.1, 0.3)  # rad, of the elements of presliding
-TRANSITION = 0.003  # rad/s over which Coulomb friction changes its sign
-# What one effect may plausibly take of a motor's largest torque, as a standard deviation.
-PART = 0.2
-POSTURE = ("base_tilt", "joint_offset")  # effects that torque is not linear in
-MISPLACED = 0.1  # rad, plausible size of a zero's or the base's error
 
 
-@dataclass(frozen=True)
-class Column:
-    """One unknown of the fit.
-
-    Attributes:
-        effect: The term's name.
-        place: ``joint`` or ``motor``; ``""`` for rigid-body combinations and the base.
-        joint: Index of the joint or motor, -1 for rigid-body combinations and the base.
-        index: Number within that: power of the position, element of presliding, roll or pitch.
-        scale: Prior standard deviation, in the unit of the column's coefficient.
-        positive: Must not be negative.
-    """
-
-    effect: str
-    place: str
-    joint: int
-    index: int
-    scale: float
-    positive: bool = False
-
-    @property
-    def name(self) -> str:
-        """Effect, joint and place in words."""
-        if self.joint < 0:
-            return f"{self.effect}[{self.index}]"
-        place = " motor" if self.place == "motor" else ""
-        return f"{self.effect} {JOINT_NAMES[self.joint]}{place}"
-
-
-def _key(column: Column) -> tuple[str, str, int, int]:
-    return column.effect, column.place, column.joint, column.index
+def identified(arm: Arm) -> tuple[str, ...]:
+    """Return the names of the effects that trajectories of an arm are fitted with."""
+    found = (one.term.NAME for one in _unknowns(arm, Range(arm.lower, arm.upper)))
+    return tuple(sorted({*RIGID, *POSTURE, *found}))
 
 
 class Columns:
     """All columns of one arm over one range of positions.
+
+    Class attributes:
+        ABSENT: Numbers of link parameters that are taken to be zero.
 
     Attributes:
         arm: The arm.
@@ -87,60 +43,27 @@ class Columns:
         columns: What they are, in order.
     """
 
+    ABSENT: ClassVar[tuple[int, ...]] = ()
+
     def __init__(
         self, arm: Arm, lower: Array, upper: Array, posture: Posture | None = None
     ) -> None:
-        """Lay the columns out for data between (7,) ``lower`` and ``upper`` measured positions."""
+        """Lay the columns out for data between (n,) ``lower`` and ``upper`` measured positions."""
         self.arm = arm
         self.posture = Posture() if posture is None else posture
         self.mounted = self.posture.mounted(arm)
         self.valid = Range(lower - self.posture.offset, upper - self.posture.offset)
-        limit = arm.actuator_effort_limit
-        nothing = np.zeros(N_JOINTS)
-        self._friction = CoulombFriction(
-            arm, *(nothing,) * 4, transition_velocity=np.full(N_JOINTS, TRANSITION)
-        )
-        elements = np.zeros((len(DISPLACEMENTS), N_JOINTS))
-        self._presliding = PreslidingHysteresis(arm, np.array(DISPLACEMENTS), elements, elements)
-        self._terms: tuple[LinearTerm, ...] = (
-            ElasticCable(arm, np.zeros((DEGREE + 1, N_JOINTS)), self.valid),
-            self._friction,
-            ViscousFriction(arm, nothing, nothing),
-            RotorInertia(arm, nothing),
-            self._presliding,
-        )
-        columns = [
-            Column("link_inertia", "", -1, index, 1.0) for index in range(self.base.shape[1])
-        ]
-        # A spring that balances arm or forearm pulls like a mass and has no inertia.
-        columns += [Column("gravity", "", -1, index, PART * limit[1]) for index in range(SPRINGS)]
-        for power in range(DEGREE + 1):
-            columns += [
-                Column("elastic_cable", "joint", j, power, PART * limit[j]) for j in range(N_JOINTS)
-            ]
-        for effect in ("coulomb_friction", "viscous_friction"):
-            for place in ("joint", "motor"):
-                columns += [
-                    Column(effect, place, j, 0, PART * limit[j], True) for j in range(N_JOINTS)
-                ]
-        columns += [
-            Column("rotor_inertia", "motor", j, 0, 0.05 * limit[j], True) for j in range(N_JOINTS)
-        ]
-        for element in range(len(DISPLACEMENTS)):
-            for place in ("joint", "motor"):
-                columns += [
-                    Column("presliding_hysteresis", place, j, element, PART * limit[j], True)
-                    for j in range(N_JOINTS)
-                ]
-        if self.posture.links is not None:
-            columns += [Column("joint_offset", "joint", j, 0, MISPLACED) for j in OFFSETS]
-            columns += [Column("base_tilt", "", -1, axis, MISPLACED) for axis in range(2)]
-        self.columns = tuple(columns)
+        self._rigid = RigidColumns(self.mounted, self.ABSENT)
+        self._unknowns = tuple(_unknowns(arm, self.valid))
+        columns = [*self._rigid.columns]
+        for one in self._unknowns:
+            columns += one.columns
+        self.columns = (*columns, *self.posture.columns(arm))
 
-    @cached_property
+    @property
     def base(self) -> Array:
-        """(90, b) from base combinations of unit prior size to the links' parameters."""
-        return base_directions(self.mounted)
+        """(10 bodies, b) from base combinations of unit prior size to the links' parameters."""
+        return self._rigid.base
 
     @cached_property
     def scale(self) -> Array:
@@ -166,136 +89,90 @@ class Columns:
 
     def same(self, chosen: Sequence[int], others: Columns) -> list[int]:
         """Return which of other columns are the chosen ones; of the rigid body it is all."""
-        rigid = {i for i, one in enumerate(others.columns) if one.effect == "link_inertia"}
-        keys = {_key(self.columns[i]) for i in chosen}
-        named = {i for i, one in enumerate(others.columns) if _key(one) in keys}
-        return sorted(rigid | named)
+        keys = {self.columns[i].key for i in chosen}
+        return [
+            index
+            for index, one in enumerate(others.columns)
+            if one.effect == RIGID[0] or one.key in keys
+        ]
+
+    def basis(self, effect: str) -> Array:
+        """Return (k, p) from the coefficients of an effect's columns to its term's theta."""
+        (one,) = (one for one in self._unknowns if effect == one.term.NAME)
+        return np.eye(len(one.columns)) if one.basis is None else one.basis
 
     def history(self, state: State, before: Array | None = None) -> Array:
-        """Return (N, K, 2, 7) states of the presliding elements along a motion.
+        """Return (N, m) what effects remember along a motion.
 
         Args:
-            state: (N, 7) arrays, a whole motion or its continuation.
-            before: (K, 2, 7) of its first sample, if it continues one.
+            state: (N, n) arrays, a whole motion or its continuation.
+            before: (m,) at its first sample, if it continues one.
         """
-        return self._presliding.elements(state, before)
+        known = [None] * len(self._unknowns) if before is None else self._split(before)
+        parts = [
+            one.term.memory(state, part) for one, part in zip(self._unknowns, known, strict=True)
+        ]
+        return np.concatenate(parts, axis=-1)
 
     def regressor(self, state: State, history: Array, stride: int = 1) -> Array:
-        """Return (N, 7, p) torques *at the motors* of all columns.
+        """Return (N, n, p) torques *at the motors* of all columns.
 
         Args:
-            state: (N, 7) arrays, part of a motion.
-            history: (N, K, 2, 7), the same part of :meth:`history`.
+            state: (N, n) arrays, part of a motion.
+            history: (N, m), the same part of :meth:`history`.
             stride: Samples over which the motion is smooth: the posture's slopes, dear and as
                 smooth as it is, are evaluated so far apart, with cubic splines between.
         """
-        arm, measured = self.mounted, state
-        state = self.posture.true(measured)
-        rigid = rigid_body.regressor(arm, state.q, state.qd, state.qdd, arm.gravity)
-        parts = [rigid @ self.base, gravity.regressor(state.q, arm.gravity)[..., :SPRINGS]]
-        for term in self._terms:
-            if isinstance(term, PreslidingHysteresis):
-                part = term.columns(history)
-            else:
-                part = term.regressor(state)
-            if isinstance(term, ElasticCable):
-                part = part @ self._legendre
-            elif isinstance(term, CoulombFriction):
-                # The same upwards and downwards: a difference is a constant, which is a column.
-                part = np.concatenate(
-                    [part[..., :7] + part[..., 7:14], part[..., 14:21] + part[..., 21:]], axis=-1
-                )
-            parts.append(part)
+        true = self.posture.true(state)
+        parts = [self._rigid.regressor(true)]
+        parts += [
+            one.regressor(true, memory)
+            for one, memory in zip(self._unknowns, self._split(history), strict=True)
+        ]
         if self.posture.links is not None:
-            parts.append(self._slopes(measured, stride))
-        return np.matmul(arm.actuator_to_joint.T, np.concatenate(parts, axis=-1))
+            parts.append(self.posture.smooth_slopes(self.arm, state, stride))
+        return np.matmul(self.arm.actuator_to_joint.T, np.concatenate(parts, axis=-1))
 
-    def _slopes(self, measured: State, stride: int) -> Array:
-        from scipy.interpolate import CubicSpline
-
-        last = len(measured.q) - 1
-        if stride == 1 or last < stride:
-            return self.posture.slopes(self.arm, measured)
-        knots = np.unique(np.append(np.arange(0, last, stride), last))
-        at_knots = self.posture.slopes(self.arm, measured.rows(knots))
-        return np.asarray(CubicSpline(knots, at_knots)(np.arange(last + 1)))
+    def at_rest(self, q: Array) -> Array:
+        """Return (N, n, p) torques at the motors at (N, n) positions, nothing remembered."""
+        rest = np.zeros((len(q), sum(self._memories)))
+        return self.regressor(State(q, np.zeros_like(q), np.zeros_like(q)), rest)
 
     @cached_property
-    def _legendre(self) -> Array:
-        """(k, k) from Legendre polynomials over the range to powers, joint by joint."""
-        matrix = np.zeros((DEGREE + 1, N_JOINTS, DEGREE + 1, N_JOINTS))
-        for j, (low, high) in enumerate(zip(self.valid.lower, self.valid.upper, strict=True)):
-            domain = (low, high) if high - low > 1e-3 else (low - 1.0, low + 1.0)
-            for power in range(DEGREE + 1):
-                one = np.polynomial.Legendre.basis(power, domain=domain)
-                powers = one.convert(kind=np.polynomial.Polynomial).coef
-                matrix[: len(powers), j, power, j] = powers
-        size = (DEGREE + 1) * N_JOINTS
-        return matrix.reshape(size, size)
+    def _memories(self) -> tuple[int, ...]:
+        """How many numbers each effect remembers."""
+        still = State(np.zeros((1, self.arm.n)))
+        return tuple(one.term.memory(still).shape[1] for one in self._unknowns)
 
-    def powers(self, joint: int) -> Array:
-        """Return (degree + 1, degree + 1): a joint's powers from its Legendre polynomials."""
-        return self._legendre[joint::N_JOINTS, joint::N_JOINTS]
+    def _split(self, memory: Array) -> list[Array]:
+        """Return each effect's part of (…, m) memory."""
+        return np.split(memory, np.cumsum(self._memories)[:-1], axis=-1)
 
     def corrected(self, theta: Array) -> Posture:
         """Return the posture that (p,) coefficients ask for, with their links for its slopes."""
-        rigid = self.base.shape[1]
-        offset, tilt = self.posture.offset.copy(), self.posture.tilt.copy()
-        for column, value in zip(self.columns, theta.tolist(), strict=True):
-            if column.effect == "joint_offset":
-                offset[column.joint] += value
-            elif column.effect == "base_tilt":
-                tilt[column.index] += value
-        return Posture(offset, tilt, self.base @ theta[:rigid], theta[rigid : rigid + SPRINGS])
+        links, springs = self._rigid.bodies(theta[: len(self._rigid.columns)])
+        change = theta[len(theta) - len(self.posture.columns(self.arm)) :]
+        return self.posture.moved(self.arm, change, links, springs)
 
     def terms(self, theta: Array, links: Array | None = None) -> tuple[Term, ...]:
         """Return the model's terms for (p,) coefficients; those that are zero are left out.
 
         Args:
             theta: The coefficients.
-            links: (90,) link parameters to use for those of the base combinations.
+            links: (10 bodies,) link parameters to use for those of the base combinations.
         """
-        from dvrk_gravity.effects import Gravity
-
-        rigid = theta[: self.base.shape[1]]
-        springs = theta[len(rigid) : len(rigid) + SPRINGS]
-        built: list[Term] = []
-        if links is None:
-            links = self.base @ rigid
-        if links.any() or springs.any():
-            beta = beta_map(self.mounted) @ links
-            beta[:SPRINGS] += springs
-            built.append(Gravity(self.arm, beta, self.mounted.gravity))
-            zero = LinkInertia(self.arm, np.zeros((len(TREE_LINKS), rigid_body.PER_LINK)))
-            built.append(zero.with_theta(links))
-        start = len(rigid) + SPRINGS
-        for term in self._terms:
-            count = len(term.theta)
-            if isinstance(term, CoulombFriction):
-                joint, motor = theta[start : start + 7], theta[start + 7 : start + 14]
-                value, count = np.concatenate([joint, joint, motor, motor]), 14
-            else:
-                value = theta[start : start + count]
-            start += count
-            if not value.any():
-                continue
-            if isinstance(term, ElasticCable):
-                value = self._trimmed(self._legendre @ value)
-            if isinstance(term, PreslidingHysteresis):
-                built.append(_without_idle(term.with_theta(value)))
-            else:
-                built.append(term.with_theta(value))
+        start = len(self._rigid.columns)
+        built = self._rigid.terms(self.arm, theta[:start], links)
+        for one in self._unknowns:
+            found = one.found(theta[start : start + len(one.columns)])
+            start += len(one.columns)
+            if found is not None:
+                built.append(found)
         return tuple(built)
 
-    @staticmethod
-    def _trimmed(powers: Array) -> Array:
-        rows = powers.reshape(-1, N_JOINTS)
-        return rows[: int(np.flatnonzero(rows.any(axis=1)).max()) + 1].ravel()
 
-
-def _without_idle(term: PreslidingHysteresis) -> PreslidingHysteresis:
-    """Return the term without the elements that no joint uses."""
-    used = term.joint.any(axis=1) | term.motor.any(axis=1)
-    return PreslidingHysteresis(
-        term.arm, term.displacement[used], term.joint[used], term.motor[used]
-    )
+def _unknowns(arm: Arm, valid: Range) -> Iterator[Unknowns]:
+    for effect in effects.terms():
+        found = effect.unknowns(arm, valid) if issubclass(effect, LinearTerm) else None
+        if found is not None:
+            yield found

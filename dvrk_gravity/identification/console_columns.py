@@ -4,11 +4,11 @@ At rest the console has gravity with ten parameters on an upright base, and for 
 6 a polynomial of degree four. In motion it has Coulomb friction of the joints. What torque needs
 besides and the console does not send (inertia, viscous friction, presliding) stays in the fit:
 without the friction of motors, say, gravity would make up for it.
+
+It names effects as the console's form does: which of them the console has, and how much of each.
 """
 
 from __future__ import annotations
-
-from functools import cached_property
 
 import numpy as np
 
@@ -16,8 +16,9 @@ from dvrk_gravity.arm import Arm
 from dvrk_gravity.console import ARMS, N_GRAVITY, N_POLYNOMIALS, N_POWERS
 from dvrk_gravity.effects import Gravity, Term
 from dvrk_gravity.effects.rigid_body import PER_LINK
+from dvrk_gravity.effects.unknowns import Column
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification.columns import Column, Columns, base_directions
+from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.tree import TREE_LINKS
 
@@ -46,10 +47,7 @@ def require_console_arm(arm: Arm) -> None:
 class ConsoleColumns(Columns):
     """Columns that cannot leave the console's form at rest."""
 
-    @cached_property
-    def base(self) -> Array:
-        """See :attr:`Columns.base`; link 7 is balanced about its own axis."""
-        return base_directions(self.mounted, _ACROSS)
+    ABSENT = _ACROSS  # link 7 is balanced about its own axis
 
     def offers(self, column: Column) -> bool:
         """See :meth:`Columns.offers`."""

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.effects import State
-from dvrk_gravity.identification.columns import DISPLACEMENTS, Columns
+from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.covariance import uncertainty
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.folds import Folds
@@ -157,9 +156,7 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) ->
 
 def _at_rest(columns: Columns, chosen: Sequence[int], q: Array) -> Array:
     """Return (K, 7, p) joint torques of the chosen columns at (K, 7) positions at rest."""
-    state = State(q, np.zeros_like(q), np.zeros_like(q))
-    rested = np.zeros((len(q), len(DISPLACEMENTS), 2, N_JOINTS))
-    at_motors = columns.regressor(state, rested)[:, :, chosen]
+    at_motors = columns.at_rest(q)[:, :, chosen]
     return np.matmul(columns.arm.joint_to_actuator.T, at_motors)
 
 

@@ -10,11 +10,15 @@ import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.effects import rigid_body
+from dvrk_gravity.effects.link_prior import base_directions, beta_map, samples
+from dvrk_gravity.effects.presliding_hysteresis import DISPLACEMENTS
+from dvrk_gravity.effects.unknowns import Column
 from dvrk_gravity.gravity import BETA_NAMES
-from dvrk_gravity.identification.columns import DISPLACEMENTS, POSTURE, Column, Columns, beta_map
+from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.covariance import Uncertainty
 from dvrk_gravity.identification.holding import NARROW
 from dvrk_gravity.identification.moments import Design
+from dvrk_gravity.identification.posture import POSTURE
 from dvrk_gravity.identification.regression import Solution
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.recording.data import Array
@@ -116,27 +120,21 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
             found.append(_Quantity(name, unit, row(dict(zip(rigid, line, strict=True))), -1))
     for j, joint in enumerate(JOINT_NAMES):
         powers = [i for i in columns.select(effect="elastic_cable", joint=j) if i in index]
-        matrix = columns.powers(j)
+        matrix = columns.basis("elastic_cable")[j :: columns.arm.n, j :: columns.arm.n]
         for k in range(len(powers)):
             values = {index[i]: matrix[k, columns.columns[i].index] for i in powers}
             unit = "N·m" + ("" if k == 0 else "/rad" if k == 1 else f"/rad^{k}")
             found.append(_Quantity(f"elastic_cable.{joint}[{k}]", unit, row(values), j))
-    units = {
-        "coulomb_friction": "N·m",
-        "viscous_friction": "N·m·s/rad",
-        "rotor_inertia": "kg·m^2",
-        "presliding_hysteresis": "N·m",
-    }
     dry = _dry_friction(columns, chosen)
     for i in chosen:
         column = columns.columns[i]
-        if column.effect in units:
-            name = f"{column.effect}.{column.place}[{JOINT_NAMES[column.joint]}]"
+        if column.unit:
+            name = _name(column, columns.arm)
             if column.effect == "presliding_hysteresis":
                 name += f" over {DISPLACEMENTS[column.index]:g} rad"
             found.append(
                 _Quantity(
-                    name, units[column.effect], row({index[i]: 1.0}), column.joint,
+                    name, column.unit, row({index[i]: 1.0}), column.joint,
                     shared=i in dry.get((column.place, column.joint), ()),
                 )
             )  # fmt: skip
@@ -146,6 +144,13 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
             around = posture.tilt[column.index] if tilt else posture.offset[column.joint]
             found.append(_Quantity(posture_name(column), "rad", one, column.joint, around))
     return found
+
+
+def _name(column: Column, arm: Arm) -> str:
+    """Return the name of a coefficient of a term."""
+    if column.joint < 0:
+        return f"{column.effect}[{column.index}]"
+    return f"{column.effect}.{column.place}[{arm.joint_names[column.joint]}]"
 
 
 def _is_there(line: Array) -> bool:
@@ -186,9 +191,7 @@ def base_parameters(arm: Arm) -> tuple[tuple[str, str, Array], ...]:
     """
     from scipy.linalg import qr, solve_triangular
 
-    from dvrk_gravity.identification.columns import _samples, base_directions
-
-    full = rigid_body.regressor(arm, *_samples(arm), arm.gravity).reshape(-1, rigid_body.COLUMNS)
+    full = rigid_body.regressor(arm, *samples(arm), arm.gravity).reshape(-1, rigid_body.COLUMNS)
     rank = base_directions(arm).shape[1]
     norm = np.linalg.norm(full, axis=0)
     norm[norm < 1e-9 * norm.max()] = np.inf

@@ -13,12 +13,13 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.effects import State, rigid_body
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import State, rigid_body, site
+from dvrk_gravity.effects.unknowns import Column
 from dvrk_gravity.recording.data import Array
 
-# Joint 1's zero turns everything about the vertical; joint 7's turns its link's parameters along.
-OFFSETS = (1, 2, 3, 4, 5)
+POSTURE = ("base_tilt", "joint_offset")  # effects that torque is not linear in
+MISPLACED = 0.1  # rad, plausible size of a zero's or the base's error
 _STEP = 1e-6  # rad, of one-sided differences: half the digits of a double
 
 
@@ -27,13 +28,13 @@ class Posture:
     """Where joints and base are said to be, and the weight whose torque tells it.
 
     Attributes:
-        offset: (7,) measured minus true position, rad.
+        offset: (n,) measured minus true position, rad; (1,) for the same of all joints.
         tilt: (2,) roll and pitch by which the base is turned further than it is said to be, rad.
-        links: (90,) link parameters that the slopes are taken with; ``None``: no slopes.
+        links: (10 bodies,) link parameters that the slopes are taken with; ``None``: no slopes.
         springs: (n,) what springs add to the first entries of beta, N·m.
     """
 
-    offset: Array = field(default_factory=lambda: np.zeros(N_JOINTS))
+    offset: Array = field(default_factory=lambda: np.zeros(1))
     tilt: Array = field(default_factory=lambda: np.zeros(2))
     links: Array | None = None
     springs: Array = field(default_factory=lambda: np.zeros(0))
@@ -49,18 +50,56 @@ class Posture:
         """Return a measured state with its joints where they are."""
         return replace(state, q=state.q - self.offset) if self.offset.any() else state
 
+    def columns(self, arm: Arm) -> tuple[Column, ...]:
+        """Return the columns of :meth:`slopes`, none without links to take them with."""
+        if self.links is None:
+            return ()
+        tilt, offset = POSTURE
+        return (
+            *(Column(offset, site.joint(j), 0, MISPLACED) for j in _offset_joints(arm)),
+            *(Column(tilt, site.THE_BASE, axis, MISPLACED) for axis in range(2)),
+        )
+
+    def moved(self, arm: Arm, change: Array, links: Array, springs: Array) -> Posture:
+        """Return the posture that (k,) coefficients of :meth:`columns` ask for.
+
+        Args:
+            arm: The arm.
+            change: The coefficients, rad.
+            links: (10 bodies,) link parameters for its slopes.
+            springs: (s,) what springs add, N·m.
+        """
+        offset, tilt = self.offset + np.zeros(arm.n), self.tilt.copy()
+        for column, value in zip(self.columns(arm), change.tolist(), strict=True):
+            if column.site.kind is site.Kind.BASE:
+                tilt[column.index] += value
+            else:
+                offset[column.joint] += value
+        return Posture(offset, tilt, links, springs)
+
+    def smooth_slopes(self, arm: Arm, state: State, stride: int) -> Array:
+        """Return :meth:`slopes` from every few samples of a smooth motion, by cubic splines."""
+        from scipy.interpolate import CubicSpline
+
+        last = len(state.q) - 1
+        if stride == 1 or last < stride:
+            return self.slopes(arm, state)
+        knots = np.unique(np.append(np.arange(0, last, stride), last))
+        at_knots = self.slopes(arm, state.rows(knots))
+        return np.asarray(CubicSpline(knots, at_knots)(np.arange(last + 1)))
+
     def slopes(self, arm: Arm, state: State) -> Array:
-        """Return (N, 7, 7) joint torques per rad of five further offsets, roll and pitch.
+        """Return (N, n, k) joint torques per rad of :meth:`columns`: offsets, roll and pitch.
 
         Args:
             arm: The arm, its base not tilted yet.
-            state: The measured motion, (N, 7) arrays.
+            state: The measured motion, (N, n) arrays.
         """
         vector = self.mounted(arm).gravity
         here = self._torque(arm, self.true(state), vector)
         columns = []
-        for joint in OFFSETS:
-            step = _STEP * (np.arange(N_JOINTS) == joint)
+        for joint in _offset_joints(arm):
+            step = _STEP * (np.arange(arm.n) == joint)
             there = replace(self, offset=self.offset + step).true(state)
             columns.append((self._torque(arm, there, vector) - here) / _STEP)
         at_rest = State(self.true(state).q)
@@ -76,3 +115,12 @@ class Posture:
         torque = rigid_body.torque(arm, self.links, true.q, true.qd, true.qdd, vector)
         columns = gravity.regressor(true.q, vector)[..., : len(self.springs)]
         return torque + columns @ self.springs
+
+
+def _offset_joints(arm: Arm) -> range:
+    """Return the joints whose zeros torque can tell.
+
+    The first one's turns everything about the vertical, the last one's turns the parameters of its
+    link along.
+    """
+    return range(1, arm.n - 1)

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dvrk_gravity.identification.columns import POSTURE
 from dvrk_gravity.identification.motion import Motion
+from dvrk_gravity.identification.posture import POSTURE
 from dvrk_gravity.identification.posture_statements import posture_statements
 from dvrk_gravity.identification.problem import Problem, choose, pose, reweighed, solved
 from dvrk_gravity.identification.selection import starts

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dvrk_gravity.identification.columns import POSTURE
 from dvrk_gravity.identification.covariance import NORMAL_95
 from dvrk_gravity.identification.identifiability import posture_name
+from dvrk_gravity.identification.posture import POSTURE
 from dvrk_gravity.identification.problem import Problem
 from dvrk_gravity.recording.data import Array
 

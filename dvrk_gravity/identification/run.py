@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import terms
 from dvrk_gravity.errors import ArgumentError, ConfigError, RecordingError
-from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.columns import Columns, identified
 from dvrk_gravity.identification.console_columns import (
     CONSOLE_EFFECTS,
     ConsoleColumns,
@@ -35,21 +36,6 @@ from dvrk_gravity.recording.data import Coordinates, known_coordinates
 
 Report = Callable[[str, float], None]
 
-
-IDENTIFIED = (
-    "base_tilt", "coulomb_friction", "elastic_cable", "gravity", "joint_offset", "link_inertia",
-    "presliding_hysteresis", "rotor_inertia", "viscous_friction",
-)  # fmt: skip
-"""Effects that trajectories are fitted with."""
-
-_BY_DIAGNOSIS = "`diagnose` finds it and extends the model"
-_ELSEWHERE = {
-    "payload": "what a link carries is in the parameters of links, which are fitted anyway",
-    "torque_offset": "a constant torque is the first coefficient of elastic_cable",
-    "stribeck_friction": _BY_DIAGNOSIS,
-    "cogging": _BY_DIAGNOSIS,
-    "contact": _BY_DIAGNOSIS,
-}
 
 _FOR_CONSOLE = (
     "fitted for the dVRK console: at rest nothing but gravity of ten parameters, and of joints 1 "
@@ -103,10 +89,12 @@ def identify(
     if all_static(recordings):
         fit = _static(recordings, arm, given, effects, physical, report, for_console)
     else:
+        known = identified(arm)
         for effect in effects or ():
-            if effect not in IDENTIFIED:
-                why = f" ({_ELSEWHERE[effect]})" if effect in _ELSEWHERE else ""
-                raise ConfigError("--terms", effect, f"some of {', '.join(IDENTIFIED)}{why}")
+            if effect not in known:
+                reasons = {term.NAME: term.NOT_FITTED for term in terms()}
+                why = f" ({reasons[effect]})" if reasons.get(effect) else ""
+                raise ConfigError("--terms", effect, f"some of {', '.join(known)}{why}")
         fit = _dynamic(recordings, arm, given, effects, physical, report, still or {}, for_console)
     if not any(warning.kind == "other_hand" for warning in fit.warnings):
         fit = replace(fit, warnings=(*fit.warnings, *by_weight(fit.parameters, arm)))

@@ -9,11 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.identification.columns import DEGREE, DISPLACEMENTS, POSTURE, Columns
+from dvrk_gravity.effects.elastic_cable import DEGREE
+from dvrk_gravity.effects.presliding_hysteresis import DISPLACEMENTS
+from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.folds import Folds
 from dvrk_gravity.identification.moments import Design, Moments
+from dvrk_gravity.identification.posture import POSTURE
 from dvrk_gravity.identification.regression import solve_signed
 from dvrk_gravity.identification.result import Choice
+from dvrk_gravity.identification.rigid_columns import RIGID
 from dvrk_gravity.recording.data import Array
 
 # A step must lower the held-out error by so much in the mean over blocks, and by so many
@@ -21,7 +25,11 @@ from dvrk_gravity.recording.data import Array
 LEAST_GAIN = 0.004
 STANDARD_ERRORS = 1.0
 MOST_STEPS = 60
-RIGID = ("link_inertia", "gravity")
+# Effects that moves of their own are made for; of others each column comes and goes alone.
+WITH_MOVES = (
+    "coulomb_friction", "elastic_cable", "presliding_hysteresis", "rotor_inertia",
+    "viscous_friction", *RIGID, *POSTURE,
+)  # fmt: skip
 WRIST = (3, 4, 5, 6)  # joints whose rotors are no part of a link, as far as torque can tell
 
 
@@ -273,6 +281,17 @@ class Selection:
             rotor = columns.select(effect="rotor_inertia", joint=j)[0]
             if rotor not in inside:
                 yield Move((rotor,), (), f"rotor_inertia {name}")
+        yield from self._other_moves(inside)
+
+    def _other_moves(self, inside: set[int]) -> Iterator[Move]:
+        for i, column in enumerate(self.columns.columns):
+            if column.effect not in WITH_MOVES:
+                where = column.site.words(self.columns.arm)
+                text = f"{column.effect} {where}" + f", {column.index}" * (column.index > 0)
+                if i in inside:
+                    yield Move((), (i,), f"without {text}")
+                else:
+                    yield Move((i,), (), text)
 
     def _place_moves(self, inside: set[int], j: int) -> Iterator[Move]:
         """Move a joint's friction to its motor or back."""

@@ -1,0 +1,100 @@
+"""What an identification from trajectories solves for in a term."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.effects.site import Kind, Site
+
+if TYPE_CHECKING:
+    from dvrk_gravity.effects.term import LinearTerm, State
+
+Array = NDArray[np.float64]
+
+PART = 0.2
+"""What one effect may plausibly take of a motor's largest torque, as a standard deviation."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One unknown of a fit.
+
+    Attributes:
+        effect: The effect's name.
+        site: Where it acts.
+        index: Number within that: power of the position, element of presliding, roll or pitch.
+        scale: Prior standard deviation, in the unit of its coefficient.
+        positive: Must not be negative.
+        unit: Unit of its coefficient; ``""`` where parameters are combinations of several.
+    """
+
+    effect: str
+    site: Site
+    index: int
+    scale: float
+    positive: bool = False
+    unit: str = ""
+
+    @property
+    def place(self) -> str:
+        """``joint`` or ``motor``; ``""`` for what acts at neither."""
+        return self.site.kind.value if self.site.kind in (Kind.JOINT, Kind.MOTOR) else ""
+
+    @property
+    def joint(self) -> int:
+        """Index of the joint or motor, -1 for what acts at neither."""
+        return self.site.index if self.place else -1
+
+    @property
+    def key(self) -> tuple[str, Site, int]:
+        """What tells it from other columns of the same effects."""
+        return self.effect, self.site, self.index
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """A term whose coefficients are looked for, as columns of a fit.
+
+    Attributes:
+        term: The term, its coefficients zero.
+        columns: One for each of the p coefficients of the fit.
+        basis: (k, p) from the fit's coefficients to the term's theta; ``None``: they are theta.
+    """
+
+    term: LinearTerm
+    columns: tuple[Column, ...]
+    basis: Array | None = None
+
+    def regressor(self, state: State, memory: Array) -> Array:
+        """Return (N, n, p) torques of all columns at (N, n) states with (N, m) memory."""
+        columns = self.term.columns(state, memory)
+        return columns if self.basis is None else columns @ self.basis
+
+    def found(self, coefficients: Array) -> LinearTerm | None:
+        """Return the term with (p,) coefficients of the fit, ``None`` if all of them are zero."""
+        if not coefficients.any():
+            return None
+        theta = coefficients if self.basis is None else self.basis @ coefficients
+        return self.term.with_theta(theta).reduced()
+
+
+def site_columns(
+    effect: str, kind: Kind, scale: Array, index: int, positive: bool, unit: str
+) -> Iterator[Column]:
+    """Yield the columns of an effect that acts at every joint, or at every motor.
+
+    Args:
+        effect: Its name.
+        kind: Where it acts.
+        scale: (n,) prior standard deviations.
+        index: Of all of them.
+        positive: Coefficients must not be negative.
+        unit: Of the coefficients.
+    """
+    for joint, size in enumerate(scale.tolist()):
+        yield Column(effect, Site(kind, joint), index, size, positive, unit)

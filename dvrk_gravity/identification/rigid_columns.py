@@ -1,0 +1,75 @@
+"""The rigid body's columns: combinations of its links' parameters that torque can show.
+
+Gravity and link_inertia are solved for together, for the same parameters of links make both: what
+is identified is a set of base parameters, and beta is a function of them. A spring that balances
+arm or forearm pulls like a mass and has no inertia; it is a column of gravity alone.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from dvrk_gravity import gravity
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import Gravity, LinkInertia, State, Term, rigid_body
+from dvrk_gravity.effects.link_prior import base_directions, beta_map
+from dvrk_gravity.effects.site import THE_ARM
+from dvrk_gravity.effects.unknowns import PART, Column
+from dvrk_gravity.recording.data import Array
+
+SPRINGS = 4  # entries of beta, arm and forearm, that a balancing spring can add to
+RIGID = (LinkInertia.NAME, Gravity.NAME)  # effects that are always fitted
+
+
+class RigidColumns:
+    """Columns of the links' base parameters, then of springs.
+
+    Attributes:
+        arm: The arm, its base as it is mounted.
+        base: (10 bodies, b) from base combinations of unit prior size to the links' parameters.
+    """
+
+    def __init__(self, arm: Arm, absent: tuple[int, ...] = ()) -> None:
+        """Find the combinations, with the ``absent`` of the links' parameters zero."""
+        self.arm = arm
+        self.base = base_directions(arm, absent)
+
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        """What they are, in order."""
+        inertia, weight = RIGID
+        spring = PART * float(self.arm.actuator_effort_limit[1])
+        return (
+            *(Column(inertia, THE_ARM, index, 1.0) for index in range(self.base.shape[1])),
+            *(Column(weight, THE_ARM, index, spring) for index in range(SPRINGS)),
+        )
+
+    def regressor(self, state: State) -> Array:
+        """Return (N, n, p) joint torques of all columns at (N, n) true states."""
+        arm = self.arm
+        links = rigid_body.regressor(arm, state.q, state.qd, state.qdd, arm.gravity)
+        springs = gravity.regressor(state.q, arm.gravity)[..., :SPRINGS]
+        return np.concatenate([links @ self.base, springs], axis=-1)
+
+    def bodies(self, theta: Array) -> tuple[Array, Array]:
+        """Return (10 bodies,) link parameters and springs, N·m, of (p,) coefficients."""
+        return self.base @ theta[:-SPRINGS], theta[-SPRINGS:]
+
+    def terms(self, arm: Arm, theta: Array, links: Array | None = None) -> list[Term]:
+        """Return the model's terms.
+
+        Args:
+            arm: The arm of the model.
+            theta: (p,) coefficients.
+            links: (10 bodies,) link parameters to use for those of the coefficients.
+        """
+        own, springs = self.bodies(theta)
+        links = own if links is None else links
+        if not links.any() and not springs.any():
+            return []
+        beta = beta_map(self.arm) @ links
+        beta[:SPRINGS] += springs
+        inertia = LinkInertia(arm, links.reshape(-1, rigid_body.PER_LINK))
+        return [Gravity(arm, beta, self.arm.gravity), inertia]

@@ -1,0 +1,294 @@
+"""What every registered term promises to those who compensate, simulate, fit and file it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from dvrk_gravity import TorqueModel, effects
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.effects import LinearTerm, State, Term
+from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.term import as_array, as_value, diagonal_columns, joint_array
+from dvrk_gravity.effects.unknowns import PART
+
+ARM = Arm.load("mtmr")
+ONES = np.ones(ARM.n)
+LEVELS = [0.01 * (j + 1) for j in range(ARM.n)]
+BETA = {"beta": [0.3, -0.2, 0.4, 0.1, 0.05, 0.02, -0.03, 0.01, 0.02, 0.04]}
+EDGES = {"valid_lower": [-0.8] * ARM.n, "valid_upper": [0.9] * ARM.n}
+# Plausible parameters of each term on the MTM; a new term needs an entry.
+PARAMETERS: Mapping[str, Mapping[str, object]] = {
+    "gravity": BETA,
+    "coulomb_friction": {
+        "coulomb_friction.joint_positive": LEVELS,
+        "coulomb_friction.joint_negative": LEVELS[::-1],
+        "coulomb_friction.motor_positive": [0.02] * ARM.n,
+        "coulomb_friction.motor_negative": LEVELS,
+    },
+    "viscous_friction": {"viscous_friction.joint": LEVELS, "viscous_friction.motor": LEVELS},
+    "torque_offset": {"torque_offset": LEVELS},
+    "elastic_cable": {
+        "elastic_cable.elbow_pitch": [0.1, -0.2, 0.3],
+        "elastic_cable.wrist_pitch": [0.02, 0.03],
+        **{f"elastic_cable.{name}": value for name, value in EDGES.items()},
+    },
+    "directional_cable": {
+        "directional_cable.positive.elbow_pitch": [0.1, 0.2],
+        "directional_cable.negative.elbow_pitch": [-0.1, 0.3],
+        "directional_cable.ratio": [0.5] * ARM.n,
+        **{f"directional_cable.{name}": value for name, value in EDGES.items()},
+    },
+    "payload": {"payload.mass": 0.2, "payload.first_moment": [0.01, 0.0, 0.02]},
+    "rotor_inertia": {"rotor_inertia.motor": LEVELS},
+    "link_inertia": {
+        "link_inertia.link2": [0.6, -0.1, 0.01, 0.0, 0.01, 0.0, 0.02, 0.0, 0.0, 0.02],
+        "link_inertia.crank": [0.1, 0.01, 0.0, 0.0, 0.001, 0.0, 0.001, 0.0, 0.0, 0.001],
+    },
+    "stribeck_friction": {
+        "stribeck_friction.joint": LEVELS,
+        "stribeck_friction.joint_velocity": [0.3] * ARM.n,
+        "stribeck_friction.motor": [0.01] * ARM.n,
+        "stribeck_friction.motor_velocity": [0.2] * ARM.n,
+    },
+    "presliding_hysteresis": {
+        "presliding_hysteresis.displacement": [0.02, 0.2],
+        "presliding_hysteresis.joint.wrist_yaw": [0.01, 0.02],
+        "presliding_hysteresis.motor.elbow_pitch": [0.03, 0.01],
+    },
+    "cogging": {
+        "cogging.amplitude.outer_yaw": [0.02, 0.01],
+        "cogging.cycles_per_revolution.outer_yaw": [6.0, 9.0],
+        "cogging.phase.outer_yaw": [0.3, -1.0],
+    },
+    "contact": {"contact.above": [2.0] * ARM.n, "contact.above_position": [0.1] * ARM.n},
+    "held_load": {
+        "held_load.orders": [0, 0, 0, 1, 2, 0, 0],
+        "held_load.mean.elbow_pitch": [0.1],
+        "held_load.difference.elbow_pitch": [0.02],
+        **{f"held_load.{name}": value for name, value in EDGES.items()},
+    },
+    "shown_torque": BETA
+    | {"shown_torque.lower": [-0.05] * ARM.n, "shown_torque.upper": [0.1] * ARM.n},
+}
+
+
+def each(chosen):
+    return pytest.mark.parametrize("effect", chosen, ids=lambda effect: effect.NAME)
+
+
+EVERY = each(effects.terms())
+LINEAR = [effect for effect in effects.terms() if issubclass(effect, LinearTerm)]
+WHOLE_RANGE = Range(ARM.lower, ARM.upper)
+
+
+def model_of(effect: type[Term]) -> TorqueModel:
+    """The model with a term's parameters; of some terms there are others' in it."""
+    if effect.NAME not in PARAMETERS:
+        pytest.fail(f"{effect.NAME} has no plausible parameters in this file: add an entry")
+    return TorqueModel.from_parameters({"arm": "mtmr", **PARAMETERS[effect.NAME]})
+
+
+def built(effect: type[Term]) -> Term:
+    term = model_of(effect).term(effect.NAME)
+    assert term is not None
+    return term
+
+
+def motion(count: int = 40) -> State:
+    random = np.random.default_rng(1)
+    q, qd, qdd = random.normal(size=(3, count, ARM.n))
+    return State(np.cumsum(0.1 * q, axis=0), qd, qdd)
+
+
+def test_no_entry_of_this_file_is_of_a_term_that_there_is_not():
+    assert set(PARAMETERS) == {effect.NAME for effect in effects.terms()}
+
+
+@EVERY
+def test_it_is_named_and_documented_and_its_parameters_have_units(effect):
+    assert effect.__doc__
+    assert effect.NAME.isidentifier()
+    declared = effect.schema(ARM)
+    assert declared
+    for entry in declared:
+        assert entry.meaning
+        if entry.kind.startswith("double"):
+            assert entry.unit or entry.name.endswith("ratio"), entry.name
+
+
+@EVERY
+def test_it_is_absent_where_nothing_mentions_it(effect):
+    assert effect.from_parameters(ARM, {}) is None
+
+
+@EVERY
+def test_its_torque_is_finite_and_there(effect):
+    term, state = built(effect), motion()
+    directed = State(state.q, direction=np.sign(state.qd))
+    shown = [term.torque(one) for one in (state, State(state.q), directed)]
+    for torque in shown:
+        assert torque.shape == state.q.shape
+        assert np.isfinite(torque).all()
+    assert max(np.abs(torque).max() for torque in shown) > 1e-3
+
+
+@EVERY
+def test_a_saved_and_loaded_model_has_the_same_torque(effect, tmp_path):
+    model, state = model_of(effect), motion()
+    model.save(tmp_path / "model.yaml")
+    loaded = TorqueModel.load(tmp_path / "model.yaml")
+    np.testing.assert_allclose(
+        loaded.term(effect.NAME).torque(state), model.term(effect.NAME).torque(state), atol=1e-12
+    )
+    np.testing.assert_allclose(loaded.torque_at(state), model.torque_at(state), atol=1e-12)
+
+
+@each(LINEAR)
+def test_its_columns_times_its_coefficients_are_its_torque(effect):
+    term, state = built(effect), motion()
+    expected = term.torque(state)
+    np.testing.assert_allclose(term.regressor(state) @ term.theta, expected, atol=1e-11)
+    same = term.with_theta(term.theta)
+    np.testing.assert_array_equal(same.torque(state), expected)
+    np.testing.assert_allclose(term.reduced().torque(state), expected, atol=1e-12)
+
+
+@EVERY
+def test_its_evaluator_of_one_sample_is_its_torque(effect):
+    term, state = built(effect), motion()
+    evaluate = term.prepare()
+    rubs = term.friction_part(ONES).any()
+    for q, qd in zip(state.q, state.qd, strict=True):
+        np.testing.assert_allclose(evaluate(q, None), term.torque(State(q)), atol=1e-12)
+        if rubs:  # of others a compensator asks for no more than what holds them at rest
+            np.testing.assert_allclose(evaluate(q, qd), term.torque(State(q, qd)), atol=1e-12)
+
+
+@EVERY
+def test_its_parts_with_and_without_friction_make_up_the_whole(effect):
+    term, state = built(effect), motion()
+    moving = State(state.q, state.qd)
+    parts = [part for part in term.split(ONES) if part is not None]
+    total = sum(part.torque(moving) for part in parts)
+    np.testing.assert_allclose(total, term.torque(moving), atol=1e-12)
+    fused = term.prepare_parts(ONES)
+    assert (fused is None) == (len(parts) == 1)
+    if fused is not None:
+        one, two = fused(state.q[0], state.qd[0])
+        np.testing.assert_allclose(one, parts[0].torque(State(state.q[0])), atol=1e-12)
+        np.testing.assert_allclose(one + two, total[0], atol=1e-12)
+
+
+@each([effect for effect in effects.terms() if effect.FRICTION])
+def test_its_friction_scales_with_the_part_and_never_drives(effect):
+    term, state = built(effect), motion()
+    whole = term.torque(state)
+    np.testing.assert_allclose(term.scaled(0.3 * ONES).torque(state), 0.3 * whole, atol=1e-12)
+    if effect.COMPENSATED:  # what remembers the past may give back what it has stored
+        assert ((whole * state.qd).sum(axis=1) >= -1e-12).all()
+
+
+@each([effect for effect in LINEAR if effect.unknowns(ARM, WHOLE_RANGE)])
+def test_what_a_fit_finds_of_it_is_what_its_columns_make(effect):
+    unknowns, state = effect.unknowns(ARM, WHOLE_RANGE), motion()
+    scale = np.array([column.scale for column in unknowns.columns])
+    coefficients = scale * np.random.default_rng(2).uniform(0.1, 1.0, len(scale))
+    memory = unknowns.term.memory(state)
+    made = unknowns.regressor(state, memory) @ coefficients
+    found = unknowns.found(coefficients)
+    np.testing.assert_allclose(found.torque(state), made, rtol=1e-9, atol=1e-9)
+    assert unknowns.found(np.zeros(len(scale))) is None
+    assert len({column.key for column in unknowns.columns}) == len(scale)
+
+
+# --- a term that the package has never heard of ----------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticDrag(LinearTerm):
+    """tau = drag |qd| qd: a joint that stirs a fluid."""
+
+    NAME = "quadratic_drag"
+    FRICTION = True
+
+    drag: np.ndarray
+
+    @classmethod
+    def schema(cls, arm):
+        return (joint_array(arm, cls.NAME, "N·m·s^2/rad^2", "drag of each joint", 0.0),)
+
+    @classmethod
+    def from_parameters(cls, arm, values):
+        drag = as_array(values.get(cls.NAME), arm.n, 0.0)
+        return cls(drag) if drag.any() else None
+
+    @classmethod
+    def plausible(cls, arm, valid):
+        return cls(PART * arm.actuator_effort_limit)
+
+    def parameters(self):
+        return {self.NAME: as_value(self.drag)}
+
+    def torque(self, state):
+        return np.zeros(state.q.shape) if state.qd is None else self.drag * abs(state.qd) * state.qd
+
+    def scaled(self, part):
+        return replace(self, drag=part * self.drag)
+
+    @property
+    def theta(self):
+        return self.drag
+
+    def with_theta(self, theta):
+        return QuadraticDrag(theta)
+
+    def regressor(self, state):
+        speed = np.zeros(state.q.shape) if state.qd is None else state.qd
+        return diagonal_columns(abs(speed) * speed)
+
+
+@pytest.fixture
+def known(monkeypatch):
+    """The package with one effect more, registered as another package would."""
+    monkeypatch.setattr(effects, "_effects", list(effects._effects))
+    effects.register(QuadraticDrag)
+    yield
+    monkeypatch.undo()
+    effects._effect_by_name.cache_clear()
+
+
+def test_a_term_from_outside_is_in_model_files_and_compensated(known, tmp_path):
+    from dvrk_gravity.compensate.settings import Settings
+
+    values = {"arm": "mtmr", **BETA, "quadratic_drag": LEVELS}
+    TorqueModel.from_parameters(values).save(tmp_path / "model.yaml")
+    loaded = TorqueModel.load(tmp_path / "model.yaml")
+    settings = Settings.from_parameters(loaded.parameters())
+    q, qd = motion().q[0], 2.0 * ONES
+    friction = settings.parts(q, qd)[1]
+    np.testing.assert_allclose(friction, 0.7 * 4.0 * np.array(LEVELS))
+
+
+def test_a_term_from_outside_is_identified_beside_the_others(known):
+    from test_identify import truth
+
+    from dvrk_gravity.identification import identify
+    from dvrk_gravity.identification.columns import identified
+
+    assert "quadratic_drag" in identified(ARM)
+    drag = np.array([0.0, 0.1, 0.0, 0.0, 0.004, 0.0, 0.0])
+    recording = truth(1, 16.0)
+    effort = recording.effort + drag * abs(recording.velocity) * recording.velocity
+    names = ["coulomb_friction", "viscous_friction", "quadratic_drag"]
+    fit = identify([replace(recording, effort=effort)], ARM, "joint", names)
+    found = fit.model.term("quadratic_drag")
+    assert found is not None
+    np.testing.assert_allclose(found.drag, drag, atol=0.15 * drag.max())
+    named = {one.name: one for one in fit.parameters}
+    one = named["quadratic_drag.joint[shoulder_pitch]"]
+    assert one.unit == "N·m·s^2/rad^2"
+    assert one.ci95[0] <= 0.1 <= one.ci95[1]
