@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.identification.folds import REPEATS, find_period
+from dvrk_gravity.estimation.splits import RepetitionSettings, find_period
 
 Array = NDArray[np.float64]
 
@@ -81,6 +81,6 @@ def find_repetition(
     start = time[longest][0]
     first = CubicSpline(time[longest], q[longest])(start + (time - start) % period)
     apart = (q - first) / np.maximum(q.std(axis=0), 1e-3)
-    if np.sqrt(np.mean(apart**2)) > np.sqrt(2.0) * REPEATS:
+    if np.sqrt(np.mean(apart**2)) > np.sqrt(2.0) * RepetitionSettings().tolerance:
         return None
     return Repetition(period, max(1.0, len(q) / rate / period))

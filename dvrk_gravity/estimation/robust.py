@@ -18,7 +18,8 @@ class RobustSettings:
     Attributes:
         huber: Robust standard deviations beyond which a residual counts linearly (Huber 1964). At
             2.5 the estimate keeps 99.8 % of least squares' efficiency on normal noise, at 2.0 it
-            keeps 99.0 % (`test_huber_weights_cost_normal_noise_no_more_than_is_said`); 1.345 would keep 95 %.
+            keeps 99.0 %, at 1.345 it would keep 95 %
+            (`test_huber_weights_cost_normal_noise_no_more_than_is_said`).
         outlier: Robust standard deviations beyond which it does not count at all.
         rounds: Times that weights are renewed. They settle linearly; see `make sensitivity`.
     """

@@ -40,7 +40,7 @@ class FoldSettings:
 
     Attributes:
         count: Number of folds. Five to ten are usual (Kohavi 1995); chosen a little higher, so
-            that each fit of half a minute's motion lacks no more than 2.5 s; see `make sensitivity`.
+            that each fit to half a minute lacks no more than 2.5 s; see `make sensitivity`.
         gap: s on either side of a held-out block that no fit sees: ten time constants of the
             5.65 Hz low-pass, 1 / (2 pi 5.65 Hz) = 28 ms.
         repetition: When a motion counts as repeated.

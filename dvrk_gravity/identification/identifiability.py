@@ -9,12 +9,12 @@ from functools import lru_cache
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.estimation.covariance import Uncertainty
+from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.columns import DISPLACEMENTS, POSTURE, Column, Columns, beta_map
-from dvrk_gravity.identification.covariance import Uncertainty
+from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.holding import NARROW
-from dvrk_gravity.identification.moments import Design
-from dvrk_gravity.identification.regression import Solution
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.terms import rigid_body

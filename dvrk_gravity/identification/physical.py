@@ -14,8 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.identification.columns import SIZES, Columns, prior_scale
-from dvrk_gravity.identification.regression import Solution
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.terms import rigid_body
 from dvrk_gravity.tree import TREE_LINKS

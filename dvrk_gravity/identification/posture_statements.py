@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dvrk_gravity.estimation.covariance import NORMAL_95
 from dvrk_gravity.identification.columns import POSTURE
-from dvrk_gravity.identification.covariance import NORMAL_95
 from dvrk_gravity.identification.identifiability import posture_name
 from dvrk_gravity.identification.problem import Problem
 from dvrk_gravity.recording.data import Array
@@ -61,7 +61,7 @@ def _information(problem: Problem, others: Sequence[int], posture: Sequence[int]
     """Return (k, k) information on zeros and tilt, the other columns of a fit unknown."""
     both = [*others, *posture]
     scale = problem.design.columns.scale[both]
-    gram = problem.moments.select(both).gram
+    gram = problem.equations.select(both).gram
     total = np.tensordot(problem.weighting.certainty, gram, 1) + np.diag(1.0 / scale**2)
     known, rest = slice(0, len(others)), slice(len(others), None)
     through = np.linalg.solve(total[known, known], total[known, rest])

@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.estimation.covariance import Uncertainty
 from dvrk_gravity.gravity import BETA_NAMES
-from dvrk_gravity.identification.covariance import Uncertainty
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.identification.static_columns import N_BETA
 from dvrk_gravity.identification.static_model import cable_rows
