@@ -195,12 +195,12 @@ def test_outliers_do_not_move_a_robust_fit():
     y = (x @ [1.0, -2.0]) + 0.1 * random.normal(size=(300, 1))
     y[::10] += 50.0
 
-    def residual(state: RobustState) -> np.ndarray:
+    def fitted(state: RobustState) -> tuple[np.ndarray, np.ndarray]:
         solution = fit(NormalEquations.of(x, y, state.weight), np.ones(1), np.full(2, 1e3))
-        return y - x @ solution.theta
+        return solution.theta, y - x @ solution.theta
 
     start = RobustState(np.ones_like(y), np.ones(1))
-    found = reweighted(residual, start, RobustSettings(outlier=8.0, rounds=10))
+    found = reweighted(fitted, start, RobustSettings(outlier=8.0, rounds=10))
     solution = fit(NormalEquations.of(x, y, found.weight), np.ones(1), np.full(2, 1e3))
     np.testing.assert_allclose(solution.theta, [1.0, -2.0], atol=0.03)
     assert (found.weight[::10] == 0.0).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,19 +30,24 @@ class RobustSettings:
     rounds: int = 4
 
 
+Fitted = TypeVar("Fitted")
+
+
 @dataclass(frozen=True, eq=False)
-class RobustState:
+class RobustState(Generic[Fitted]):
     """Where an iteration stands.
 
     Attributes:
         weight: (n, m) of the samples, 0 to 1.
         scale: (m,) robust standard deviations of the residuals.
         residual: (n, m) of the last fit; ``None`` before the first.
+        fitted: The last fit; ``None`` before the first.
     """
 
     weight: Array
     scale: Array
     residual: Array | None = None
+    fitted: Fitted | None = None
 
 
 def robust_scale(residual: Array, used: NDArray[np.bool_] | None = None) -> Array:
@@ -84,16 +90,17 @@ def robust_weights(residual: Array, scale: Array, settings: RobustSettings) -> A
 
 
 def reweighted(
-    fit: Callable[[RobustState], Array],
-    start: RobustState,
+    fit: Callable[[RobustState[Fitted]], tuple[Fitted, Array]],
+    start: RobustState[Fitted],
     settings: RobustSettings,
     used: NDArray[np.bool_] | None = None,
     least: Array | float = 1e-12,
-) -> RobustState:
+) -> RobustState[Fitted]:
     """Iterate least squares with weights from its own residuals (IRLS).
 
     Args:
-        fit: Given where the iteration stands, fits by its weights and returns (n, m) residuals.
+        fit: Given where the iteration stands, fits by its weights and returns the fit and its
+            (n, m) residuals.
         start: Weights and scale to begin with.
         settings: Of the loss.
         used: (n, m) samples that count; the others keep their weights.
@@ -101,10 +108,10 @@ def reweighted(
     """
     state = start
     for _ in range(settings.rounds):
-        residual = fit(state)
+        fitted, residual = fit(state)
         scale = np.maximum(robust_scale(residual, used), least)
         weight = robust_weights(residual, scale, settings)
         if used is not None:
             weight = np.where(used, weight, state.weight)
-        state = RobustState(weight, scale, residual)
+        state = RobustState(weight, scale, residual, fitted)
     return state

@@ -147,17 +147,17 @@ def weigh(design: Design) -> Weighting:
     columns, seen = design.columns, design.measured
     spread = np.maximum(FIRST_GUESS * design.y.std(axis=0, where=seen), 1e-6)
 
-    def residual(state: RobustState) -> Array:
+    def fitted(state: RobustState[Array]) -> tuple[Array, Array]:
         motor = spread**-2.0
         if state.residual is not None:
             # An outlier must not tell how noisy its motor is.
             motor = _weighting(design, state.weight * state.residual, state.weight).motor
         equations = NormalEquations.of(design.x, design.y, state.weight)
         theta = fit(equations, motor, columns.scale, columns.positive).theta
-        return design.y - design.x @ theta
+        return theta, design.y - design.x @ theta
 
-    start = RobustState(np.ones_like(design.y), spread)
-    found = reweighted(residual, start, ROBUST, used=seen)
+    start: RobustState[Array] = RobustState(np.ones_like(design.y), spread)
+    found = reweighted(fitted, start, ROBUST, used=seen)
     assert found.residual is not None
     return _weighting(design, found.weight * found.residual, found.weight)
 
