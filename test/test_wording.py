@@ -11,8 +11,8 @@ from test_report import Page
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis import columns_search
-from dvrk_gravity.diagnosis.bench import Bench
 from dvrk_gravity.diagnosis.columns_body import ALL_INERTIA
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import (
     Alternative,
     Ambiguity,
@@ -96,12 +96,12 @@ def every() -> list[Case]:
     """Return one hypothesis of each effect and form, as a diagnosis builds them."""
     world = World.draw(6)
     motion = load([world.record(1, 2, 9.0, 100.0)], world.model()).motion
-    bench = Bench.of(motion)
-    noise = np.random.default_rng(0).normal(size=bench.residual.shape)
+    data = FilteredData.of(motion)
+    noise = np.random.default_rng(0).normal(size=data.residual.shape)
     found = [
         *hypotheses(motion),
-        *columns_search.ripple(columns_search.ripple_bases(bench), noise, np.ones_like(noise)),
-        *columns_search.contact(bench, noise, np.ones(len(noise), dtype=bool)),
+        *columns_search.ripple(columns_search.ripple_bases(data), noise, np.ones_like(noise)),
+        *columns_search.contact(data, noise, np.ones(len(noise), dtype=bool)),
     ]
     forms = {(one.effect, re.sub(r"\d| of \w+", "", one.place), len(one.joints)): one
              for one in found}  # fmt: skip

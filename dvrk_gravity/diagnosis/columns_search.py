@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.diagnosis.bench import Bench
 from dvrk_gravity.diagnosis.columns_friction import spread
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 from dvrk_gravity.diagnosis.motion import Motion
 
@@ -22,7 +22,7 @@ _TOGETHER = 24  # frequencies that are built at a time
 _LEAST_CYCLES = 1.7  # in the joint's whole way: less is a cable's smooth torque
 _BIN = 0.25  # s
 _SHORTEST, _LONGEST = 0.75, 0.5  # s, and part of the recording
-_LONGEST_GAP = 10.0  # s; twice a block that is held out of ten minutes, see bench.BLOCKS
+_LONGEST_GAP = 10.0  # s; twice a block that is held out of ten minutes, see data.BLOCKS
 _EDGES = (55.0, 62.0, 69.0, 76.0, 83.0, 90.0)  # percentiles of the position
 _CENTRES = 7
 
@@ -35,7 +35,7 @@ class RippleBasis:
         motor: Index of the motor.
         row: (7,) joint velocities -> the motor's.
         grid: (K,) rad of phase per rad.
-        cosine: (T, K) as the bench compares them, in single precision: they only show where to
+        cosine: (T, K) as the data compares them, in single precision: they only show where to
             look.
         sine: (T, K).
     """
@@ -47,9 +47,9 @@ class RippleBasis:
     sine: NDArray[np.float32]
 
 
-def ripple_bases(bench: Bench) -> list[RippleBasis]:
+def ripple_bases(data: FilteredData) -> list[RippleBasis]:
     """Return the sines for every motor that moves."""
-    motion = bench.motion
+    motion = data.motion
     bases: list[RippleBasis] = []
     if motion.static:
         return bases
@@ -62,7 +62,7 @@ def ripple_bases(bench: Bench) -> list[RippleBasis]:
         grid = (2.0 * _LEAST_CYCLES + 0.5 * np.arange(_FREQUENCIES)) * np.pi / np.ptp(angle)
         waves: list[NDArray[np.float32]] = []
         for some in np.split(grid, _FREQUENCIES // _TOGETHER):
-            reduced = bench.reduce(np.exp(1j * angle[:, None] * some).view(float))
+            reduced = data.reduce(np.exp(1j * angle[:, None] * some).view(float))
             waves.append(reduced.astype(np.float32))
         cosine, sine = (np.hstack([wave[:, first::2] for wave in waves]) for first in (0, 1))
         bases.append(RippleBasis(motor, row, grid, cosine, sine))
@@ -106,15 +106,17 @@ def _cogging(motor: int, row: Array, cycles: float) -> Hypothesis:
     )  # fmt: skip
 
 
-def contact(bench: Bench, residual: Array, allowed: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+def contact(
+    data: FilteredData, residual: Array, allowed: NDArray[np.bool_]
+) -> Iterator[Hypothesis]:
     """Yield the window of time in which each joint is pushed most, and walls in positions.
 
     Args:
-        bench: The bench.
+        data: The data.
         residual: (T, 7) what the accepted effects leave, N·m.
         allowed: (T,) samples that the choice may look at.
     """
-    motion = bench.motion
+    motion = data.motion
     for joint in np.flatnonzero(motion.moves).tolist():
         for percentile in _EDGES:
             for side, edge in ((1.0, percentile), (-1.0, 100.0 - percentile)):
@@ -123,14 +125,14 @@ def contact(bench: Bench, residual: Array, allowed: NDArray[np.bool_]) -> Iterat
     if motion.static:
         return
     for joint in np.flatnonzero(motion.present).tolist():
-        window = _window(bench.time[allowed], residual[allowed, joint])
+        window = _window(data.time[allowed], residual[allowed, joint])
         if window is None:
             continue
         begin, end = window
         # What lasts as long as the choice may look is taken to last as long as the recording.
-        if end >= bench.time[allowed].max() - _BIN:
+        if end >= data.time[allowed].max() - _BIN:
             end = float(motion.time[-1]) + _BIN
-        if begin <= bench.time[allowed].min() + _BIN:
+        if begin <= data.time[allowed].min() + _BIN:
             begin = float(motion.time[0])
         yield _push(joint, begin, end)
 

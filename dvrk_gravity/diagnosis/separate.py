@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.contest import Contest
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.quantity import quantity
 
 _POSES = 400
@@ -17,7 +17,7 @@ _PATH = ("presliding_hysteresis", "thermal_drift", "contact", "time_delay", "unk
 
 
 def separation(
-    contest: Contest, rest: Sequence[Candidate], mine: Candidate, other: Candidate
+    validation: CrossValidation, rest: Sequence[Candidate], mine: Candidate, other: Candidate
 ) -> str:
     """Return what would tell two hypotheses apart, in words; ``""`` if nothing found does.
 
@@ -25,17 +25,17 @@ def separation(
     range, with velocities as seen in the recording.
 
     Args:
-        contest: The contest.
+        validation: The validation.
         rest: The other accepted effects.
         mine: The hypothesis that was accepted.
         other: The one that could stand in its place.
     """
-    bench = contest.bench
+    data = validation.data
     if {mine.hypothesis.effect, other.hypothesis.effect} & set(_PATH):
         if "thermal_drift" in (mine.hypothesis.effect, other.hypothesis.effect):
             return "a longer recording, begun with a cold arm, would tell"
         return ""
-    motion = bench.motion
+    motion = data.motion
     random = np.random.default_rng(0)
     rows = random.integers(len(motion.q), size=_POSES)
     arm = motion.arm
@@ -52,10 +52,10 @@ def separation(
     )
     torques = []
     for one in (mine, other):
-        theta, _ = contest.fit([*rest, one])
+        theta, _ = validation.fit([*rest, one])
         columns = one.hypothesis.build(anywhere, one.hypothesis.setting)
         torques.append(columns @ theta[-one.size :])
-    apart = np.abs(torques[0] - torques[1]) * contest.weight
+    apart = np.abs(torques[0] - torques[1]) * validation.weight
     pose, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
     difference = quantity(abs(torques[0][pose, joint] - torques[1][pose, joint]), "N·m")
     if apart[pose, joint] < 2.0:

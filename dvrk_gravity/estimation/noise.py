@@ -35,8 +35,10 @@ def autocorrelation(residual: Array, part: Labels, longest: int) -> Array:
     total = np.zeros((longest + 1, residual.shape[1]))
     for index in np.unique(part):
         piece = residual[part == index]
-        for lag in range(min(longest + 1, len(piece))):
-            total[lag] += np.sum(piece[lag:] * piece[: len(piece) - lag], axis=0)
+        lags = min(longest + 1, len(piece))
+        # Zeros beyond the end keep the circular products apart.
+        power = np.abs(np.fft.rfft(piece, len(piece) + lags, axis=0)) ** 2
+        total[:lags] += np.fft.irfft(power, len(piece) + lags, axis=0)[:lags]
     return total / np.maximum(total[0], 1e-300)
 
 

@@ -152,6 +152,36 @@ def solve(gram: Array, right: Array, trace: float = 0.0) -> Array:
     return np.asarray(np.linalg.solve(scaled, right / units) / units)
 
 
+class Regression:
+    """Least squares on some columns, for many targets.
+
+    Attributes:
+        design: (n, k) columns, weighted.
+    """
+
+    def __init__(self, design: Array, ridge: Array, trace: float) -> None:
+        """Sum the products.
+
+        Args:
+            design: (n, k) columns, weighted.
+            ridge: (k, k) what is known before any data.
+            trace: See :func:`solve`.
+        """
+        self.design = design
+        self._gram = design.T @ design + ridge
+        self._trace = trace
+
+    def coefficients(self, target: Array) -> Array:
+        """Return (k,) or (k, c) coefficients of (n,) or (n, c) targets."""
+        return solve(self._gram, self.design.T @ target, self._trace)
+
+    def residual(self, target: Array) -> Array:
+        """Return what the columns leave of (n,) or (n, c) targets."""
+        if not self.design.shape[1]:
+            return target
+        return target - self.design @ self.coefficients(target)
+
+
 def solve_signed(
     precision: Array, right: Array, positive: NDArray[np.bool_]
 ) -> tuple[Array, NDArray[np.bool_]]:

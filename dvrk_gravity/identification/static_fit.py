@@ -131,13 +131,14 @@ def middle_slabs(poses: Poses) -> list[NDArray[np.bool_]]:
 
 def _handling(poses: Poses, weight: Array, arm: Arm) -> list[str]:
     lines = ["static poses, used as they are; Huber's loss"]
+    outlier = PoseSettings().robust.outlier
     for joint, name in enumerate(arm.joint_names):
         left = int((weight[:, joint] == 0.0).sum())
         if left:
             worst = float(np.abs(poses.effort[weight[:, joint] == 0.0, joint]).max())
             lines.append(
-                f"{name}: {left} of {len(poses)} poses left out, more than "
-                f"{PoseSettings().robust.outlier:g} standard deviations off all others (up to {worst:.3f} N·m)"
+                f"{name}: {left} of {len(poses)} poses left out, more than {outlier:g} standard "
+                f"deviations off all others (up to {worst:.3f} N·m)"
             )
     if not np.all(weight > 0.0):
         lines.append("poses left out on a joint count in the errors, not in the verdict")

@@ -8,22 +8,39 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.diagnosis.bench import BLOCK
+from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.contest import EDGES, Contest
+from dvrk_gravity.diagnosis.cross_validation import EDGES, CrossValidation
 from dvrk_gravity.diagnosis.findings import Estimate, Gain
 from dvrk_gravity.diagnosis.hypothesis import OF_LINKS, Hypothesis, unit_of
+from dvrk_gravity.estimation import evidence
+from dvrk_gravity.estimation.covariance import NORMAL_95
 
 Array = NDArray[np.float64]
 
-_ALPHA = 0.05  # of one effect, chosen elsewhere, on held-out blocks
-_LEAST_REMOVED = 0.03  # of a joint's held-out error, below which nothing is worth a finding
-_WHOLE_BLOCK = 0.8  # of its samples, that must be usable
-_ACTS = 0.03  # of the energy in the block where an effect acts most
-_NOTABLE = 0.5  # of what is removed at the joint that gains most
-_RESAMPLED = 1000
-_DRAWN = 400
+
+@dataclass(frozen=True)
+class JudgementSettings:
+    """What counts on held-out blocks.
+
+    Attributes:
+        alpha: Chance that any of the effects which are named is none: as strict as the choice, see
+            ``SelectionSettings``. Corrected for their number (Holm 1979), no more, for what is
+            tested here was chosen elsewhere.
+        least_removed: Part of a joint's held-out error, below which nothing is worth a finding.
+            Half of what the choice asks for: so far a gain may fall by chance.
+        whole_block: Part of a block's samples that must be usable. Chosen; see `make sensitivity`.
+        active: Part of the energy in the block where an effect acts most. Chosen.
+        notable: Part of what is removed at the joint that gains most. Chosen.
+        draws: Of parameters, for intervals of what is derived from them: ten lie beyond either end.
+    """
+
+    alpha: float = 0.01
+    least_removed: float = 0.03
+    whole_block: float = 0.8
+    active: float = 0.03
+    notable: float = 0.5
+    draws: int = 400
 
 
 @dataclass(frozen=True)
@@ -49,21 +66,25 @@ class Unconfirmed:
         )
 
 
-class Judge:
+class HeldOut:
     """Errors on the blocks that neither fit nor choice has seen.
 
     Attributes:
         rows: (H,) held-out samples.
+        settings: What counts.
     """
 
-    def __init__(self, contest: Contest) -> None:
+    def __init__(
+        self, validation: CrossValidation, settings: JudgementSettings | None = None
+    ) -> None:
         """Take the held-out samples."""
-        bench = contest.bench
-        self._contest = contest
-        self._held = bench.held_out
-        self._block = bench.block[self._held]
-        self._time = bench.time[self._held]
-        self._usable = bench.usable[self._held]
+        self.settings = settings or JudgementSettings()
+        data = validation.data
+        self._validation = validation
+        self._held = data.held_out
+        self._block = data.block[self._held]
+        self._time = data.time[self._held]
+        self._usable = data.usable[self._held]
 
     @property
     def samples(self) -> int:
@@ -76,10 +97,10 @@ class Judge:
         return self._held
 
     def error(self, candidates: Sequence[Candidate]) -> Array:
-        """Return (H, 7) errors of a fit to the samples of choice; NaN where nothing can be said."""
-        residual = self._contest.bench.residual[self._held].copy()
+        """Return (H, n) errors of a fit to the samples of choice; NaN where nothing can be said."""
+        residual = self._validation.data.residual[self._held].copy()
         if candidates:
-            theta = self._contest.parameters(candidates)
+            theta = self._validation.parameters(candidates)
             residual -= self._predicted(candidates, theta)
         return np.where(self._usable, residual, np.nan)
 
@@ -88,24 +109,24 @@ class Judge:
         return columns @ theta
 
     def rmse(self, error: Array) -> Array:
-        """Return (7,) root mean squares over the usable held-out samples, N·m."""
+        """Return (n,) root mean squares over the usable held-out samples, N·m."""
         count = np.maximum(self._usable.sum(axis=0), 1)
         return np.sqrt(np.where(self._usable, error**2, 0.0).sum(axis=0) / count)
 
     def lasting(self, error: Array) -> Array:
-        """Return (7,) which part of the squared errors is that of their means over the blocks.
+        """Return (n,) which part of the squared errors is that of their means over the blocks.
 
         What a torque owes to the motion lasts as long as the motion does; noise, of whatever
         colour above a hertz or two, comes and goes within a block. Blocks of which little is
         usable are left out: there the one looks like the other.
         """
-        shape = (self._block.max(initial=0) + 1, N_JOINTS)
+        shape = (self._block.max(initial=0) + 1, error.shape[1])
         size = np.bincount(self._block, minlength=shape[0])[:, None]
         count, total, square = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         known = np.where(self._usable, error, 0.0)
         for sums, values in ((count, self._usable), (total, known), (square, known**2)):
             np.add.at(sums, self._block, values)
-        whole = count > _WHOLE_BLOCK * size
+        whole = count > self.settings.whole_block * size
         part = np.where(whole, total**2 / np.maximum(count, 1), 0.0).sum(axis=0)
         return np.asarray(part / np.maximum(np.where(whole, square, 0.0).sum(axis=0), 1e-300))
 
@@ -118,38 +139,59 @@ class Judge:
             joints = joints[:1]
         elif one.hypothesis.effect in OF_LINKS or np.max(removed[joints]) <= 0.0:
             joints = acts  # a link's mass is carried by the joints before it
-        least = max(_NOTABLE * float(np.max(removed[joints])), 0.0)
+        least = max(self.settings.notable * float(np.max(removed[joints])), 0.0)
         better = [j for j in joints if removed[j] > least] or joints
         return sorted(better, key=lambda j: -float(removed[j]))
 
-    def unconfirmed(self, chosen: Sequence[Candidate], one: Candidate) -> Unconfirmed | None:
-        """Return a chosen candidate's failure on the held-out blocks; ``None`` if it holds there.
+    def unconfirmed(
+        self, chosen: Sequence[Candidate], on_trial: Sequence[Candidate] | None = None
+    ) -> list[tuple[Unconfirmed, Candidate]]:
+        """Return the chosen candidates that the held-out blocks do not confirm.
 
-        It fails if, of the blocks in which it acts, it helps neither most nor, beyond doubt, their
-        sum, or removes next to nothing there; where it acts in none it cannot.
+        One fails if it removes next to nothing in the blocks in which it acts, or no more than
+        chance would, by the tests of the choice and at its level, Holm's correction for the number
+        of those on trial included. Where it acts in no held-out block it cannot fail.
+
+        Args:
+            chosen: All of them, as they are fitted together.
+            on_trial: Those that are looked at; by default all.
         """
-        before = self.error([other for other in chosen if other is not one])
+        trials = [
+            (self._in_active_blocks(chosen, candidate), candidate)
+            for candidate in (chosen if on_trial is None else on_trial)
+        ]
+        told = [(found, candidate) for found, candidate in trials if found is not None]
+        corrected = evidence.holm([found.gain.p_value for found, _ in told])
+        settings = self.settings
+        return [
+            (found, candidate)
+            for (found, candidate), p_value in zip(told, corrected, strict=True)
+            if found.gain.relative <= settings.least_removed or p_value >= settings.alpha
+        ]
+
+    def _in_active_blocks(
+        self, chosen: Sequence[Candidate], candidate: Candidate
+    ) -> Unconfirmed | None:
+        """Return what a chosen candidate gains where it acts; ``None`` where that is nowhere."""
+        before = self.error([other for other in chosen if other is not candidate])
         after = self.error(chosen)
-        joints = self.main_joints(one, before, after)
-        theta = self._contest.parameters(chosen)
-        first = sum(
-            other.size for other in chosen[: [other is one for other in chosen].index(True)]
-        )
-        torque = one.columns(self._held) @ theta[first : first + one.size]
+        joints = self.main_joints(candidate, before, after)
+        theta = self._validation.parameters(chosen)
+        place = [other is candidate for other in chosen].index(True)
+        first = sum(other.size for other in chosen[:place])
+        torque = candidate.columns(self._held) @ theta[first : first + candidate.size]
         power = (np.where(self._usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
-        least = _ACTS * np.bincount(self._block, power).max(initial=0.0)
-        settings = one.hypothesis.setting
+        least = self.settings.active * np.bincount(self._block, power).max(initial=0.0)
+        settings = candidate.hypothesis.setting
         for edge in (settings[name] for name in EDGES if name in settings):
             # Of an edge within a held-out block the choice could not know where it is.
-            near = np.abs(self._time - edge) < BLOCK
+            near = np.abs(self._time - edge) < self._validation.data.blocks.settings.duration
             before[near] = after[near] = power[near] = 0.0
         blocks = np.flatnonzero(np.bincount(self._block, power) > least)
         if not len(blocks):
             return None
-        gain = self.gain(before, after, joints, blocks)
-        if gain.relative > _LEAST_REMOVED and (gain.low > 0.0 or gain.p_value < _ALPHA):
-            return None
-        return Unconfirmed(one.hypothesis, JOINT_NAMES[joints[0]], gain)
+        gain = self.gain(before, after, joints, blocks, candidate.size)
+        return Unconfirmed(candidate.hypothesis, JOINT_NAMES[joints[0]], gain)
 
     def gain(
         self,
@@ -157,36 +199,42 @@ class Judge:
         after: Array,
         joints: Sequence[int],
         blocks: NDArray[np.int64] | None = None,
+        parameters: int = 1,
     ) -> Gain:
         """Return what is gained on some joints, with interval and p-value over the blocks.
 
         Args:
-            before: (H, 7) errors.
-            after: (H, 7) errors.
+            before: (H, n) errors.
+            after: (H, n) errors.
             joints: Indices of the joints.
             blocks: Numbers of the blocks that count; by default all that are held out.
+            parameters: Number of parameters that the gain takes.
         """
-        from scipy import stats
-
-        scale = np.maximum(self.rmse(before)[list(joints)], 1e-12)
+        chosen = list(joints)
+        scale = np.maximum(self.rmse(before)[chosen], 1e-12)
         blocks = np.unique(self._block) if blocks is None else blocks
+        counted = self._usable & np.isin(self._block, blocks)[:, None]
 
         def losses(error: Array) -> Array:
-            square = np.where(self._usable, error**2, 0.0)[:, list(joints)] / scale**2
+            square = np.where(self._usable, error**2, 0.0)[:, chosen] / scale**2
             return np.asarray(np.bincount(self._block, square.sum(axis=1))[blocks], dtype=float)
 
+        def relative(new: Array, old: Array, axis: int) -> Array:
+            return 1.0 - np.sqrt(new.sum(axis=axis) / np.maximum(old.sum(axis=axis), 1e-300))
+
         old, new = losses(before), losses(after)
-        relative = 1.0 - np.sqrt(new.sum() / old.sum())
-        random = np.random.default_rng(0)
-        drawn = random.integers(len(blocks), size=(_RESAMPLED, len(blocks)))
-        ratios = 1.0 - np.sqrt(new[drawn].sum(axis=1) / np.maximum(old[drawn].sum(axis=1), 1e-300))
-        low, high = np.percentile(ratios, [2.5, 97.5])
-        gains = old - new
-        gains = gains[gains != 0.0]  # blocks in which nothing could be said decide nothing
-        p_value = 1.0
-        if gains.size:
-            p_value = float(stats.wilcoxon(gains, alternative="greater").pvalue)
-        return Gain(float(relative), float(low), float(high), p_value)
+        low, high = evidence.bootstrap_interval(relative, (new, old))
+        acting = np.isin(np.arange(before.shape[1]), chosen)
+        longer = self._validation.correlation(after, counted, acting)
+        ratio = self._likelihood(after, counted)[chosen] - self._likelihood(before, counted)[chosen]
+        p_value = evidence.of_gain(old - new, float(ratio.sum()) / longer, parameters)
+        return Gain(float(relative(new, old, 0)), low, high, p_value)
+
+    def _likelihood(self, error: Array, counted: NDArray[np.bool_]) -> Array:
+        """Return (n,) log-likelihoods of (H, n) errors, independent samples counting."""
+        count = counted.sum(axis=0)
+        mean = np.where(counted, error**2, 0.0).sum(axis=0) / np.maximum(count, 1)
+        return -0.5 * count / self._validation.redundancy * np.log(np.maximum(mean, 1e-300))
 
 
 def estimates(
@@ -201,7 +249,7 @@ def estimates(
         spread: Standard deviations of the settings that were searched for.
     """
     random = np.random.default_rng(0)
-    drawn = random.multivariate_normal(theta, covariance, _DRAWN, method="eigh")
+    drawn = random.multivariate_normal(theta, covariance, JudgementSettings().draws, method="eigh")
     middle = hypothesis.describe(theta, hypothesis.setting)
     draws = [hypothesis.describe(one, hypothesis.setting) for one in drawn]
     result = {}
@@ -209,7 +257,7 @@ def estimates(
         if name in ("x", "y", "z", "share"):
             continue
         if name in spread and name in hypothesis.refine:
-            low, high = value - 1.96 * spread[name], value + 1.96 * spread[name]
+            low, high = value - NORMAL_95 * spread[name], value + NORMAL_95 * spread[name]
         else:
             low, high = np.percentile([draw[name] for draw in draws], [2.5, 97.5])
         unit = unit_of(hypothesis.effect, name)
@@ -218,7 +266,7 @@ def estimates(
 
 
 def setting_columns(
-    contest: Contest, one: Candidate, theta: Array
+    validation: CrossValidation, one: Candidate, theta: Array
 ) -> tuple[list[str], list[Candidate]]:
     """Return slopes of a candidate's torque by its searched settings, as further columns."""
     names, slopes = [], []
@@ -228,9 +276,9 @@ def setting_columns(
         step = 0.02 * abs(value) if name not in ("start", "end") else 0.05
         if step == 0.0:
             continue
-        up, down = (contest.rebuilt(hypothesis, name, value + s) for s in (step, -step))
+        up, down = (validation.rebuilt(hypothesis, name, value + s) for s in (step, -step))
         slope = (up.columns() - down.columns()) @ theta / (2.0 * step)
         if np.any(slope != 0.0):
             names.append(name)
-            slopes.append(Candidate.of(hypothesis, slope.reshape(-1, N_JOINTS, 1)))
+            slopes.append(Candidate.of(hypothesis, slope[:, :, None]))
     return names, slopes
