@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class Uncertainty:
 
     covariance: Array
     bias: Array
-    settings: CovarianceSettings = CovarianceSettings()
+    settings: CovarianceSettings = field(default_factory=CovarianceSettings)
 
     def interval(self, value: float, direction: Array) -> tuple[float, float]:
         """Return the 95 % interval of a (p,) combination of the coefficients."""

@@ -8,7 +8,7 @@ are never shuffled.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -48,7 +48,7 @@ class FoldSettings:
 
     count: int = 12
     gap: float = 0.3
-    repetition: RepetitionSettings = RepetitionSettings()
+    repetition: RepetitionSettings = field(default_factory=RepetitionSettings)
 
 
 @dataclass(frozen=True)

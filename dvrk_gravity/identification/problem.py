@@ -20,8 +20,6 @@ from dvrk_gravity.identification.posture import Posture
 from dvrk_gravity.identification.selection import Selection, split_equations
 from dvrk_gravity.recording.data import Array
 
-ROBUST = RobustSettings()
-NOISE = NoiseSettings()
 FIRST_GUESS = 0.1  # of a motor's torque, that a model leaves: where the iteration of weights begins
 
 
@@ -157,7 +155,7 @@ def weigh(design: Design) -> Weighting:
         return theta, design.y - design.x @ theta
 
     start: RobustState[Array] = RobustState(np.ones_like(design.y), spread)
-    found = reweighted(fitted, start, ROBUST, used=seen)
+    found = reweighted(fitted, start, RobustSettings(), used=seen)
     assert found.residual is not None
     return _weighting(design, found.weight * found.residual, found.weight)
 
@@ -165,7 +163,7 @@ def weigh(design: Design) -> Weighting:
 def _weighting(design: Design, residual: Array, sample: Array) -> Weighting:
     """Return what (n, m) residuals say, beside (n, m) robust weights."""
     seen = design.measured
-    together = correlation_time(residual, design.part, int(NOISE.longest * design.rate))
+    together = correlation_time(residual, design.part, int(NoiseSettings().longest * design.rate))
     variance = np.maximum(residual.var(axis=0, where=seen), 1e-12)
     power = np.maximum(np.mean(design.y**2, axis=0, where=seen), 1e-12)
     return Weighting(1.0 / (variance * together), power, sample)

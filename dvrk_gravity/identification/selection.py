@@ -85,7 +85,7 @@ class Selection:
     weight: Array
     effects: Sequence[str] | None = None
     choices: list[Choice] = field(default_factory=list)
-    settings: SelectionSettings = SelectionSettings()
+    settings: SelectionSettings = field(default_factory=SelectionSettings)
 
     def weighed(self, weight: Array) -> Selection:
         """Return the search with other (m,) weights of motors, and what was tried so far."""
