@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import EDGES, CrossValidation
 from dvrk_gravity.diagnosis.findings import Estimate, Gain
@@ -191,7 +190,8 @@ class HeldOut:
         if not len(blocks):
             return None
         gain = self.gain(before, after, joints, blocks, candidate.size)
-        return Unconfirmed(candidate.hypothesis, JOINT_NAMES[joints[0]], gain)
+        names = self._validation.data.motion.arm.joint_names
+        return Unconfirmed(candidate.hypothesis, names[joints[0]], gain)
 
     def gain(
         self,

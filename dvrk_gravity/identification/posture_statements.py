@@ -35,7 +35,7 @@ def posture_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, ..
     covariance = np.linalg.inv(information)
     second = NORMAL_95 * np.sqrt(np.diag(covariance))
     correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    names = [posture_name(columns.columns[i]) for i in posture]
+    names = [posture_name(columns, columns.columns[i]) for i in posture]
     hidden, entangled = [], []
     for k, name in enumerate(names):
         if first[k] > WELL:
