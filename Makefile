@@ -13,7 +13,7 @@ SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '
 OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip") line[n] = $$0 } \
   END { for (n in line) if (!(("ros-" n) in line)) print line[n] }' | sort
 
-.PHONY: bench demo story test trials lint lock clean help
+.PHONY: bench demo story test trials sensitivity lint lock clean help
 
 help:
 	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo)"
@@ -21,6 +21,7 @@ help:
 	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
 	@echo "make lint    ruff and mypy"
 	@echo "make trials  slow tests, properties with many examples, hundreds of trials of hide and find (SEEDS=\"0 12\")"
+	@echo "make sensitivity  halve and double every threshold of estimation, and tell what moves"
 	@echo "make story   the diagnosis on real recordings: docs/real_data.md (DVRK_GRAVITY_DATA)"
 	@echo "make lock    renew requirements.lock from requirements.in"
 	@echo "make clean   remove what make has made"
@@ -56,6 +57,9 @@ trials: $(VENV)/.done
 	PYTHONPATH=. $(ENVIRONMENT) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest \
 	  -n $(WORKERS) --dist worksteal -m "slow or hypothesis"
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/trials.py --seeds $(SEEDS) --jobs 2
+
+sensitivity: $(VENV)/.done
+	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/sensitivity.py --jobs 2
 
 story: $(VENV)/.done
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python docs/real_data/story.py

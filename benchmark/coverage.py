@@ -31,9 +31,9 @@ from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.dynamic_fit import estimate
 from dvrk_gravity.identification.identifiability import base_parameters
 from dvrk_gravity.identification.motion import read_motions
+from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.problem import Problem, choose, pose, reweighed
 from dvrk_gravity.identification.result import FittedParameter
-from dvrk_gravity.identification.selection import starts
 from testing.world import World
 
 LOW, HIGH = 0.93, 0.97

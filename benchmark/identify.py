@@ -25,9 +25,10 @@ from dvrk_gravity import text_file
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import State
 from dvrk_gravity.effects.link_prior import base_directions
+from dvrk_gravity.estimation.normal_equations import NormalEquations
 from dvrk_gravity.identification import identify
 from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.moments import Moments, build_design
+from dvrk_gravity.identification.design import build_design
 from dvrk_gravity.identification.motion import read, read_motions
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine
@@ -106,7 +107,7 @@ def shares(path: Path) -> dict[str, float]:
     design = build_design(columns, motions.parts)
     times["regressor, filtered"] = time.perf_counter() - start
     start = time.perf_counter()
-    Moments.of(design.x, design.y, np.ones_like(design.y))
+    NormalEquations.of(design.x, design.y)
     times["Gram matrices, once"] = time.perf_counter() - start
     return times
 

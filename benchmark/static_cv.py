@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential, slabs
 from dvrk_gravity.identification.static_fit import predict_unseen
-from dvrk_gravity.identification.static_poses import Poses, blocks, inner_slabs, read_poses, slabs
+from dvrk_gravity.identification.static_poses import Poses, read_poses
 from dvrk_gravity.recording import Recording
 
 Array = NDArray[np.float64]
@@ -63,12 +64,12 @@ def schemes(poses: Poses) -> Iterator[tuple[str, list[Mask]]]:
     """Yield the name and the sets of held-out poses of each scheme."""
     levels = np.stack([slabs(poses.q[:, joint]) for joint in poses.moving], axis=1)
     top = levels.max(axis=0)
-    yield "one level", inner_slabs(poses)
+    yield "one level", inner_slabs(poses.q, poses.moving)
     random = np.random.default_rng(0)
     dropped = [random.integers(1, top) for _ in range(4)]
     yield "some of each", [(levels == drop).any(axis=1) for drop in dropped]
     yield "every other", [(levels % 2 == 1).any(axis=1)]
-    yield "blocks", blocks(poses, 25)
+    yield "blocks", masks(sequential(len(poses), 25))
     yield "edge", [levels[:, k] == edge for k in range(levels.shape[1]) for edge in (0, top[k])]
 
 
@@ -87,9 +88,9 @@ def main() -> None:
         "fit_static": predict_unseen,
     }
     print(f"{'left out':<14}{'fit':<12}" + "".join(f"joint {j + 1:<4}" for j in range(1, 6)))
-    for name, masks in schemes(poses):
+    for name, unseen in schemes(poses):
         for method, predict in methods.items():
-            error = np.concatenate([poses.effort[m] - predict(poses, m, arm) for m in masks])
+            error = np.concatenate([poses.effort[m] - predict(poses, m, arm) for m in unseen])
             rmse = 1e3 * np.sqrt(np.mean(error[:, SHOWN] ** 2, axis=0))
             print(
                 f"{name:<14}{method:<12}" + "".join(f"{value:<10.1f}" for value in rmse), flush=True

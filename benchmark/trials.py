@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
-from dvrk_gravity.diagnosis.bench import Bench
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
 from testing.hide import HIDERS, Hidden, hide
 from testing.world import World
@@ -99,8 +99,8 @@ def trial(seed: int, effects: Sequence[str], static: bool = False) -> Outcome:
         _compare(outcome, hidden, diagnosis)
         if not static:
             loaded = load([recording], known.model())
-            bench = Bench.of(loaded.motion)
-            floor = bench.floor(loaded.floor)
+            data = FilteredData.of(loaded.motion)
+            floor = data.noise_rms(loaded.floor)
             before = np.array(list(diagnosis.before.values()))
             after = np.array(list(diagnosis.after.values()))
             outcome.ratio = float(np.max(before / floor))

@@ -12,9 +12,10 @@ from recording_samples import shared_data
 from dvrk_gravity import diagnose, identify
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.commands import diagnose as command
-from dvrk_gravity.diagnosis.bench import Bench
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.repetition import Repetition, find_repetition
+from dvrk_gravity.estimation.noise import repetition_noise
+from dvrk_gravity.estimation.splits import Repetition, find_repetition
 from dvrk_gravity.identification.columns import identified
 from dvrk_gravity.identification.posture import POSTURE
 from dvrk_gravity.planning import Multisine
@@ -48,7 +49,9 @@ def test_what_differs_between_periods_is_the_noise_whatever_repeats():
     )[3:-3]
     noise *= level / noise.std(axis=0)
 
-    found = Repetition(11.665, 2.57).noise(time, wave + noise, np.ones(wave.shape, dtype=bool))
+    found = repetition_noise(
+        Repetition(11.665, 2.57), time, wave + noise, np.ones(wave.shape, dtype=bool)
+    )
 
     np.testing.assert_allclose(found, level, rtol=0.15)
 
@@ -56,7 +59,9 @@ def test_what_differs_between_periods_is_the_noise_whatever_repeats():
 def test_too_little_seen_twice_is_no_floor():
     time = np.arange(440) / 40.0
 
-    found = Repetition(10.0, 1.1).noise(time, np.ones((440, 7)), np.ones((440, 7), dtype=bool))
+    found = repetition_noise(
+        Repetition(10.0, 1.1), time, np.ones((440, 7)), np.ones((440, 7), dtype=bool)
+    )
 
     assert np.isnan(found).all()
 
@@ -77,15 +82,15 @@ def test_the_period_is_found_across_a_gap_and_not_where_the_phase_jumps():
 
 
 def test_no_held_out_phase_is_seen_in_another_period(periodic):
-    bench = Bench.of(load([periodic], KNOWN.model()).motion)
+    data = FilteredData.of(load([periodic], KNOWN.model()).motion)
 
-    assert bench.repetition is not None
+    assert data.repetition is not None
     # Same phase, other period: both held out or neither.
-    phase = np.round(bench.time % PERIOD, 3)
-    seen = set(phase[bench.fold >= 0])
-    assert bench.held_out.sum() > 100
-    assert not seen & set(phase[bench.held_out])
-    copies = [np.sum(phase[bench.held_out] == one) for one in np.unique(phase[bench.held_out])]
+    phase = np.round(data.time % PERIOD, 3)
+    seen = set(phase[data.fold >= 0])
+    assert data.held_out.sum() > 100
+    assert not seen & set(phase[data.held_out])
+    copies = [np.sum(phase[data.held_out] == one) for one in np.unique(phase[data.held_out])]
     assert max(copies) > 1
 
 

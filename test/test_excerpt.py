@@ -9,8 +9,8 @@ import pytest
 
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis import load as loading
-from dvrk_gravity.diagnosis.bench import Bench
-from dvrk_gravity.diagnosis.contest import Contest
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.run import hypotheses
 from dvrk_gravity.effects import Cogging
@@ -127,28 +127,26 @@ def test_hypotheses_and_what_they_are_built_from_take_little_memory_a_sample():
     They took 107 kB when every hypothesis had columns at all joints, most of them zeros.
     """
     motion = load([moving(10.0, 200.0)], MODEL).motion
-    contest = Contest(Bench.of(motion))
-    pool = [contest.candidate(one) for one in hypotheses(motion)]
+    validation = CrossValidation(FilteredData.of(motion))
+    pool = [validation.candidate(one) for one in hypotheses(motion)]
     assert len(pool) > 200
     total = sum(one.values.nbytes for one in pool)
-    total += sum(
-        basis.cosine.nbytes + basis.sine.nbytes for basis in Cogging.search_basis(contest.bench)
-    )
+    bases = Cogging.search_basis(validation.data)
+    total += sum(basis.cosine.nbytes + basis.sine.nbytes for basis in bases)
     total += sum(held(value) for value in vars(motion).values())
-    assert total / len(contest.bench.residual) < 45e3
+    assert total / len(validation.data.residual) < 45e3
 
 
 def test_sines_are_built_a_few_frequencies_at_a_time():
     motion = load([moving(20.0, 200.0)], MODEL).motion
-    contest = Contest(Bench.of(motion))
+    validation = CrossValidation(FilteredData.of(motion))
     tracemalloc.start()
-    kept = sum(
-        basis.cosine.nbytes + basis.sine.nbytes for basis in Cogging.search_basis(contest.bench)
-    )
+    bases = Cogging.search_basis(validation.data)
+    kept = sum(basis.cosine.nbytes + basis.sine.nbytes for basis in bases)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # All 240 frequencies at once took 115 kB a sample beyond what is kept.
-    assert (peak - kept) / len(contest.bench.residual) < 20e3
+    assert (peak - kept) / len(validation.data.residual) < 20e3
 
 
 def test_a_push_is_looked_for_in_samples_and_not_in_the_time_between_them():

@@ -15,8 +15,8 @@ from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.dynamic_fit import estimate
 from dvrk_gravity.identification.motion import read_motions
+from dvrk_gravity.identification.moves import start_columns
 from dvrk_gravity.identification.problem import pose
-from dvrk_gravity.identification.selection import start_columns
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.tree import build_tree

@@ -4,47 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import lsq_linear
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import State, rigid_body
 from dvrk_gravity.effects.link_prior import base_directions, beta_map
+from dvrk_gravity.estimation.covariance import autocorrelated_scores, sandwich
+from dvrk_gravity.estimation.normal_equations import NormalEquations, fit
 from dvrk_gravity.gravity import regressor as gravity_regressor
 from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.covariance import uncertainty
 from dvrk_gravity.identification.errors import joint_errors
-from dvrk_gravity.identification.folds import GAP, find_period, make_folds
 from dvrk_gravity.identification.identifiability import base_parameters
-from dvrk_gravity.identification.moments import Design, Moments
 from dvrk_gravity.identification.problem import Weighting
-from dvrk_gravity.identification.regression import (
-    correlation_time,
-    huber_weights,
-    solve,
-    solve_signed,
-)
 
 ARM = Arm.load("mtmr")
-
-
-def design(x, y, rate: float = 50.0, q=None) -> Design:
-    columns = Columns(ARM, ARM.lower, ARM.upper)
-    q = np.zeros((len(y), 7)) if q is None else q
-    part = np.zeros(len(y), dtype=np.int64)
-    measured = np.ones(y.shape, dtype=bool)
-    return Design(columns, x, y, np.arange(len(y)) / rate, part, State(q, q), rate, measured)
-
-
-def test_signed_least_squares_are_scipys():
-    random = np.random.default_rng(0)
-    for _ in range(50):
-        x, y = random.normal(size=(40, 12)), random.normal(size=40)
-        positive = random.random(12) < 0.7
-        theta, free = solve_signed(x.T @ x, x.T @ y, positive)
-        lower = np.where(positive, 0.0, -np.inf)
-        expected = lsq_linear(x, y, (lower, np.full(12, np.inf)), method="bvls").x
-        np.testing.assert_allclose(theta, expected, atol=1e-7)
-        assert (theta[~free] == 0.0).all()
 
 
 def test_silent_data_leave_a_coefficient_at_zero_and_loud_data_overrule_the_prior():
@@ -53,69 +25,9 @@ def test_silent_data_leave_a_coefficient_at_zero_and_loud_data_overrule_the_prio
     x[:, 0, 0] = random.normal(size=200)
     y = np.zeros((200, 7))
     y[:, 0] = 3.0 * x[:, 0, 0]
-    moments = Moments.of(x, y, np.ones_like(y))
-    solution = solve(moments, np.full(7, 1e6), np.ones(2), np.zeros(2, dtype=bool))
+    moments = NormalEquations.of(x, y)
+    solution = fit(moments, np.full(7, 1e6), np.ones(2), np.zeros(2, dtype=bool))
     assert solution.theta == pytest.approx([3.0, 0.0], abs=1e-6)
-
-
-def test_moments_tell_the_error_without_the_samples():
-    random = np.random.default_rng(2)
-    x, y = random.normal(size=(50, 7, 5)), random.normal(size=(50, 7))
-    whole = Moments.of(x, y, np.ones_like(y))
-    half = Moments.of(x[:20], y[:20], np.ones_like(y[:20]))
-    theta = random.normal(size=3)
-    chosen = [0, 2, 4]
-    expected = ((y[20:] - x[20:, :, chosen] @ theta) ** 2).sum(axis=0)
-    np.testing.assert_allclose((whole - half).select(chosen).error(theta), expected, atol=1e-9)
-
-
-def test_outliers_lose_weight_and_others_keep_theirs():
-    residual = np.random.default_rng(3).normal(size=(500, 7))
-    residual[10, 2] = 50.0
-    weight = huber_weights(residual)
-    assert weight[10, 2] < 0.1
-    assert weight.mean() > 0.95
-
-
-def test_correlation_time_of_an_autoregression():
-    """Of AR(1) with coefficient a it is (1 + a) / (1 - a)."""
-    residual = autoregression(np.random.default_rng(4), 40_000, 0.8)
-    part = np.zeros(len(residual), dtype=np.int64)
-    together = correlation_time(residual, part, 200)
-    np.testing.assert_allclose(together, 9.0, rtol=0.25)
-
-
-def autoregression(random: np.random.Generator, count: int, a: float) -> np.ndarray:
-    from scipy.signal import lfilter
-
-    noise = random.normal(size=(count + 200, 7))
-    return lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], noise, axis=0)[200:]
-
-
-def test_intervals_hold_the_truth_although_the_noise_is_correlated():
-    """White-noise formulas would hold it in about half the cases here."""
-    random = np.random.default_rng(5)
-    time = np.arange(1500) / 50.0
-    x = np.zeros((len(time), 7, 3))
-    for j in range(7):
-        x[:, j] = np.stack(
-            [np.ones_like(time), np.sin(0.9 * time + j), np.cos(2.3 * time - j)], axis=1
-        )
-    truth = np.array([1.0, -2.0, 0.5])
-    hits = []
-    for _ in range(200):
-        noise = autoregression(random, len(time), 0.9)
-        data = design(x, x @ truth + noise)
-        weight = np.full(7, 1.0 / 19.0)
-        moments = Moments.of(data.x, data.y, np.ones_like(data.y))
-        solution = solve(moments, weight, np.full(3, 1e3), np.zeros(3, dtype=bool))
-        residual = data.y - data.x @ solution.theta
-        spread = uncertainty(data, range(3), solution, residual, residual, weight)
-        for k, unit in enumerate(np.eye(3)):
-            low, high = spread.interval(solution.theta[k], unit)
-            hits.append(low <= truth[k] <= high)
-            assert spread.identifiable(unit)
-    assert 0.93 <= np.mean(hits) <= 0.97
 
 
 def test_intervals_hold_the_truth_although_every_fifth_sample_has_its_own_parameter():
@@ -126,43 +38,27 @@ def test_intervals_hold_the_truth_although_every_fifth_sample_has_its_own_parame
     x = np.zeros((count, 7, parameters))
     x[:, 0] = columns
     weight = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    block = np.arange(count) // 15
+    block, part = np.arange(count) // 15, np.zeros(count, dtype=np.int64)
     hits = []
     for _ in range(100):
         truth = random.normal(size=parameters)
         y = np.zeros((count, 7))
         y[:, 0] = columns @ truth + random.normal(size=count)
-        data = design(x, y)
         scale, signs = np.full(parameters, 1e3), np.zeros(parameters, dtype=bool)
-        solution = solve(Moments.of(x, y, np.ones_like(y)), weight, scale, signs)
+        solution = fit(NormalEquations.of(x, y), weight, scale, signs)
         unseen = y.copy()
         for one in range(10):
             seen = block != one
-            blind = solve(Moments.of(x[seen], y[seen], np.ones_like(y[seen])), weight, scale, signs)
+            blind = fit(NormalEquations.of(x[seen], y[seen]), weight, scale, signs)
             unseen[~seen] -= x[~seen] @ blind.theta
-        spread = uncertainty(
-            data, range(parameters), solution, y - x @ solution.theta, unseen, weight
+        meat = autocorrelated_scores(
+            x, y - x @ solution.theta, unseen, part, 50.0, weight, np.ones(y.shape, dtype=bool)
         )
+        spread = sandwich(solution, meat)
         for k, unit in enumerate(np.eye(parameters)):
             low, high = spread.interval(solution.theta[k], unit)
             hits.append(low <= truth[k] <= high)
     assert 0.93 <= np.mean(hits) <= 0.97
-
-
-def test_a_parameter_that_its_prior_decides_is_not_called_identifiable():
-    random = np.random.default_rng(13)
-    x = np.zeros((300, 7, 2))
-    x[:, 0] = random.normal(size=(300, 2)) * [1.0, 1e-3]
-    y = np.zeros((300, 7))
-    y[:, 0] = x[:, 0] @ [2.0, 3.0] + random.normal(size=300)
-    data, weight = design(x, y), np.ones(7)
-    signs = np.zeros(2, dtype=bool)
-    solution = solve(Moments.of(x, y, np.ones_like(y)), weight, np.ones(2), signs)
-    residual = y - x @ solution.theta
-    spread = uncertainty(data, range(2), solution, residual, residual, weight)
-    assert spread.identifiable(np.array([1.0, 0.0]))
-    assert not spread.identifiable(np.array([0.0, 1.0]))
-    assert abs(solution.theta[1]) < 0.5  # near its prior, not at the 3 that nobody can see
 
 
 def test_a_noisy_motor_does_not_spoil_what_a_quiet_one_tells():
@@ -171,9 +67,9 @@ def test_a_noisy_motor_does_not_spoil_what_a_quiet_one_tells():
     x[:, :2, 0] = random.normal(size=(400, 2))
     noise = np.array([2.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
     y = 0.7 * x[:, :, 0] + noise * random.normal(size=(400, 7))
-    moments, signs = Moments.of(x, y, np.ones_like(y)), np.zeros(1, dtype=bool)
-    weighted = solve(moments, np.append(noise[:2] ** -2, np.ones(5)), np.ones(1), signs)
-    alike = solve(moments, np.ones(7), np.ones(1), signs)
+    moments, signs = NormalEquations.of(x, y), np.zeros(1, dtype=bool)
+    weighted = fit(moments, np.append(noise[:2] ** -2, np.ones(5)), np.ones(1), signs)
+    alike = fit(moments, np.ones(7), np.ones(1), signs)
     assert abs(weighted.theta[0] - 0.7) < 0.002 < abs(alike.theta[0] - 0.7)
 
 
@@ -198,34 +94,11 @@ def test_friction_that_data_would_make_negative_is_held_at_zero():
     x[:, 0] = random.normal(size=(200, 2))
     y = np.zeros((200, 7))
     y[:, 0] = x[:, 0] @ [1.0, -0.2]
-    solution = solve(Moments.of(x, y, np.ones_like(y)), np.ones(7) * 1e4, np.ones(2),
+    solution = fit(NormalEquations.of(x, y), np.ones(7) * 1e4, np.ones(2),
                      np.array([False, True]))  # fmt: skip
     assert solution.theta[1] == 0.0
     assert not solution.free[1]
     assert solution.theta[0] == pytest.approx(1.0, abs=0.05)
-
-
-def test_a_period_is_found_and_noise_has_none():
-    time = np.arange(1500) / 50.0
-    phase = 2.0 * np.pi * time[:, None] / 11.66
-    joint = np.arange(1, 8)
-    q = np.sin(phase * (1 + joint % 3) + joint) + 0.3 * np.cos(phase * 5)
-    assert find_period(q, 50.0) == pytest.approx(11.66, abs=0.03)
-    drifting = np.cumsum(np.random.default_rng(6).normal(size=(1500, 7)), axis=0)
-    assert find_period(drifting, 50.0) is None
-
-
-def test_equal_phases_are_held_out_together_and_a_gap_is_kept():
-    time = np.arange(1500) / 50.0
-    q = np.sin(2.0 * np.pi * time[:, None] / 10.0 * np.arange(1, 8))
-    data = design(np.zeros((1500, 7, 1)), np.zeros((1500, 7)), q=q)
-    folds = make_folds(data)
-    assert "repeats every 10 s" in folds.how
-    np.testing.assert_array_equal(folds.held_out[:500], folds.held_out[500:1000])
-    for fold in range(12):
-        held = np.flatnonzero(folds.held_out == fold)
-        fitted = np.flatnonzero(~folds.excluded[fold])
-        assert np.abs(held[:, None] - fitted).min() / 50.0 >= GAP - 0.021
 
 
 def test_base_parameters_span_what_torque_depends_on():
@@ -303,9 +176,9 @@ def test_constrained_links_are_bodies_and_fit_data_of_such_bodies():
     full = rigid_body.regressor(ARM, q, qd, qdd, ARM.gravity)
     y = full @ np.ravel(links)
     x = full @ columns.base
-    moments = Moments.of(x, y + 0.01 * random.normal(size=y.shape), np.ones_like(y))
+    moments = NormalEquations.of(x, y + 0.01 * random.normal(size=y.shape))
     scale, positive = columns.scale[chosen], columns.positive[chosen]
-    solution = solve(moments, np.full(7, 1e4), scale, positive)
+    solution = fit(moments, np.full(7, 1e4), scale, positive)
     theta, found = physical_links(columns, chosen, solution)
     assert min(certificate(found).values()) > 0.0
     np.testing.assert_allclose(full @ found, x @ theta, atol=1e-9)

@@ -10,12 +10,13 @@ import pytest
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.estimation.splits import inner_slabs, slabs
 from dvrk_gravity.identification import static_report
 from dvrk_gravity.identification.static_columns import joint_columns
 from dvrk_gravity.identification.static_fit import fit_model, fit_static, predict_unseen
 from dvrk_gravity.identification.static_model import fit_poses
-from dvrk_gravity.identification.static_poses import Poses, inner_slabs, read_poses, slabs
-from dvrk_gravity.identification.static_solver import Choice, Table
+from dvrk_gravity.identification.static_poses import Poses, read_poses
+from dvrk_gravity.identification.static_solver import Composition, Table
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 
@@ -126,7 +127,7 @@ def test_shoulder_over_a_short_range_is_not_told_from_its_cable():
     q[:, 1] = np.radians([-12.0, 5.0, 22.0])[slabs(q[:, 1])]
     poses, _ = read_poses(record(truth(), q), ARM, "joint")
     table = Table.of(poses, ARM)
-    _, solution, _, weight = fit_poses(table, [Choice(((j,),), 0.1) for j in range(7)], ARM)
+    _, solution, _, weight = fit_poses(table, [Composition(((j,),), 0.1) for j in range(7)], ARM)
     spread = static_report.uncertainty(table, solution, weight)
     statements = static_report.identifiability(table, solution, spread).statements
     expected = "beta2 (arm_y) and directional_cable.positive.shoulder_pitch[0] cannot be separated"
@@ -269,7 +270,7 @@ def test_slabs_are_the_levels_of_a_grid_or_fifths_of_the_poses():
 def test_inner_slabs_lie_between_others():
     poses, _ = read_poses(record(truth(), grid(4)), ARM, "joint")
     assert poses.moving == POSED
-    for mask in inner_slabs(poses):
+    for mask in inner_slabs(poses.q, poses.moving):
         inside = [
             poses.q[mask, j].min() > poses.q[~mask, j].min()
             and poses.q[mask, j].max() < poses.q[~mask, j].max()

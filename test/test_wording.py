@@ -11,7 +11,7 @@ from test_report import Page
 
 from dvrk_gravity import effects
 from dvrk_gravity.arm import JOINT_NAMES, Arm
-from dvrk_gravity.diagnosis.bench import Bench
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import (
     Alternative,
     Ambiguity,
@@ -96,15 +96,15 @@ def every() -> list[Case]:
     """Return one hypothesis of each effect and form, as a diagnosis builds them."""
     world = World.draw(6)
     motion = load([world.record(1, 2, 9.0, 100.0)], world.model()).motion
-    bench = Bench.of(motion)
-    noise = np.random.default_rng(0).normal(size=bench.residual.shape)
-    residual = Residual(bench, noise, np.ones_like(noise), np.ones(len(noise), dtype=bool))
+    data = FilteredData.of(motion)
+    noise = np.random.default_rng(0).normal(size=data.residual.shape)
+    residual = Residual(data, noise, np.ones_like(noise), np.ones(len(noise), dtype=bool))
     found = [
         *hypotheses(motion),
         *(
             one
             for effect in effects.effects()
-            for one in effect.search(effect.search_basis(bench), residual)
+            for one in effect.search(effect.search_basis(data), residual)
         ),
     ]
     forms = {(one.effect, re.sub(r"\d| of \w+", "", one.place), len(one.joints)): one

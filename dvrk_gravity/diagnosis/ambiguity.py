@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.contest import Contest
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.findings import Ambiguity, Contender
-from dvrk_gravity.diagnosis.judge import Judge, estimates
+from dvrk_gravity.diagnosis.held_out import HeldOut, estimates
 from dvrk_gravity.diagnosis.words import told
 from dvrk_gravity.quantity import pose, quantity
 
@@ -24,7 +24,7 @@ _POSES = 2000
 
 
 def ambiguities(
-    contest: Contest, named: Sequence[Candidate], pool: Sequence[Candidate]
+    validation: CrossValidation, named: Sequence[Candidate], pool: Sequence[Candidate]
 ) -> tuple[Ambiguity, ...]:
     """Return pairs of a zero and a tilt, or of two zeros, that this data cannot tell apart.
 
@@ -32,11 +32,11 @@ def ambiguities(
     may be there unseen.
 
     Args:
-        contest: The contest.
+        validation: The validation.
         named: The accepted effects.
         pool: All hypotheses that need no search.
     """
-    contest.weigh(contest.out_of_fold(named), final=True)
+    validation.weigh(validation.out_of_fold(named), final=True)
     found = {one.hypothesis.key for one in named}
     free = [one for one in pool if one.hypothesis.key not in found and one.acts.any()]
     aligned = [one for one in free if one.hypothesis.alignment]
@@ -48,35 +48,35 @@ def ambiguities(
             pair = frozenset((zero.hypothesis.key, other.hypothesis.key))
             if other is zero or pair in seen:
                 continue
-            share, theta = contest.reproduced(zero, np.array([_DEGREE]), other, named)
+            share, theta = validation.reproduced(zero, np.array([_DEGREE]), other, named)
             if share > _SAME:
                 seen.add(pair)
-                result.append(_ambiguity(contest, named, zero, other, share, theta))
+                result.append(_ambiguity(validation, named, zero, other, share, theta))
     return tuple(sorted(result, key=lambda one: -one.overlap))
 
 
 def _ambiguity(
-    contest: Contest,
+    validation: CrossValidation,
     named: Sequence[Candidate],
     zero: Candidate,
     other: Candidate,
     share: float,
     theta: Array,
 ) -> Ambiguity:
-    both = _estimates(contest, named, (zero, other))
+    both = _estimates(validation, named, (zero, other))
     contenders = []
-    judge = Judge(contest)
-    without, before = contest.score(named), judge.rmse(judge.error(named))
+    held_out = HeldOut(validation)
+    without, before = validation.score(named), held_out.rmse(held_out.error(named))
     for one, together in zip((zero, other), both, strict=True):
-        (alone,) = _estimates(contest, named, (one,))
-        gain = contest.score([*named, one]).likelihood - without.likelihood
-        after = judge.rmse(judge.error([*named, one]))
+        (alone,) = _estimates(validation, named, (one,))
+        gain = validation.score([*named, one]).likelihood - without.likelihood
+        after = held_out.rmse(held_out.error([*named, one]))
         removed = 1.0 - after / np.where(before > 0.0, before, 1.0)
         best = int(np.argmax(removed))
         contenders.append(
             Contender(
                 one.hypothesis.effect, one.hypothesis.names, alone, together, gain,
-                contest.bench.motion.arm.joint_names[best], float(removed[best]),
+                validation.data.motion.arm.joint_names[best], float(removed[best]),
             )
         )  # fmt: skip
     pair = f"{zero.hypothesis.subject} and {other.hypothesis.subject}"
@@ -84,7 +84,7 @@ def _ambiguity(
         f"{pair} cannot be told apart here: {100 * share:.0f} % of the "
         "torque of the first is the second's as well; "
         + " against ".join(_numbers(one) for one in contenders)
-        + f"; {_pose(contest, zero, other, theta)}"
+        + f"; {_pose(validation, zero, other, theta)}"
     )
     return Ambiguity(contenders[0], contenders[1], share, pair, sentence)
 
@@ -101,9 +101,9 @@ def _numbers(one: Contender) -> str:
 
 
 def _estimates(
-    contest: Contest, named: Sequence[Candidate], ones: Sequence[Candidate]
+    validation: CrossValidation, named: Sequence[Candidate], ones: Sequence[Candidate]
 ) -> list[dict]:
-    theta, covariance = contest.fit([*named, *ones])
+    theta, covariance = validation.fit([*named, *ones])
     sizes = [sum(one.size for one in named), *(one.size for one in ones)]
     return [
         estimates(one.hypothesis, theta[a:b], covariance[a:b, a:b], {})
@@ -111,9 +111,9 @@ def _estimates(
     ]
 
 
-def _pose(contest: Contest, zero: Candidate, other: Candidate, theta: Array) -> str:
+def _pose(validation: CrossValidation, zero: Candidate, other: Candidate, theta: Array) -> str:
     """Return at rest in which pose one degree of zero differs most from what mimics it here."""
-    motion, arm = contest.bench.motion, contest.bench.motion.arm
+    motion, arm = validation.data.motion, validation.data.motion.arm
     random = np.random.default_rng(0)
     q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (_POSES, arm.n))
     still = np.zeros_like(q)
@@ -125,7 +125,7 @@ def _pose(contest: Contest, zero: Candidate, other: Candidate, theta: Array) -> 
     mine = zero.hypothesis.build(posed, zero.hypothesis.setting) @ np.array([_DEGREE])
     its = other.hypothesis.build(posed, other.hypothesis.setting) @ theta
     apart = np.abs(mine - its)
-    where, joint = np.unravel_index(int(np.argmax(apart * contest.weight)), apart.shape)
+    where, joint = np.unravel_index(int(np.argmax(apart * validation.weight)), apart.shape)
     there = pose(q[where], [one.unit for one in arm.joints])
     return (
         f"held still at {there}, a zero one degree off and what looks like it here differ by "

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.ambiguity import ambiguities
 from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.contest import EDGE_STEP, Contest
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.extend import extended
 from dvrk_gravity.diagnosis.findings import (
     FLOORS,
@@ -22,7 +22,7 @@ from dvrk_gravity.diagnosis.findings import (
     by_joint,
     ordered,
 )
-from dvrk_gravity.diagnosis.judge import Judge, Unconfirmed, estimates, setting_columns
+from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed, estimates, setting_columns
 from dvrk_gravity.diagnosis.load import Loaded
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.other_findings import (
@@ -33,11 +33,12 @@ from dvrk_gravity.diagnosis.other_findings import (
     unknown_finding,
 )
 from dvrk_gravity.diagnosis.readings import ReadingScore
-from dvrk_gravity.diagnosis.selection import Accepted, Tried
+from dvrk_gravity.diagnosis.selection import EffectTrial, SelectedEffect
 from dvrk_gravity.diagnosis.separate import separation
 from dvrk_gravity.diagnosis.words import sentence_of
 from dvrk_gravity.effects.meaning import Estimate
 from dvrk_gravity.effects.unknown import Unknown
+from dvrk_gravity.estimation.covariance import NORMAL_95
 
 Array = NDArray[np.float64]
 _ABOVE_FLOOR = 2.5  # times the noise: more than that is structure, if it lasts
@@ -49,46 +50,47 @@ Readings = Sequence[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]]
 def assemble(
     loaded: Loaded,
     readings: Readings,
-    contest: Contest,
-    accepted: Sequence[Accepted],
-    unknown: Sequence[Tried],
+    validation: CrossValidation,
+    accepted: Sequence[SelectedEffect],
+    unknown: Sequence[EffectTrial],
     unconfirmed: Sequence[Unconfirmed],
     pool: Sequence[Candidate],
 ) -> Diagnosis:
     """Put everything together; see :class:`dvrk_gravity.diagnosis.run.Outcome`."""
-    judge, bench = Judge(contest), contest.bench
-    names = bench.motion.arm.joint_names
-    named = [one.tried.candidate for one in accepted]
-    theta, covariance, spreads = _fit(contest, named)
+    held_out, data = HeldOut(validation), validation.data
+    arm = data.motion.arm
+    names = arm.joint_names
+    named = [one.trial.candidate for one in accepted]
+    theta, covariance, spreads = _fit(validation, named)
     slices = _slices(named)
     found = [(one.hypothesis, theta[rows]) for one, rows in zip(named, slices, strict=True)]
     model, carried = extended(loaded.motion, found)
     findings = []
-    first = judge.error([])
+    first = held_out.error([])
     if readings:
         score, before, alike = readings[0]
-        first = as_read_before(before, bench, judge)
-        findings.append(reading_finding(score, alike, first, judge.error([]), judge))
+        first = as_read_before(before, data, held_out)
+        findings.append(reading_finding(score, alike, first, held_out.error([]), held_out))
     of_accepted = []
     for i, one in enumerate(accepted):
         rows = slices[i]
         parameters = estimates(
-            one.tried.candidate.hypothesis, theta[rows], covariance[rows, rows], spreads[i]
+            one.trial.candidate.hypothesis, theta[rows], covariance[rows, rows], spreads[i]
         )
-        finding = _finding(judge, contest, accepted, i, parameters, theta[rows], carried[i])
+        finding = _finding(held_out, validation, accepted, i, parameters, theta[rows], carried[i])
         of_accepted.append(finding)
     findings += ordered(of_accepted)
-    last = judge.error(named)
+    last = held_out.error(named)
     for tried in unknown:
-        findings.append(unknown_finding(judge, contest, named, tried, last))
-    after = judge.rmse(last)
-    floor = bench.floor(loaded.floor, contest.left(named))
-    source = bench.floor_from(floor)
+        findings.append(unknown_finding(held_out, validation, named, tried, last))
+    after = held_out.rmse(last)
+    floor = data.noise_rms(loaded.floor, validation.residual(named))
+    source = data.noise_source(floor)
     nameless = [finding for finding in findings if finding.effect == Unknown.NAME]
     told = {name for finding in nameless for name in finding.joints}
-    seen = contest.score(named).rms  # out of fold: a push's edge may hide in a held-out block
+    seen = validation.score(named).rms  # out of fold: a push's edge may hide in a held-out block
     # A floor that high frequencies show takes the noise for white; one of repetition need not.
-    noise = np.full(len(after), source != "repetition") & (judge.lasting(last) <= _LASTING)
+    noise = np.full(len(after), source != "repetition") & (held_out.lasting(last) <= _LASTING)
     shapeless = [
         joint
         for joint in range(len(after))
@@ -96,22 +98,21 @@ def assemble(
         > (_FAR_ABOVE_FLOOR if noise[joint] else _ABOVE_FLOOR) * floor[joint]
         and names[joint] not in told
     ]
-    arm = bench.motion.arm
     findings += [
         shapeless_finding(arm, joint, after[joint], floor[joint], source) for joint in shapeless
     ]
     return Diagnosis(
         verdict=_verdict(findings),
         findings=tuple(findings),
-        before=by_joint(names, judge.rmse(first)),
+        before=by_joint(names, held_out.rmse(first)),
         after=by_joint(names, after),
         floor=by_joint(names, floor),
         floor_from=source,
-        samples=int((bench.block >= 0).sum()),
-        held_out=judge.samples,
+        samples=int((data.block >= 0).sum()),
+        held_out=held_out.samples,
         warnings=loaded.warnings,
-        notes=(*_notes(loaded, contest, floor), *(str(one) for one in unconfirmed)),
-        ambiguities=ambiguities(contest, named, pool),
+        notes=(*_notes(loaded, validation, floor), *(str(one) for one in unconfirmed)),
+        ambiguities=ambiguities(validation, named, pool),
         model=model,
     )
 
@@ -122,52 +123,52 @@ def _slices(candidates: Sequence[Candidate]) -> list[slice]:
 
 
 def _fit(
-    contest: Contest, named: Sequence[Candidate]
+    validation: CrossValidation, named: Sequence[Candidate]
 ) -> tuple[Array, Array, list[dict[str, float]]]:
     """Return parameters, covariance, and the spread of each one's searched settings."""
     if not named:
         return np.zeros(0), np.zeros((0, 0)), []
-    contest.weigh(contest.out_of_fold(named))
-    theta, _ = contest.fit(named)
+    validation.weigh(validation.out_of_fold(named))
+    theta, _ = validation.fit(named)
     slopes: list[Candidate] = []
     names: list[list[str]] = []
     for one, rows in zip(named, _slices(named), strict=True):
-        found, columns = setting_columns(contest, one, theta[rows])
+        found, columns = setting_columns(validation, one, theta[rows])
         names.append(found)
         slopes += columns
     # The settings move along, so that they widen the others' intervals; their values stay.
-    _, covariance = contest.fit([*named, *slopes])
+    _, covariance = validation.fit([*named, *slopes])
     deviation = np.sqrt(np.maximum(np.diag(covariance)[len(theta) :], 0.0)).tolist()
     spreads = []
     for one, found in zip(named, names, strict=True):
         spread = {name: deviation.pop(0) for name in found}
         others = [other for other in named if other is not one]
         for name in set(one.hypothesis.edges) & set(one.hypothesis.refine):
-            low, high = contest.plateau(one, others, name)
-            spread[name] = max(high - low, EDGE_STEP) / 3.92
+            low, high = validation.plateau(one, others, name)
+            spread[name] = max(high - low, validation.settings.edge_step) / (2.0 * NORMAL_95)
         spreads.append(spread)
     return theta, covariance[: len(theta), : len(theta)], spreads
 
 
 def _finding(
-    judge: Judge,
-    contest: Contest,
-    accepted: Sequence[Accepted],
+    held_out: HeldOut,
+    validation: CrossValidation,
+    accepted: Sequence[SelectedEffect],
     i: int,
     parameters: dict[str, Estimate],
     theta: Array,
     carried: bool,
 ) -> Finding:
     one = accepted[i]
-    hypothesis = one.tried.candidate.hypothesis
-    named = [other.tried.candidate for other in accepted]
+    hypothesis = one.trial.candidate.hypothesis
+    named = [other.trial.candidate for other in accepted]
     # What the others leave to it, in whatever order they were found.
-    before = judge.error([other for k, other in enumerate(named) if k != i])
-    after = judge.error(named)
-    joints = judge.main_joints(one.tried.candidate, before, after)
-    gain = judge.gain(before, after, joints)
+    before = held_out.error([other for k, other in enumerate(named) if k != i])
+    after = held_out.error(named)
+    joints = held_out.main_joints(one.trial.candidate, before, after)
+    gain = held_out.gain(before, after, joints)
     rest_named = [other for k, other in enumerate(named) if k != i]
-    alternatives = _alternatives(contest, rest_named, one)
+    alternatives = _alternatives(validation, rest_named, one)
     return Finding(
         effect=hypothesis.effect,
         joints=hypothesis.names,
@@ -181,22 +182,22 @@ def _finding(
                 other.candidate.hypothesis.names,
                 other.candidate.hypothesis.place,
                 other.gain,
-                one.tried.gain - other.gain,
+                one.trial.gain - other.gain,
             )
             for other in one.rejected
         ),
         sentence=sentence_of(hypothesis, parameters, gain, hypothesis.arm.joint_names[joints[0]]),
-        picture=picture_of(contest.bench, judge, hypothesis, joints[0], before, after),
+        picture=picture_of(validation.data, held_out, hypothesis, joints[0], before, after),
         in_model=carried,
     )
 
 
 def _alternatives(
-    contest: Contest, rest: Sequence[Candidate], one: Accepted
+    validation: CrossValidation, rest: Sequence[Candidate], one: SelectedEffect
 ) -> tuple[Alternative, ...]:
     result, seen = (
         [],
-        {(one.tried.candidate.hypothesis.effect, one.tried.candidate.hypothesis.joints)},
+        {(one.trial.candidate.hypothesis.effect, one.trial.candidate.hypothesis.joints)},
     )
     for other in one.alternatives:
         hypothesis = other.candidate.hypothesis
@@ -205,9 +206,9 @@ def _alternatives(
         seen.add((hypothesis.effect, hypothesis.joints))
         why = (
             f"explains unseen blocks as well: log-likelihood gain {other.gain:.0f} "
-            f"against {one.tried.gain:.0f}"
+            f"against {one.trial.gain:.0f}"
         )
-        apart = separation(contest, rest, one.tried.candidate, other.candidate)
+        apart = separation(validation, rest, one.trial.candidate, other.candidate)
         result.append(
             Alternative(hypothesis.effect, hypothesis.names, f"{why}; {apart}" if apart else why)
         )
@@ -227,21 +228,21 @@ def _verdict(findings: Sequence[Finding]) -> Verdict:
     return "explained"
 
 
-def _notes(loaded: Loaded, contest: Contest, floor: Array) -> tuple[str, ...]:
-    bench = contest.bench
+def _notes(loaded: Loaded, validation: CrossValidation, floor: Array) -> tuple[str, ...]:
+    data = validation.data
     notes = [
         *loaded.handling,
-        f"{bench.count} blocks, every third held out of fit and choice; "
+        f"{data.count} blocks, every third held out of fit and choice; "
         "the others in five folds for cross-validation",
     ]
-    if bench.repetition is not None:
+    if data.repetition is not None:
         notes.append(
-            f"the motion repeats every {bench.repetition.period:.4g} s, {bench.copies:.3g} times "
+            f"the motion repeats every {data.repetition.period:.4g} s, {data.copies:.3g} times "
             "in all: a block is one phase of every period"
         )
-    notes.append(f"noise floor: {FLOORS[bench.floor_from(floor)]}")
-    if bench.band is not None:
-        notes.append(f"torques and hypotheses compared below {bench.band:g} Hz, zero-phase")
+    notes.append(f"noise floor: {FLOORS[data.noise_source(floor)]}")
+    if data.band is not None:
+        notes.append(f"torques and hypotheses compared below {data.band:g} Hz, zero-phase")
         stuck = loaded.motion.stuck.mean(axis=0)
         notes += [
             f"{name} stands still for {100 * part:.0f} % of the time: left out there"

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.effects.effect import Hypothesis
 
 Array = NDArray[np.float64]
 
-PENALTY = 4.0  # log-likelihood that a parameter has to bring
+# Log-likelihood that a parameter has to bring: half the logarithm of the number of independent
+# samples (Schwarz 1978), 30 s of seven joints below 8 Hz: 0.5 ln(30 * 2 * 8 * 7) = 4.1.
+PENALTY = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,22 +25,24 @@ class Candidate:
         joints: (m,) indices of the joints that its torque acts on.
         values: (T, m, k) columns of torque at these, as the bench compares them. Most act on one
             joint, and there are thousands of them.
+        width: Number of joints n.
     """
 
     hypothesis: Hypothesis
     joints: NDArray[np.int_]
     values: Array
+    width: int
 
     @classmethod
     def of(cls, hypothesis: Hypothesis, columns: Array) -> Candidate:
-        """Return a hypothesis with its (T, 7, k) reduced columns."""
+        """Return a hypothesis with its (T, n, k) reduced columns."""
         joints = np.flatnonzero(np.any(columns != 0.0, axis=(0, 2)))
-        return cls(hypothesis, joints, columns[:, joints])
+        return cls(hypothesis, joints, columns[:, joints], columns.shape[1])
 
     def columns(self, rows: NDArray[np.int_] | NDArray[np.bool_] | slice = slice(None)) -> Array:
-        """Return (R, 7, k) columns at some samples, by default at all."""
+        """Return (R, n, k) columns at some samples, by default at all."""
         values = self.values[rows]
-        result = np.zeros((len(values), N_JOINTS, self.size))
+        result = np.zeros((len(values), self.width, self.size))
         result[:, self.joints] = values
         return result
 
@@ -63,8 +66,8 @@ class Candidate:
 
     @property
     def acts(self) -> NDArray[np.bool_]:
-        """(7,) joints that its torque acts on."""
-        return np.isin(np.arange(N_JOINTS), self.joints)
+        """(n,) joints that its torque acts on."""
+        return np.isin(np.arange(self.width), self.joints)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +75,10 @@ class Score:
     """How a set of candidates does on samples that each fit has not seen.
 
     Attributes:
-        rms: (7,) out-of-fold error, N·m.
+        rms: (n,) out-of-fold error, N·m.
         loss: (blocks,) squared error of each block in units of the weights.
         likelihood: Sum over joints of -n/2 log(mean squared error), costs taken off.
-        error: (R, 7) the errors, N·m.
+        error: (R, n) the errors, N·m.
     """
 
     error: Array

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis.bench import BAND
+from dvrk_gravity.diagnosis.filtered_data import BAND
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.hand import beyond_limits

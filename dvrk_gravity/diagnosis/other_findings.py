@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis.bench import Bench
 from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.contest import Contest
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import (
     FLOORS,
     Alternative,
@@ -19,10 +19,10 @@ from dvrk_gravity.diagnosis.findings import (
     Gain,
     Picture,
 )
-from dvrk_gravity.diagnosis.judge import Judge
+from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import ReadingScore
-from dvrk_gravity.diagnosis.selection import Tried
+from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.effects.effect import Hypothesis
 from dvrk_gravity.effects.meaning import Estimate
 from dvrk_gravity.effects.unknown import Unknown
@@ -33,14 +33,20 @@ Array = NDArray[np.float64]
 
 
 def unknown_finding(
-    judge: Judge, contest: Contest, named: Sequence[Candidate], tried: Tried, before: Array
+    held_out: HeldOut,
+    validation: CrossValidation,
+    named: Sequence[Candidate],
+    tried: EffectTrial,
+    before: Array,
 ) -> Finding:
     """Return the finding of structure that no name fits."""
     hypothesis = tried.candidate.hypothesis
-    after = judge.error([*named, tried.candidate])
+    after = held_out.error([*named, tried.candidate])
     joint = hypothesis.joints[0]
-    gain = judge.gain(before, after, [joint])
-    rms = float(np.sqrt(max(judge.rmse(before)[joint] ** 2 - judge.rmse(after)[joint] ** 2, 0.0)))
+    gain = held_out.gain(before, after, [joint])
+    rms = float(
+        np.sqrt(max(held_out.rmse(before)[joint] ** 2 - held_out.rmse(after)[joint] ** 2, 0.0))
+    )
     return Finding(
         effect=Unknown.NAME,
         joints=hypothesis.names,
@@ -53,25 +59,29 @@ def unknown_finding(
             f"{hypothesis.names[0]} has structure of {quantity(rms, hypothesis.unit('rms'))} RMS "
             f"that depends on {hypothesis.place}, and no known effect explains it"
         ),
-        picture=picture_of(contest.bench, judge, hypothesis, joint, before, after),
+        picture=picture_of(validation.data, held_out, hypothesis, joint, before, after),
         in_model=False,
     )
 
 
-def as_read_before(motion: Motion, bench: Bench, judge: Judge) -> Array:
+def as_read_before(motion: Motion, data: FilteredData, held_out: HeldOut) -> Array:
     """Return (H, 7) errors of the recording as it was read first, same samples."""
-    error = bench.reduce(motion.residual)[judge.rows]
-    return np.where(bench.usable[judge.rows], error, np.nan)
+    error = data.reduce(motion.residual)[held_out.rows]
+    return np.where(data.usable[held_out.rows], error, np.nan)
 
 
 def reading_finding(
-    score: ReadingScore, alike: Sequence[ReadingScore], before: Array, after: Array, judge: Judge
+    score: ReadingScore,
+    alike: Sequence[ReadingScore],
+    before: Array,
+    after: Array,
+    held_out: HeldOut,
 ) -> Finding:
     """Return the finding that the recording was read wrongly."""
-    old, new = judge.rmse(before), judge.rmse(after)
+    old, new = held_out.rmse(before), held_out.rmse(after)
     joints = list(score.reading.joints) or [int(np.argmin(new / np.maximum(old, 1e-12)))]
-    gain: Gain = judge.gain(before, after, joints)
-    joint_names = judge.joint_names
+    gain: Gain = held_out.gain(before, after, joints)
+    joint_names = held_out.joint_names
     names = tuple(joint_names[joint] for joint in score.reading.joints)
     return Finding(
         effect=WrongCoordinates.NAME,
@@ -99,10 +109,15 @@ def reading_finding(
 
 
 def picture_of(
-    bench: Bench, judge: Judge, hypothesis: Hypothesis, joint: int, before: Array, after: Array
+    data: FilteredData,
+    held_out: HeldOut,
+    hypothesis: Hypothesis,
+    joint: int,
+    before: Array,
+    after: Array,
 ) -> Picture:
     """Return the held-out error of a joint against what a hypothesis depends on."""
-    motion = bench.motion
+    motion = data.motion
     variable = hypothesis.variable if not motion.static else "position"
     own = joint if hypothesis.depends_on is None else hypothesis.depends_on
     name, unit = motion.arm.joint_names[own], motion.arm.joints[own].unit
@@ -113,11 +128,11 @@ def picture_of(
         "acceleration": (scale * motion.qdd[:, own], f"acceleration of {name} [{shown}/s²]"),
         "time": (motion.time, "time [s]"),
     }[variable]
-    x = bench.reduce_state(values[:, None])[judge.rows, 0]
+    x = data.reduce_state(values[:, None])[held_out.rows, 0]
     forward = None
     if variable == "position" and hypothesis.directed:
         way = motion.qd if motion.direction is None else motion.direction
-        forward = bench.reduce_state(way[:, [own]])[judge.rows, 0] > 0.0
+        forward = data.reduce_state(way[:, [own]])[held_out.rows, 0] > 0.0
     return Picture(
         motion.arm.joint_names[joint], label, x, before[:, joint], after[:, joint], forward
     )

@@ -1,4 +1,4 @@
-"""Forward selection with backward pruning, swaps, and what could stand in each one's place."""
+"""Forward selection of effects with backward elimination, and what could stand in their places."""
 
 from __future__ import annotations
 
@@ -9,318 +9,384 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
-from dvrk_gravity.diagnosis.contest import Contest, readiest, readiness
+from dvrk_gravity.diagnosis.cross_validation import (
+    CrossValidation,
+    most_parsimonious,
+    parsimony,
+)
 from dvrk_gravity.effects.effect import Hypothesis
 from dvrk_gravity.effects.evidence import Residual
+from dvrk_gravity.estimation import evidence
+from dvrk_gravity.estimation.selection import SearchSettings, Trial, eliminate_backward, select
 
 Array = NDArray[np.float64]
 Report = Callable[[str], None]
 
-ALPHA = 0.01  # after correction for the number of hypotheses
-LEAST_GAIN = 0.06  # of a joint's error, that a finding must remove
-MOST_EFFECTS = 18
-_FEW = 4
-_SCREENED = 24
-_REFINED = 6
-_CLOSE = 0.15  # of the best gain: worth refining
-_EQUAL = 0.02  # of the best gain: as good as the best
-_EQUAL_LEAST = 5.0
-_OVERLAP = 0.5  # part of a torque that another must reproduce to stand in its place
+
+@dataclass(frozen=True)
+class SelectionSettings:
+    """When a hypothesis is selected.
+
+    Attributes:
+        alpha: Chance that a step selects anything where nothing is, corrected for the number of
+            hypotheses. A convention; a tenth of it would need longer recordings.
+        least_gain: Part of a joint's error that a finding must remove. Chosen: what is worth a
+            finding; see `make sensitivity`.
+        most_effects: Selected at most: a bound on time.
+        few: Up to so many effects one is looked for that takes the places of two: a bound on time.
+        screened: Hypotheses that are cross-validated at each step: a bound on time.
+        refined: ... and whose settings are searched for.
+        close: Part of the best gain by which those may miss it.
+        equal: Part of the best gain by which one that is as good may miss it. Chosen; see
+            `make sensitivity`.
+        equal_least: Log-likelihood likewise, at least: odds of 150 to one, "very strong" in the
+            scale of Kass and Raftery (1995).
+        overlap: Part of a torque that another must reproduce to stand in its place. Chosen.
+        rejected: Alternatives that are shown though they are worse.
+    """
+
+    alpha: float = 0.01
+    least_gain: float = 0.06
+    most_effects: int = 18
+    few: int = 4
+    screened: int = 24
+    refined: int = 6
+    close: float = 0.15
+    equal: float = 0.02
+    equal_least: float = 5.0
+    overlap: float = 0.5
+    rejected: int = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
-    """A hypothesis and how it did beside those that were accepted at the time.
+class EffectTrial(Trial[Candidate]):
+    """A hypothesis and how it did beside those that were selected at the time.
+
+    Its worth is the log-likelihood gained over the set without it, its cost taken off; it passes if
+    it is significant, plausible, and worth having.
 
     Attributes:
-        candidate: The hypothesis with its columns.
         score: Score of the set with it.
-        gain: Log-likelihood over the set without it, its cost taken off.
-        p_value: Paired block test, corrected for the number of hypotheses.
+        p_value: Corrected for the number of hypotheses.
         removed: Largest part of a joint's error that it removes.
         plausible: Whether its parameters are such as it can have.
     """
 
-    candidate: Candidate
     score: Score
-    gain: float
     p_value: float
     removed: float
     plausible: bool
 
     @property
-    def passes(self) -> bool:
-        """Whether it is significant and worth having."""
-        worth = self.gain > 0.0 and self.removed > LEAST_GAIN
-        return worth and self.plausible and self.p_value < ALPHA
+    def candidate(self) -> Candidate:
+        """The hypothesis with its columns."""
+        return self.move
+
+    @property
+    def gain(self) -> float:
+        """Log-likelihood over the set without it, its cost taken off."""
+        return self.worth
 
 
 @dataclass(frozen=True, eq=False)
-class Accepted:
-    """An accepted hypothesis with those that could stand in its place.
+class SelectedEffect:
+    """A selected hypothesis with those that could stand in its place.
 
     Attributes:
-        tried: How it did beside all other accepted ones.
+        trial: How it did beside all other selected ones.
         alternatives: Others in its place, best first, that the data does not tell from it.
         rejected: Others in its place, best first, that are worse.
     """
 
-    tried: Tried
-    alternatives: tuple[Tried, ...]
-    rejected: tuple[Tried, ...]
+    trial: EffectTrial
+    alternatives: tuple[EffectTrial, ...]
+    rejected: tuple[EffectTrial, ...]
 
 
 class Selection:
     """Chooses among a pool of hypotheses.
 
     Attributes:
-        contest: Scores.
+        validation: Scores.
         pool: The candidates that need no search.
-        count: How many hypotheses are tried at each step.
+        settings: When a hypothesis is selected.
+        count: Number of hypotheses that are tried at each step.
     """
 
     def __init__(
         self,
-        contest: Contest,
+        validation: CrossValidation,
         pool: Sequence[Candidate],
         report: Report,
         always: Sequence[Candidate] = (),
+        settings: SelectionSettings | None = None,
     ) -> None:
-        """Start with nothing accepted but what always moves along.
+        """Start with nothing selected but what always moves along.
 
         Args:
-            contest: Scores.
+            validation: Scores.
             pool: The candidates that need no search.
             report: Called with a line about every choice.
             always: Parameters of the model itself that are fitted anew beside every hypothesis.
+            settings: When a hypothesis is selected.
         """
-        self.contest = contest
+        self.validation = validation
         self._always = list(always)
         self.pool = list(pool)
-        self.count = len(pool) + 40
+        self.settings = settings or SelectionSettings()
+        self.count = len(pool)
         self._excluded: set[tuple[object, ...]] = set()
         self._report = report
 
     def exclude(self, hypotheses: Iterable[Hypothesis]) -> None:
         """Take hypotheses out of the choice from now on."""
-        self._excluded |= {one.key for one in hypotheses}
+        self._excluded |= {hypothesis.key for hypothesis in hypotheses}
 
     def run(self, start: Sequence[Candidate] | None = None) -> list[Candidate]:
         """Select until nothing more passes.
 
         Args:
-            start: What is accepted to begin with; by default what always moves along.
+            start: What is selected to begin with; by default what always moves along.
         """
-        accepted = list(self._always if start is None else start)
-        while len(accepted) < MOST_EFFECTS + len(self._always):
-            best = self._step(accepted)
-            if best is None:
-                break
-            self._report(f"accepted: {best.hypothesis}")
-            accepted = self._prune([*accepted, best])
-        return accepted
+        selected = list(self._always if start is None else start)
+        most = self.settings.most_effects + len(self._always) - len(selected)
+        return select(self, selected, SearchSettings(max(most, 0)))[0]
 
-    def explained(self, accepted: Sequence[Candidate]) -> list[Accepted]:
-        """Return the accepted hypotheses with those that could stand in their places."""
-        return [self._stand_ins(accepted, i) for i in range(len(accepted))]
+    def explained(self, selected: Sequence[Candidate]) -> list[SelectedEffect]:
+        """Return the selected hypotheses with those that could stand in their places."""
+        return [self._stand_ins(selected, i) for i in range(len(selected))]
 
-    def _step(self, accepted: Sequence[Candidate]) -> Candidate | None:
-        self.contest.weigh(self.contest.out_of_fold(accepted))
-        before = self.contest.score(accepted)
-        tried = [one for one in self.best(accepted, before) if one.passes]
-        if not tried:
+    def moves(self, state: list[Candidate]) -> list[Candidate]:
+        """Return the hypotheses to try beside those selected, in no order."""
+        self.validation.weigh(self.validation.out_of_fold(state))
+        return [*self.pool, *self._searched(state)]
+
+    def attempt(self, state: list[Candidate], moves: Sequence[Candidate]) -> list[Trial[Candidate]]:
+        """Return how the best of some hypotheses do beside those selected."""
+        return [*self.best(state, self.validation.score(state), moves)]
+
+    def choose(self, trials: Sequence[Trial[Candidate]]) -> Trial[Candidate] | None:
+        """Return the most parsimonious of the passing trials that are as good as the best."""
+        passing = [trial for trial in trials if trial.passes]
+        if not passing:
             return None
-        return self._choose(tried).candidate
+        best = max(trial.worth for trial in passing)
+        chosen = most_parsimonious([(t.worth, t.move) for t in passing], self._margin(best))
+        return next(trial for trial in passing if trial.move is chosen)
 
-    def _choose(self, tried: Sequence[Tried]) -> Tried:
-        best = max(one.gain for one in tried)
-        tolerance = max(_EQUAL_LEAST, _EQUAL * best)
-        chosen = readiest([(one.gain, one.candidate) for one in tried], tolerance)
-        return next(one for one in tried if one.candidate is chosen)
+    def take(self, state: list[Candidate], trial: Trial[Candidate]) -> list[Candidate]:
+        """Return the set with a hypothesis, those left out that are no longer needed."""
+        self._report(f"accepted: {trial.move.hypothesis}")
+        newest = trial.move
+
+        def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
+            old = [one for one in kept if one is not newest and one not in self._always]
+            return [
+                (found.worth, found.move) for found in self._without(kept, old) if not found.passes
+            ]
+
+        return eliminate_backward(
+            [*state, newest], failing,
+            lambda gone: self._report(f"no longer needed: {gone.hypothesis}"),
+        )  # fmt: skip
 
     def best(
-        self, accepted: Sequence[Candidate], before: Score, pool: Sequence[Candidate] | None = None
-    ) -> list[Tried]:
-        """Return the best hypotheses beside the accepted ones, settings refined, best first."""
-        contest = self.contest
+        self,
+        selected: Sequence[Candidate],
+        before: Score,
+        pool: Sequence[Candidate] | None = None,
+    ) -> list[EffectTrial]:
+        """Return the best hypotheses beside the selected ones, settings refined, best first."""
+        validation, settings = self.validation, self.settings
         if pool is None:
-            pool = [*self.pool, *self._searched(accepted)]
-        known = {one.hypothesis.key for one in accepted} | self._excluded
-        pool = [one for one in pool if one.hypothesis.key not in known]
-        screened = contest.screen(accepted, pool, _SCREENED)
-        tried = [self.attempt(accepted, one, before) for one in screened]
-        if not tried:
+            pool = [*self.pool, *self._searched(selected)]
+        # Whatever was looked at counts: that most did not get past the screen is chance, too.
+        self.count = max(self.count, len(pool))
+        known = {candidate.hypothesis.key for candidate in selected} | self._excluded
+        pool = [candidate for candidate in pool if candidate.hypothesis.key not in known]
+        screened = validation.screen(selected, pool, settings.screened)
+        trials = [self.tried(selected, candidate, before) for candidate in screened]
+        if not trials:
             return []
-        limit = (1.0 - _CLOSE) * max(one.gain for one in tried)
-        tried.sort(key=lambda one: -one.gain)
+        limit = (1.0 - settings.close) * max(trial.gain for trial in trials)
+        trials.sort(key=lambda trial: -trial.gain)
         result, seen = [], set()
-        for one in tried:
-            hypothesis = one.candidate.hypothesis
-            name = (hypothesis.key, one.candidate.size)
+        for trial in trials:
+            hypothesis = trial.candidate.hypothesis
+            name = (hypothesis.key, trial.candidate.size)
             if name in seen:
                 continue
             seen.add(name)
             adjustable = hypothesis.refine or hypothesis.fixed_point
-            if adjustable and one.gain >= limit and len(seen) <= _REFINED:
-                refined = contest.refined(one.candidate, accepted)
-                again = self.attempt(accepted, refined, before)
-                one = again if again.gain > one.gain else one
-            result.append(one)
-        return sorted(result, key=lambda one: -one.gain)
+            if adjustable and trial.gain >= limit and len(seen) <= settings.refined:
+                again = self.tried(selected, validation.refined(trial.candidate, selected), before)
+                trial = again if again.gain > trial.gain else trial
+            result.append(trial)
+        return sorted(result, key=lambda trial: -trial.gain)
 
-    def attempt(self, accepted: Sequence[Candidate], one: Candidate, before: Score) -> Tried:
-        """Return how a candidate does beside the accepted ones."""
-        after = self.contest.score([*accepted, one])
-        p_value = self.contest.p_value(before, after, one)
-        corrected = min(1.0, p_value * self.count * one.hypothesis.searched**0.5)
-        removed = self._removed(before, after, one)
-        gain = after.likelihood - before.likelihood
-        theta = self.contest.parameters([*accepted, one])
-        can_be = one.hypothesis.plausible(theta[-one.size :])
-        return Tried(one, after, gain, corrected, removed, can_be)
+    def tried(
+        self, selected: Sequence[Candidate], candidate: Candidate, before: Score
+    ) -> EffectTrial:
+        """Return how a candidate does beside the selected ones."""
+        after = self.validation.score([*selected, candidate])
+        theta = self.validation.parameters([*selected, candidate])
+        possible = candidate.hypothesis.plausible(theta[-candidate.size :])
+        return self._trial(candidate, before, after, possible)
 
-    def _searched(self, accepted: Sequence[Candidate]) -> list[Candidate]:
-        """Return the hypotheses that are found in what is left."""
-        bench = self.contest.bench
-        left = self.contest.left(accepted)
-        allowed = bench.fold >= 0
-        weight = allowed[:, None] * self.contest.weight**2
-        residual = Residual(bench, left, weight, allowed)
+    def _trial(
+        self, candidate: Candidate, before: Score, after: Score, possible: bool = True
+    ) -> EffectTrial:
+        """Return how a candidate does, whether it comes or stays: by the same measure.
+
+        Each hypothesis that is tried is the best of those that it stands for: Bonferroni's
+        correction among and within.
+        """
+        p_value = evidence.bonferroni(
+            self.validation.p_value(before, after, candidate),
+            self.count * candidate.hypothesis.searched,
+        )
+        used = (self.validation.weight > 0.0) & candidate.acts
+        removed = float(np.max(1.0 - after.rms[used] / before.rms[used], initial=0.0))
+        gain, settings = after.likelihood - before.likelihood, self.settings
+        passes = gain > 0.0 and removed > settings.least_gain and p_value < settings.alpha
+        return EffectTrial(candidate, gain, passes and possible, after, p_value, removed, possible)
+
+    def _without(
+        self, selected: Sequence[Candidate], looked_at: Iterable[Candidate]
+    ) -> list[EffectTrial]:
+        """Return how some of the selected do beside all others."""
+        whole = self.validation.score(selected)
         return [
-            self.contest.candidate(found)
-            for effect, basis in self.contest.search_bases.items()
-            for found in effect.search(basis, residual)
+            self._trial(
+                candidate,
+                self.validation.score([other for other in selected if other is not candidate]),
+                whole,
+            )
+            for candidate in looked_at
         ]
 
-    def _prune(self, accepted: list[Candidate]) -> list[Candidate]:
-        while len(accepted) > 1:
-            whole = self.contest.score(accepted)
-            verdicts = []
-            for i, one in enumerate(accepted[:-1]):
-                if one in self._always:
-                    continue
-                rest = [*accepted[:i], *accepted[i + 1 :]]
-                without = self.contest.score(rest)
-                verdicts.append((self._verdict(without, whole, one), i))
-            if not verdicts:
-                break
-            weakest = min(verdicts, key=lambda pair: pair[0].gain)
-            if weakest[0].passes:
-                break
-            self._report(f"no longer needed: {accepted[weakest[1]].hypothesis}")
-            del accepted[weakest[1]]
-        return accepted
+    def _searched(self, selected: Sequence[Candidate]) -> list[Candidate]:
+        """Return the hypotheses that are found in what is not explained."""
+        data = self.validation.data
+        allowed = data.fold >= 0
+        weight = allowed[:, None] * self.validation.weight**2
+        residual = Residual(data, self.validation.residual(selected), weight, allowed)
+        return [
+            self.validation.candidate(hypothesis)
+            for effect, basis in self.validation.search_bases.items()
+            for hypothesis in effect.search(basis, residual)
+        ]
 
-    def _verdict(self, without: Score, whole: Score, one: Candidate) -> Tried:
-        p_value = min(1.0, self.contest.p_value(without, whole, one) * self.count)
-        removed = self._removed(without, whole, one)
-        return Tried(one, whole, whole.likelihood - without.likelihood, p_value, removed, True)
+    def _margin(self, gain: float) -> float:
+        """Return how much less than a gain still counts as equal."""
+        return max(self.settings.equal_least, self.settings.equal * gain)
 
-    def _removed(self, before: Score, after: Score, one: Candidate) -> float:
-        """Return the largest part that is gone of the error of a joint that a candidate acts on."""
-        used = (self.contest.weight > 0.0) & one.acts
-        return float(np.max(1.0 - after.rms[used] / before.rms[used], initial=0.0))
-
-    def confirmed(self, accepted: Sequence[Candidate]) -> list[Candidate]:
+    def eliminate_backward(self, selected: Sequence[Candidate]) -> list[Candidate]:
         """Return those that are still significant and worth having when all is known.
 
         The weakest goes first, since others may take its place. Parameters of the model that moved
         along stay if they help to predict what they have not seen.
         """
-        kept = list(accepted)
-        while kept:
-            self.contest.weigh(self.contest.out_of_fold(kept), final=True)
-            whole = self.contest.score(kept)
-            tests = []
-            for one in kept:
-                without = self.contest.score([other for other in kept if other is not one])
-                verdict = self._verdict(without, whole, one)
-                own = one in self._always
-                if not (verdict.gain + one.cost > 0.0 if own else verdict.passes):
-                    tests.append((verdict.gain, one))
-            if not tests:
-                break
-            weakest = min(tests, key=lambda pair: pair[0])[1]
-            self._report(f"not confirmed: {weakest.hypothesis}")
-            kept = [one for one in kept if one is not weakest]
-        return kept
 
-    def settled(self, accepted: list[Candidate]) -> list[Candidate]:
-        """Give every place to the simplest of the best for it, now that the others are known."""
-        for i in range(len(accepted)):
-            if accepted[i] in self._always:
+        def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
+            self.validation.weigh(self.validation.out_of_fold(kept), final=True)
+            return [
+                (trial.gain, trial.candidate)
+                for trial in self._without(kept, kept)
+                if not (
+                    trial.gain + trial.candidate.cost > 0.0
+                    if trial.candidate in self._always
+                    else trial.passes
+                )
+            ]
+
+        return eliminate_backward(
+            selected, failing, lambda gone: self._report(f"not confirmed: {gone.hypothesis}")
+        )
+
+    def refine(self, selected: list[Candidate]) -> list[Candidate]:
+        """Give every place to the most parsimonious of the best for it, the others being known."""
+        validation = self.validation
+        for i in range(len(selected)):
+            if selected[i] in self._always:
                 continue
-            rest = [*accepted[:i], *accepted[i + 1 :]]
-            self.contest.weigh(self.contest.out_of_fold(accepted))
-            refined = self.contest.refined(accepted[i], rest)
-            if self.contest.misfit([*rest, refined]) < self.contest.misfit(accepted):
-                accepted[i] = refined
-            if len(accepted) == 1:
+            rest = [*selected[:i], *selected[i + 1 :]]
+            validation.weigh(validation.out_of_fold(selected))
+            refined = validation.refined(selected[i], rest)
+            if validation.misfit([*rest, refined]) < validation.misfit(selected):
+                selected[i] = refined
+            if len(selected) == 1:
                 continue
-            without = self.contest.score(rest)
-            mine = self.attempt(rest, accepted[i], without)
-            others = [one for one in self.best(rest, without) if one.passes]
+            without = validation.score(rest)
+            mine = self.tried(rest, selected[i], without)
+            others = [trial for trial in self.best(rest, without) if trial.passes]
             if others:
-                best = self._choose([mine, *others])
-                margin = max(_EQUAL_LEAST, _EQUAL * best.gain)
-                simpler = readiness(best.candidate) < readiness(mine.candidate)
-                if simpler or best.gain > mine.gain + margin:
-                    self._report(
-                        f"{best.candidate.hypothesis} instead of {mine.candidate.hypothesis}"
-                    )
-                    accepted[i] = best.candidate
-        return accepted
+                best = self._best_of(mine, others)
+                simpler = parsimony(best) < parsimony(mine.candidate)
+                gain = next(t.gain for t in (mine, *others) if t.candidate is best)
+                if simpler or gain > mine.gain + self._margin(gain):
+                    self._report(f"{best.hypothesis} instead of {mine.candidate.hypothesis}")
+                    selected[i] = best
+        return selected
 
-    def fewer(self, accepted: list[Candidate]) -> list[Candidate]:
+    def _best_of(self, mine: EffectTrial, others: Sequence[EffectTrial]) -> Candidate:
+        trials = [mine, *others]
+        margin = self._margin(max(trial.gain for trial in trials))
+        return most_parsimonious([(trial.gain, trial.candidate) for trial in trials], margin)
+
+    def merge(self, selected: list[Candidate]) -> list[Candidate]:
         """Let one hypothesis take the places of two where it explains as well.
 
         A cause that is named at the wrong joint needs a second one to make up for that. Where many
         causes act, few of them stand for one another, and looking for those takes too long.
         """
-        if len(accepted) - len(self._always) > _FEW:
-            return accepted
-        for i in range(len(accepted)):
-            if accepted[i] in self._always or len(accepted) - len(self._always) < 2:
+        validation, settings = self.validation, self.settings
+        if len(selected) - len(self._always) > settings.few:
+            return selected
+        for i in range(len(selected)):
+            if selected[i] in self._always or len(selected) - len(self._always) < 2:
                 continue
-            rest = [*accepted[:i], *accepted[i + 1 :]]
-            self.contest.weigh(self.contest.out_of_fold(accepted))
-            whole = self.contest.score(accepted).likelihood
-            without = self.contest.score(rest)
-            key = accepted[i].hypothesis.key
+            rest = [*selected[:i], *selected[i + 1 :]]
+            validation.weigh(validation.out_of_fold(selected))
+            whole = validation.score(selected).likelihood
+            without = validation.score(rest)
+            key = selected[i].hypothesis.key
             others = [
-                one.candidate for one in self.best(rest, without)
-                if one.passes and one.candidate.hypothesis.key != key
-            ]  # fmt: skip
-            for other in others[:_REFINED]:
-                replaced = [*accepted[:i], other, *accepted[i + 1 :]]
-                for two in rest:
-                    if two in self._always:
+                trial.candidate
+                for trial in self.best(rest, without)
+                if trial.passes and trial.candidate.hypothesis.key != key
+            ]
+            for other in others[: settings.refined]:
+                replaced = [*selected[:i], other, *selected[i + 1 :]]
+                for second in rest:
+                    if second in self._always:
                         continue
-                    one_less = [one for one in replaced if one is not two]
-                    if self.contest.score(one_less).likelihood >= whole - _EQUAL_LEAST:
+                    smaller = [kept for kept in replaced if kept is not second]
+                    if validation.score(smaller).likelihood >= whole - settings.equal_least:
                         self._report(
-                            f"{other.hypothesis} instead of {accepted[i].hypothesis} "
-                            f"and {two.hypothesis}"
+                            f"{other.hypothesis} instead of {selected[i].hypothesis} "
+                            f"and {second.hypothesis}"
                         )
-                        return self.fewer(one_less)
-        return accepted
+                        return self.merge(smaller)
+        return selected
 
-    def _stand_ins(self, accepted: Sequence[Candidate], i: int) -> Accepted:
-        rest = [*accepted[:i], *accepted[i + 1 :]]
-        self.contest.weigh(self.contest.out_of_fold(accepted))
-        without = self.contest.score(rest)
-        mine = self.attempt(rest, accepted[i], without)
-        key = accepted[i].hypothesis.key
+    def _stand_ins(self, selected: Sequence[Candidate], i: int) -> SelectedEffect:
+        validation, settings = self.validation, self.settings
+        rest = [*selected[:i], *selected[i + 1 :]]
+        validation.weigh(validation.out_of_fold(selected))
+        without = validation.score(rest)
+        mine = self.tried(rest, selected[i], without)
+        key = selected[i].hypothesis.key
         others = [
-            one for one in self.best(rest, without)
-            if one.candidate.hypothesis.key != key and one.gain > 0.0 and one.plausible
-        ]  # fmt: skip
-        margin = max(_EQUAL_LEAST, _EQUAL * mine.gain)
-        others = [
-            one for one in others
-            if not self.contest.contains(one.candidate, accepted[i], rest)
-            and self.contest.overlap(accepted[i], one.candidate, rest) > _OVERLAP
-        ]  # fmt: skip
-        alike = tuple(one for one in others if one.gain > mine.gain - margin)
-        worse = tuple(one for one in others if one.gain <= mine.gain - margin)
-        return Accepted(mine, alike, worse[:8])
+            trial
+            for trial in self.best(rest, without)
+            if trial.candidate.hypothesis.key != key
+            and trial.gain > 0.0
+            and trial.plausible
+            and not validation.contains(trial.candidate, selected[i], rest)
+            and validation.overlap(selected[i], trial.candidate, rest) > settings.overlap
+        ]
+        least = mine.gain - self._margin(mine.gain)
+        equal = tuple(trial for trial in others if trial.gain > least)
+        worse = tuple(trial for trial in others if trial.gain <= least)
+        return SelectedEffect(mine, equal, worse[: settings.rejected])

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.contest import Contest
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.quantity import pose, quantity
 
 _POSES = 400
 
 
 def separation(
-    contest: Contest, rest: Sequence[Candidate], mine: Candidate, other: Candidate
+    validation: CrossValidation, rest: Sequence[Candidate], mine: Candidate, other: Candidate
 ) -> str:
     """Return what would tell two hypotheses apart, in words; ``""`` if nothing found does.
 
@@ -23,17 +23,17 @@ def separation(
     range, with velocities as seen in the recording.
 
     Args:
-        contest: The contest.
+        validation: The validation.
         rest: The other accepted effects.
         mine: The hypothesis that was accepted.
         other: The one that could stand in its place.
     """
-    bench = contest.bench
+    data = validation.data
     pair = (mine.hypothesis, other.hypothesis)
     told = next((one.told_apart_by for one in pair if one.told_apart_by), "")
     if told or not all(one.of_state for one in pair):
         return told
-    motion = bench.motion
+    motion = data.motion
     random = np.random.default_rng(0)
     rows = random.integers(len(motion.q), size=_POSES)
     arm = motion.arm
@@ -50,10 +50,10 @@ def separation(
     )
     torques = []
     for one in (mine, other):
-        theta, _ = contest.fit([*rest, one])
+        theta, _ = validation.fit([*rest, one])
         columns = one.hypothesis.build(anywhere, one.hypothesis.setting)
         torques.append(columns @ theta[-one.size :])
-    apart = np.abs(torques[0] - torques[1]) * contest.weight
+    apart = np.abs(torques[0] - torques[1]) * validation.weight
     where, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
     unit = arm.joints[joint].effort_unit
     difference = quantity(abs(torques[0][where, joint] - torques[1][where, joint]), unit)

@@ -9,11 +9,12 @@ import numpy as np
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import State
+from dvrk_gravity.estimation.splits import make_folds
 from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.folds import make_folds
-from dvrk_gravity.identification.moments import build_design
+from dvrk_gravity.identification.design import build_design
 from dvrk_gravity.identification.motion import Motion, Source, head, read, read_motions
-from dvrk_gravity.identification.selection import Selection, split_moments, start_columns
+from dvrk_gravity.identification.moves import start_columns
+from dvrk_gravity.identification.selection import Selection, split_equations
 from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.recording.data import Coordinates
 
@@ -75,7 +76,8 @@ def _error(recording: Source, arm: Arm, coordinates: Coordinates) -> float:
     q = motions[0].state.q
     columns = Columns(arm, q.min(axis=0), q.max(axis=0))
     design = build_design(columns, motions)
-    _, train, test = split_moments(design, make_folds(design), np.ones_like(design.y))
+    folds = make_folds(design.time, design.part, design.state.q, design.rate)
+    _, train, test = split_equations(design, folds, np.ones_like(design.y))
     # A tenth of the torque is what such a model leaves; half a second is how long it stays.
     weight = 1.0 / (np.maximum(0.1 * design.y.std(axis=0), 1e-6) ** 2 * 0.5 * design.rate)
     held_out = Selection(columns, train, test, weight).score(start_columns(columns)).sum(axis=0)

@@ -7,22 +7,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.estimation.covariance import autocorrelated_scores, sandwich
+from dvrk_gravity.estimation.normal_equations import Solution, fit
+from dvrk_gravity.estimation.splits import Folds, FoldSettings
 from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.covariance import uncertainty
+from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.errors import joint_errors
-from dvrk_gravity.identification.folds import Folds
 from dvrk_gravity.identification.holding import holding
 from dvrk_gravity.identification.identifiability import describe
-from dvrk_gravity.identification.moments import Design
 from dvrk_gravity.identification.motion import Source, read_motions
+from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.physical import certificate, physical_links
 from dvrk_gravity.identification.posture_search import around_posture
 from dvrk_gravity.identification.problem import Problem, choose, pose, solved
-from dvrk_gravity.identification.regression import (
-    Solution,
-    solve,
-)
 from dvrk_gravity.identification.result import (
     Fit,
     FittedParameter,
@@ -31,7 +29,7 @@ from dvrk_gravity.identification.result import (
     JointError,
     Trace,
 )
-from dvrk_gravity.identification.selection import Selection, starts
+from dvrk_gravity.identification.selection import Selection
 from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording.data import Array, Coordinates
@@ -117,7 +115,7 @@ def fit_dynamic(
         choices=tuple(selection.choices),
         warnings=motions.warnings,
         handling=motions.handling,
-        validation=problem.folds.how,
+        validation=_how_validated(problem.folds),
         coordinates=coordinates,
         samples=sum(len(motion) for motion in motions.parts),
         physical={} if found.links is None else certificate(found.links),
@@ -145,7 +143,11 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) ->
     predicted = design.x[:, :, index] @ solution.theta
     blind = _held_out(design, problem.folds, problem.selection, index, physical)
     fitted, unseen = (weighting.sample * (design.y - torque) for torque in (predicted, blind))
-    spread = uncertainty(design, index, solution, fitted, unseen, weighting.motor)
+    meat = autocorrelated_scores(
+        design.x[:, :, index], fitted, unseen, design.part, design.rate, weighting.motor,
+        design.measured,
+    )  # fmt: skip
+    spread = sandwich(solution, meat)
     weight = weighting.sample * weighting.motor
     parameters, identifiability = describe(columns, index, solution, spread, design, weight)
     held = holding(
@@ -169,11 +171,24 @@ def _held_out(
     scale, positive = columns.scale[index], columns.positive[index]
     predicted = np.empty_like(design.y)
     for fold, train in enumerate(selection.train):
-        solution = solve(train.select(index), selection.weight, scale, positive)
+        solution = fit(train.select(index), selection.weight, scale, positive)
         theta = physical_links(columns, index, solution)[0] if physical else solution.theta
-        rows = folds.held_out == fold
+        rows = folds.tested[fold]
         predicted[rows] = design.x[rows][:, :, index] @ theta
     return predicted
+
+
+def _how_validated(folds: Folds) -> str:
+    """Say in one sentence what was held out."""
+    text = (
+        f"{len(folds.tested)} blocks, each predicted by a fit to the others with a gap of "
+        f"{FoldSettings().gap:g} s; the choice of terms looked at them"
+    )
+    found = sorted({round(period, 2) for period in folds.periods})
+    if found:
+        shown = ", ".join(f"{period:g}" for period in found)
+        text += f"; the motion repeats every {shown} s, so equal phases are held out together"
+    return text
 
 
 def _model(
@@ -182,8 +197,8 @@ def _model(
     theta = np.zeros(len(columns.columns))
     theta[list(chosen)] = solution.theta
     node = {
-        "friction_compensation.ratio": (FRICTION_RATIO,) * N_JOINTS,
-        "friction_compensation.dead_band": (DEAD_BAND,) * N_JOINTS,
+        "friction_compensation.ratio": (FRICTION_RATIO,) * len(columns.arm.joint_names),
+        "friction_compensation.dead_band": (DEAD_BAND,) * len(columns.arm.joint_names),
     }
     offset = columns.corrected(theta).offset
     return TorqueModel(columns.arm, columns.terms(theta, links), node, joint_offset=offset)

@@ -8,18 +8,18 @@ from functools import lru_cache
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import rigid_body
 from dvrk_gravity.effects.link_prior import base_directions, beta_map, samples
 from dvrk_gravity.effects.presliding_hysteresis import DISPLACEMENTS
 from dvrk_gravity.effects.unknowns import Column
+from dvrk_gravity.estimation.covariance import Uncertainty
+from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.covariance import Uncertainty
+from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.holding import NARROW
-from dvrk_gravity.identification.moments import Design
 from dvrk_gravity.identification.posture import POSTURE
-from dvrk_gravity.identification.regression import Solution
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.tree import TREE_LINKS
@@ -118,7 +118,8 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
             if not _is_there(line):
                 continue
             found.append(_Quantity(name, unit, row(dict(zip(rigid, line, strict=True))), -1))
-    for j, joint in enumerate(JOINT_NAMES):
+    names = columns.arm.joint_names
+    for j, joint in enumerate(names):
         powers = [i for i in columns.select(effect="elastic_cable", joint=j) if i in index]
         matrix = columns.basis("elastic_cable")[j :: columns.arm.n, j :: columns.arm.n]
         for k in range(len(powers)):
@@ -142,7 +143,7 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
             posture, one = columns.posture, row({index[i]: 1.0})
             tilt = column.effect == "base_tilt"
             around = posture.tilt[column.index] if tilt else posture.offset[column.joint]
-            found.append(_Quantity(posture_name(column), "rad", one, column.joint, around))
+            found.append(_Quantity(posture_name(columns, column), "rad", one, column.joint, around))
     return found
 
 
@@ -158,11 +159,11 @@ def _is_there(line: Array) -> bool:
     return bool(np.abs(line).max() > 1e-9)
 
 
-def posture_name(column: Column) -> str:
+def posture_name(columns: Columns, column: Column) -> str:
     """Return the name of a zero or of an angle of the base."""
     if column.effect == "base_tilt":
         return f"base_tilt.{('roll', 'pitch')[column.index]}"
-    return f"joint_offset[{JOINT_NAMES[column.joint]}]"
+    return f"joint_offset[{columns.arm.joint_names[column.joint]}]"
 
 
 def _dry_friction(columns: Columns, chosen: Sequence[int]) -> dict[tuple[str, int], list[int]]:
@@ -226,7 +227,7 @@ def _motion_statements(design: Design) -> list[str]:
     return [
         f"{joint} moves over {np.degrees(width):.0f} deg only: what depends on its position is "
         "not determined; move it over most of its range"
-        for joint, width in zip(JOINT_NAMES, span, strict=True)
+        for joint, width in zip(design.columns.arm.joint_names, span, strict=True)
         if width < NARROW
     ]
 
@@ -236,6 +237,7 @@ def _pair_statements(
 ) -> list[str]:
     """Name pairs of gravity, elastic and friction parameters that data cannot tell apart."""
     low, high = np.degrees(design.state.q.min(axis=0)), np.degrees(design.state.q.max(axis=0))
+    joints_of = design.columns.arm.joint_names
     named = [q for q in quantities if (q.joint >= 0 or q.name.startswith("beta")) and not q.shared]
     statements = []
     for a, first in enumerate(named):
@@ -246,7 +248,7 @@ def _pair_statements(
             joints = {q.joint for q in (first, second) if q.joint >= 0}
             hint = (
                 " and ".join(
-                    f"a wider range of {JOINT_NAMES[j]} (now {low[j]:.0f} to {high[j]:.0f} deg)"
+                    f"a wider range of {joints_of[j]} (now {low[j]:.0f} to {high[j]:.0f} deg)"
                     for j in sorted(joints)
                 )
                 or "poses that turn the links about other axes against gravity"
@@ -289,7 +291,7 @@ def _absent_statements(
             own = float(one.direction @ inverse @ one.direction)
             if through**2 < INSEPARABLE**2 * (rest * own + through**2):
                 continue
-            name = JOINT_NAMES[joint]
+            name = columns.arm.joint_names[joint]
             statements.append(
                 f"{one.name} holds whatever linear elastic torque {name} may have: over "
                 f"{low[joint]:.0f} to {high[joint]:.0f} deg the two cannot be separated; a wider "
@@ -303,8 +305,9 @@ def _dry_friction_statements(
 ) -> list[str]:
     """Say where Coulomb friction and presliding are known together only."""
     value = dict(zip(chosen, solution.theta.tolist(), strict=True))
+    names = columns.arm.joint_names
     where = [
-        f"{JOINT_NAMES[joint]} ({place}, {sum(value[i] for i in parts):.3g} N·m together)"
+        f"{names[joint]} ({place}, {sum(value[i] for i in parts):.3g} N·m together)"
         for (place, joint), parts in _dry_friction(columns, chosen).items()
     ]
     if not where:

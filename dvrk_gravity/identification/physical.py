@@ -17,8 +17,8 @@ import numpy as np
 from dvrk_gravity.arms.mtm.sizes import SIZES
 from dvrk_gravity.effects import rigid_body
 from dvrk_gravity.effects.link_prior import prior_scale
+from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.regression import Solution
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.tree import TREE_LINKS
 

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dvrk_gravity.identification.motion import Motion
+from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.posture import POSTURE
 from dvrk_gravity.identification.posture_statements import posture_statements
 from dvrk_gravity.identification.problem import Problem, choose, pose, reweighed, solved
-from dvrk_gravity.identification.selection import starts
 from dvrk_gravity.recording.data import Array
 
 STEPS = 6  # at most, of Gauss and Newton

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dvrk_gravity.identification.covariance import NORMAL_95
+from dvrk_gravity.estimation.covariance import NORMAL_95
 from dvrk_gravity.identification.identifiability import posture_name
 from dvrk_gravity.identification.posture import POSTURE
 from dvrk_gravity.identification.problem import Problem
@@ -35,7 +35,7 @@ def posture_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, ..
     covariance = np.linalg.inv(information)
     second = NORMAL_95 * np.sqrt(np.diag(covariance))
     correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    names = [posture_name(columns.columns[i]) for i in posture]
+    names = [posture_name(columns, columns.columns[i]) for i in posture]
     hidden, entangled = [], []
     for k, name in enumerate(names):
         if first[k] > WELL:
@@ -61,7 +61,7 @@ def _information(problem: Problem, others: Sequence[int], posture: Sequence[int]
     """Return (k, k) information on zeros and tilt, the other columns of a fit unknown."""
     both = [*others, *posture]
     scale = problem.design.columns.scale[both]
-    gram = problem.moments.select(both).gram
+    gram = problem.equations.select(both).gram
     total = np.tensordot(problem.weighting.certainty, gram, 1) + np.diag(1.0 / scale**2)
     known, rest = slice(0, len(others)), slice(len(others), None)
     through = np.linalg.solve(total[known, known], total[known, rest])

@@ -9,22 +9,18 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arm import Arm
+from dvrk_gravity.estimation.noise import NoiseSettings, correlation_time
+from dvrk_gravity.estimation.normal_equations import NormalEquations, Solution, fit
+from dvrk_gravity.estimation.robust import RobustSettings, RobustState, reweighted
+from dvrk_gravity.estimation.splits import Folds, make_folds
 from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.folds import Folds, make_folds
-from dvrk_gravity.identification.moments import Design, Moments, build_design
+from dvrk_gravity.identification.design import Design, build_design
 from dvrk_gravity.identification.motion import Motion
 from dvrk_gravity.identification.posture import Posture
-from dvrk_gravity.identification.regression import (
-    ROUNDS,
-    Solution,
-    correlation_time,
-    huber_weights,
-    solve,
-)
-from dvrk_gravity.identification.selection import Selection, split_moments
+from dvrk_gravity.identification.selection import Selection, split_equations
 from dvrk_gravity.recording.data import Array
 
-MEMORY = 2.0  # s, longest correlation of the residual that is looked at
+FIRST_GUESS = 0.1  # of a motor's torque, that a model leaves: where the iteration of weights begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +28,9 @@ class Weighting:
     """What the residual of a model says about the noise, and what a fit makes of it.
 
     Attributes:
-        certainty: (7,) inverse variance of one sample, divided by how many samples count as one.
-        power: (7,) mean square of the torque, (N·m)^2.
-        sample: (n, 7) robust weights.
+        certainty: (m,) inverse variance of one sample, divided by how many samples count as one.
+        power: (m,) mean square of the torque, (N·m)^2.
+        sample: (n, m) robust weights.
     """
 
     certainty: Array
@@ -43,15 +39,15 @@ class Weighting:
 
     @cached_property
     def motor(self) -> Array:
-        """(7,) weights of motors in a fit.
+        """(m,) weights of motors in a fit.
 
         Halfway (geometric mean) between a motor's own certainty and weights by which every
         motor's error relative to its torque counts alike: a correlated residual, of a model that
         bends to it, tells a variance only roughly.
         """
         relative = self.power * self.certainty
-        alike = np.exp(np.mean(np.log(relative)))
-        return np.asarray(np.sqrt(relative * alike) / self.power)
+        typical = np.exp(np.mean(np.log(relative)))
+        return np.asarray(np.sqrt(relative * typical) / self.power)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +58,14 @@ class Problem:
         design: The samples.
         folds: What is held out.
         weighting: Of motors and samples.
-        moments: Of all samples, by their robust weights.
+        equations: Of all samples, by their robust weights.
         selection: The search for terms.
     """
 
     design: Design
     folds: Folds
     weighting: Weighting
-    moments: Moments
+    equations: NormalEquations
     selection: Selection
 
 
@@ -94,9 +90,9 @@ def pose(
     q = np.concatenate([motion.state.q for motion in motions])
     columns = form(arm, q.min(axis=0), q.max(axis=0), posture)
     design = build_design(columns, motions, progress)
-    folds = make_folds(design)
+    folds = make_folds(design.time, design.part, design.state.q, design.rate)
     weighting = weigh(design)
-    whole, train, test = split_moments(design, folds, weighting.sample)
+    whole, train, test = split_equations(design, folds, weighting.sample)
     selection = Selection(columns, train, test, weighting.motor, effects=effects)
     return Problem(design, folds, weighting, whole, selection)
 
@@ -104,8 +100,8 @@ def pose(
 def solved(problem: Problem, chosen: Sequence[int]) -> Solution:
     """Return the fit of the chosen columns to all samples."""
     columns, index = problem.design.columns, list(chosen)
-    return solve(
-        problem.moments.select(index), problem.weighting.motor, columns.scale[index],
+    return fit(
+        problem.equations.select(index), problem.weighting.motor, columns.scale[index],
         columns.positive[index],
     )  # fmt: skip
 
@@ -113,7 +109,7 @@ def solved(problem: Problem, chosen: Sequence[int]) -> Solution:
 def choose(
     problem: Problem, begin: Sequence[list[int]], progress: Callable[[float], None]
 ) -> tuple[Problem, list[int]]:
-    """Return the columns that pay, and the problem weighed by what they leave.
+    """Return the columns that improve the held-out error, and the problem weighed by the rest.
 
     The richest model, whose residual weighs motors at first, bends itself to the noise of some
     more than to that of others. So the choice goes on with the weights that its own residual
@@ -146,26 +142,28 @@ def weigh(design: Design) -> Weighting:
     With every column in, what remains is noise and not a missing term, so that no structure is
     taken for outliers.
     """
-    columns = design.columns
-    sample = np.ones_like(design.y)
-    seen = design.measured
-    motor = 1.0 / np.maximum(0.1 * design.y.std(axis=0, where=seen), 1e-6) ** 2
-    for _ in range(ROUNDS):
-        moments = Moments.of(design.x, design.y, sample)
-        theta = solve(moments, motor, columns.scale, columns.positive).theta
-        residual = design.y - design.x @ theta
-        for j, rows in enumerate(seen.T):
-            sample[rows, j] = huber_weights(residual[rows, j])
-        # An outlier must not tell how noisy its motor is.
-        weighting = _weighting(design, sample * residual, sample)
-        motor = weighting.motor
-    return weighting
+    columns, seen = design.columns, design.measured
+    spread = np.maximum(FIRST_GUESS * design.y.std(axis=0, where=seen), 1e-6)
+
+    def fitted(state: RobustState[Array]) -> tuple[Array, Array]:
+        motor = spread**-2.0
+        if state.residual is not None:
+            # An outlier must not tell how noisy its motor is.
+            motor = _weighting(design, state.weight * state.residual, state.weight).motor
+        equations = NormalEquations.of(design.x, design.y, state.weight)
+        theta = fit(equations, motor, columns.scale, columns.positive).theta
+        return theta, design.y - design.x @ theta
+
+    start: RobustState[Array] = RobustState(np.ones_like(design.y), spread)
+    found = reweighted(fitted, start, RobustSettings(), used=seen)
+    assert found.residual is not None
+    return _weighting(design, found.weight * found.residual, found.weight)
 
 
 def _weighting(design: Design, residual: Array, sample: Array) -> Weighting:
-    """Return what (n, 7) residuals say, beside (n, 7) robust weights."""
+    """Return what (n, m) residuals say, beside (n, m) robust weights."""
     seen = design.measured
-    together = correlation_time(residual, design.part, int(MEMORY * design.rate))
+    together = correlation_time(residual, design.part, int(NoiseSettings().longest * design.rate))
     variance = np.maximum(residual.var(axis=0, where=seen), 1e-12)
     power = np.maximum(np.mean(design.y**2, axis=0, where=seen), 1e-12)
     return Weighting(1.0 / (variance * together), power, sample)

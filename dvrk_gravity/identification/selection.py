@@ -2,65 +2,68 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.effects.elastic_cable import DEGREE
-from dvrk_gravity.effects.presliding_hysteresis import DISPLACEMENTS
+from dvrk_gravity.estimation.normal_equations import NormalEquations, solve_signed
+from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
+from dvrk_gravity.estimation.splits import Folds
 from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.folds import Folds
-from dvrk_gravity.identification.moments import Design, Moments
-from dvrk_gravity.identification.posture import POSTURE
-from dvrk_gravity.identification.regression import solve_signed
+from dvrk_gravity.identification.design import Design
+from dvrk_gravity.identification.moves import Move, posture_moves, term_moves
 from dvrk_gravity.identification.result import Choice
 from dvrk_gravity.identification.rigid_columns import RIGID
 from dvrk_gravity.recording.data import Array
 
-# A step must lower the held-out error by so much in the mean over blocks, and by so many
-# standard errors of the blocks' differences: one block's luck is no reason.
-LEAST_GAIN = 0.004
-STANDARD_ERRORS = 1.0
-MOST_STEPS = 60
-# Effects that moves of their own are made for; of others each column comes and goes alone.
-WITH_MOVES = (
-    "coulomb_friction", "elastic_cable", "presliding_hysteresis", "rotor_inertia",
-    "viscous_friction", *RIGID, *POSTURE,
-)  # fmt: skip
-WRIST = (3, 4, 5, 6)  # joints whose rotors are no part of a link, as far as torque can tell
+Moves = Callable[[Columns, set[int]], Iterator[Move]]
 
 
 @dataclass(frozen=True)
-class Move:
-    """A change of the model that is tried.
+class SelectionSettings:
+    """When a change of a model improves its cross-validated error.
 
     Attributes:
-        add: Columns that come in.
-        remove: Columns that go.
-        text: What it is.
+        least_gain: Part of the squared held-out error, in the mean over motors, that each further
+            column must remove. Chosen; see `make sensitivity`.
+        standard_errors: ... and so many standard errors of the folds' gains: the rule of one
+            standard error (Breiman, Friedman, Olshen and Stone 1984).
+        tolerated_loss: Part of ``least_gain`` that each column which goes may cost. Chosen.
+        terms: How the search for terms goes on. Chosen: exact greedy search finds the same.
+        posture: How that for zeros and tilt goes on.
     """
 
-    add: tuple[int, ...]
-    remove: tuple[int, ...]
-    text: str
+    least_gain: float = 0.004
+    standard_errors: float = 1.0
+    tolerated_loss: float = 0.25
+    terms: SearchSettings = field(default_factory=lambda: SearchSettings(60, lazy=0.9))
+    posture: SearchSettings = field(default_factory=lambda: SearchSettings(60))
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class Chosen:
+    """Columns of a model, and how they do.
+
+    Attributes:
+        columns: Their numbers.
+        errors: (folds, m) held-out sums of squared errors.
+    """
+
+    columns: list[int]
+    errors: Array
+
+
+@dataclass(frozen=True, eq=False)
+class MoveTrial(Trial[Move]):
     """What a move would bring.
 
     Attributes:
-        move: The move.
-        errors: (folds, 7) held-out sums of squared errors after it.
-        worth: Gain beyond what it must bring; positive if it pays.
+        errors: (folds, m) held-out sums of squared errors after it.
     """
 
-    move: Move
     errors: Array
-    worth: float
 
 
 @dataclass
@@ -69,32 +72,35 @@ class Selection:
 
     Attributes:
         columns: All columns.
-        train: Moments that each fold's fit sees.
-        test: Moments of each fold's held-out samples.
-        weight: (7,) inverse variance of one sample of each motor, correlation included.
+        train: Sums that each fold's fit sees.
+        test: Sums over each fold's held-out samples.
+        weight: (m,) inverse variance of one sample of each motor, correlation included.
         effects: Effects that may be used besides the rigid body; ``None``: all.
         choices: What was tried last for every effect and joint.
+        settings: When a change is kept.
     """
 
     columns: Columns
-    train: Sequence[Moments]
-    test: Sequence[Moments]
+    train: Sequence[NormalEquations]
+    test: Sequence[NormalEquations]
     weight: Array
     effects: Sequence[str] | None = None
     choices: list[Choice] = field(default_factory=list)
+    settings: SelectionSettings = field(default_factory=SelectionSettings)
 
     def weighed(self, weight: Array) -> Selection:
-        """Return the search with other (7,) weights of motors, and what was tried so far."""
+        """Return the search with other (m,) weights of motors, and what was tried so far."""
         return Selection(
-            self.columns, self.train, self.test, weight, self.effects, list(self.choices)
-        )
+            self.columns, self.train, self.test, weight, self.effects, list(self.choices),
+            self.settings,
+        )  # fmt: skip
 
     def allowed(self, effect: str) -> bool:
         """Tell whether an effect may be used."""
         return self.effects is None or effect in RIGID or effect in self.effects
 
     def score(self, chosen: Sequence[int]) -> Array:
-        """Return (folds, 7) held-out sums of squared errors."""
+        """Return (folds, m) held-out sums of squared errors."""
         index = list(chosen)
         grid = np.ix_(index, index)
         ridge = np.diag(1.0 / self.columns.scale[index] ** 2)
@@ -108,10 +114,7 @@ class Selection:
     @cached_property
     def _weighted(self) -> list[tuple[Array, Array]]:
         """What each fold's fit sees, motors added up by their weights: (p, p) and (p,)."""
-        return [
-            (np.tensordot(self.weight, train.gram, 1), self.weight @ train.cross)
-            for train in self.train
-        ]
+        return [train.combined(self.weight) for train in self.train]
 
     def compare(self, before: Array, after: Array) -> tuple[float, float]:
         """Return the mean relative gain and its standard error over the blocks.
@@ -120,15 +123,19 @@ class Selection:
         as much as the shoulder's.
         """
         power = before.sum(axis=0)
-        gain = ((before - after) / np.where(power > 0.0, power, 1.0)).sum(axis=1)
-        folds = len(gain)
-        mean = float(gain.sum()) / N_JOINTS
-        return mean, float(np.std(gain, ddof=1) * np.sqrt(folds)) / N_JOINTS
+        gain = ((before - after) / np.where(power > 0.0, power, 1.0)).mean(axis=1)
+        return float(gain.sum()), float(np.std(gain, ddof=1) * np.sqrt(len(gain)))
+
+    def improves(self, before: Array, after: Array, more: int) -> bool:
+        """Tell whether so many further columns improve the cross-validated error."""
+        gain, uncertainty = self.compare(before, after)
+        settings = self.settings
+        return gain > max(settings.least_gain * more, settings.standard_errors * uncertainty)
 
     def search(self, starts: Sequence[list[int]], progress: Callable[[float], None]) -> list[int]:
         """Return the best end of searches from several starts.
 
-        One change at a time does not find effects that pay only together; a search that starts
+        One change at a time does not find effects that help only together; a search that starts
         with all of them does. A later start must beat the first as a change must. Choices that
         are noted already are taken to have led to the first.
 
@@ -143,93 +150,63 @@ class Selection:
             progress(number / len(starts))
             found = self.run(start, lambda share: None)
             if number:
-                gain, uncertainty = self.compare(self.score(best), self.score(found))
                 more = max(1, len(found) - len(best))
-                if gain <= max(LEAST_GAIN * more, STANDARD_ERRORS * uncertainty):
+                if not self.improves(self.score(best), self.score(found), more):
                     continue
             best, best_choices = found, self.choices
         self.choices = best_choices
         return best
 
     def run(self, chosen: list[int], progress: Callable[[float], None]) -> list[int]:
-        """Add, exchange and remove columns for as long as that pays on held-out blocks.
+        """Add, exchange and remove columns for as long as that helps on held-out blocks.
 
         Args:
             chosen: Columns to start with.
             progress: Called with the share that is done, a guess.
         """
-        current = self.score(chosen)
-        steps = 0
-        while True:
-            progress(1.0 - 0.9**steps)
-            # Every move once; then the promising ones again after each step that was taken, for
-            # a step changes little of what moves at other joints are worth.
-            trials = {move.text: self._try(move, chosen, current) for move in self._moves(chosen)}
-            waiting = {text: trial for text, trial in trials.items() if trial.worth > 0.0}
-            if not waiting or steps > MOST_STEPS:
-                break
-            while waiting:
-                text = max(waiting, key=lambda one: waiting[one].worth)
-                move = next((m for m in self._moves(chosen) if m.text == text), None)
-                if move is None:
-                    del waiting[text]
-                    continue
-                trial = self._try(move, chosen, current)
-                others = [one.worth for other, one in waiting.items() if other != text]
-                if trial.worth <= 0.0:
-                    del waiting[text]
-                elif trial.worth < 0.9 * max(others, default=0.0):
-                    waiting[text] = trial
-                else:
-                    self.choices.append(self._choice(move, current, trial.errors, True))
-                    chosen, current = self._apply(chosen, move), trial.errors
-                    steps += 1
-                    progress(1.0 - 0.9**steps)
-                    del waiting[text]
-        self.choices += [
-            self._choice(trial.move, current, trial.errors, False) for trial in trials.values()
-        ]
-        return chosen
+        settings = self.settings.terms
+        return self._select(chosen, term_moves, settings, lambda n: progress(1.0 - 0.9**n))
 
     def posture(self, chosen: list[int]) -> list[int]:
-        """Add tilt and zeros for as long as the best of them pays."""
-        current = self.score(chosen)
-        while True:
-            trials = [self._try(move, chosen, current) for move in self._posture_moves(chosen)]
-            best = max(trials, key=lambda trial: trial.worth, default=None)
-            kept = best is not None and best.worth > 0.0
-            self.choices += [
-                self._choice(trial.move, current, trial.errors, kept)
-                for trial in ([best] if kept and best else trials)
-            ]
-            if best is None or not kept:
-                return chosen
-            chosen, current = self._apply(chosen, best.move), best.errors
+        """Add tilt and zeros for as long as the best of them helps."""
+        return self._select(chosen, posture_moves, self.settings.posture, lambda steps: None)
 
-    def _posture_moves(self, chosen: Sequence[int]) -> Iterator[Move]:
-        for effect in filter(self.allowed, POSTURE):
-            free = [i for i in self.columns.select(effect=effect) if i not in chosen]
-            if effect == "base_tilt" and free:
-                yield Move(tuple(free), (), effect)
-            elif effect == "joint_offset":
-                for i in free:
-                    name = JOINT_NAMES[self.columns.columns[i].joint]
-                    yield Move((i,), (), f"{effect} {name}")
+    def _select(
+        self, chosen: list[int], moves: Moves, settings: SearchSettings,
+        progress: Callable[[int], None],
+    ) -> list[int]:  # fmt: skip
+        found, vain = select(
+            _MoveSearch(self, moves), Chosen(chosen, self.score(chosen)), settings,
+            lambda move: move.text, progress,
+        )  # fmt: skip
+        self.choices += [self._choice(trial, found.errors, False) for trial in vain]
+        return found.columns
 
-    def _try(self, move: Move, chosen: list[int], current: Array) -> Trial:
-        errors = self.score(self._apply(chosen, move))
-        gain, uncertainty = self.compare(current, errors)
+    def taken(self, state: Chosen, trial: Trial[Move]) -> Chosen:
+        """Return the columns after a move, and note it."""
+        self.choices.append(self._choice(trial, state.errors, True))
+        return Chosen(_apply(state.columns, trial.move), _errors_of(trial))
+
+    def tried(self, state: Chosen, move: Move) -> MoveTrial:
+        """Return what a move would bring."""
+        errors, settings = self.score(_apply(state.columns, move)), self.settings
+        gain, uncertainty = self.compare(state.errors, errors)
         if not move.add:
             # A smaller model has to bring nothing, only to cost nothing that can be told.
-            return Trial(move, errors, gain + 0.25 * LEAST_GAIN * len(move.remove))
+            worth = gain + settings.tolerated_loss * settings.least_gain * len(move.remove)
+            return MoveTrial(move, worth, worth > 0.0, errors)
         more = max(1, len(move.add) - len(move.remove))
-        worth = gain - LEAST_GAIN * more
-        return Trial(move, errors, worth if worth > STANDARD_ERRORS * uncertainty else 0.0)
+        worth = gain - settings.least_gain * more
+        passes = worth > max(0.0, settings.standard_errors * uncertainty)
+        return MoveTrial(move, worth, passes, errors)
 
-    def _apply(self, chosen: list[int], move: Move) -> list[int]:
-        return sorted((set(chosen) | set(move.add)) - set(move.remove))
+    def permitted(self, move: Move) -> bool:
+        """Tell whether a move may be tried."""
+        added = [self.columns.columns[i] for i in move.add]
+        return all(self.allowed(one.effect) and self.columns.offers(one) for one in added)
 
-    def _choice(self, move: Move, before: Array, after: Array, kept: bool) -> Choice:
+    def _choice(self, trial: Trial[Move], before: Array, kept: bool) -> Choice:
+        after = _errors_of(trial)
         power = np.array([test.power for test in self.test]).sum(axis=0)
         change = np.abs(after.sum(axis=0) - before.sum(axis=0)) / power
         joint = int(np.argmax(change))
@@ -238,147 +215,56 @@ class Selection:
         did = "pays" if kept else "does not pay"
         reason = (
             f"{did} on held-out blocks: {100 * gain:+.1f} ± {100 * uncertainty:.1f} % of the "
-            f"squared error, {JOINT_NAMES[joint]} |e|/|tau| {old:.3f} -> {new:.3f}"
+            f"squared error, {self.columns.arm.joint_names[joint]} |e|/|tau| {old:.3f} -> {new:.3f}"
         )
-        return Choice(move.text, kept, old, new, reason)
-
-    def _moves(self, chosen: list[int]) -> Iterator[Move]:
-        """Yield every change of the model that is worth a try, once each."""
-        for move in self._all_moves(set(chosen)):
-            added = [self.columns.columns[i] for i in move.add]
-            if all(self.allowed(one.effect) and self.columns.offers(one) for one in added):
-                yield move
-
-    def _all_moves(self, inside: set[int]) -> Iterator[Move]:
-        yield from self._elastic_moves(inside)
-        columns = self.columns
-        for j in range(N_JOINTS):
-            places = _places(j)
-            name = JOINT_NAMES[j]
-            for place in places:
-                where = f"{name} ({place})" if len(places) == 2 else name
-                for effect in ("coulomb_friction", "viscous_friction"):
-                    here = columns.select(effect=effect, place=place, joint=j)
-                    both = inside & set(columns.select(effect=effect, joint=j))
-                    if here[0] not in inside:
-                        yield Move(tuple(here), (), f"{effect} {where}")
-                    elif effect != "viscous_friction" or len(both) > 1:
-                        # Every joint has viscous friction; what is too little to pay would
-                        # still be in the other parameters, beyond their intervals.
-                        yield Move((), tuple(here), f"without {effect} {where}")
-                elements = columns.select(effect="presliding_hysteresis", place=place, joint=j)
-                for element, size in zip(elements, DISPLACEMENTS, strict=True):
-                    text = f"presliding_hysteresis {where}, {size:g} rad"
-                    if element in inside:
-                        yield Move((), (element,), f"without {text}")
-                        continue
-                    yield Move((element,), (), text)
-                    for other in elements:
-                        if other in inside:
-                            yield Move((element,), (other,), f"{text} instead of another")
-            if len(places) == 2:
-                yield from self._place_moves(inside, j)
-            rotor = columns.select(effect="rotor_inertia", joint=j)[0]
-            if rotor not in inside:
-                yield Move((rotor,), (), f"rotor_inertia {name}")
-        yield from self._other_moves(inside)
-
-    def _other_moves(self, inside: set[int]) -> Iterator[Move]:
-        for i, column in enumerate(self.columns.columns):
-            if column.effect not in WITH_MOVES:
-                where = column.site.words(self.columns.arm)
-                text = f"{column.effect} {where}" + f", {column.index}" * (column.index > 0)
-                if i in inside:
-                    yield Move((), (i,), f"without {text}")
-                else:
-                    yield Move((i,), (), text)
-
-    def _place_moves(self, inside: set[int], j: int) -> Iterator[Move]:
-        """Move a joint's friction to its motor or back."""
-        for effect in ("coulomb_friction", "viscous_friction", "presliding_hysteresis"):
-            places = [
-                self.columns.select(effect=effect, place=p, joint=j) for p in ("joint", "motor")
-            ]
-            for here, there, where in ((*places, "motor"), (*places[::-1], "joint")):
-                pairs = [(a, b) for a, b in zip(here, there, strict=True) if a in inside]
-                pairs = [(a, b) for a, b in pairs if b not in inside]
-                if pairs:
-                    gone, come = zip(*pairs, strict=True)
-                    yield Move(come, gone, f"{effect} {JOINT_NAMES[j]} at the {where}")
-
-    def _elastic_moves(self, inside: set[int]) -> Iterator[Move]:
-        for j, name in enumerate(JOINT_NAMES):
-            powers = self.columns.select(effect="elastic_cable", joint=j)
-            degree = max((k for k in range(DEGREE + 1) if powers[k] in inside), default=-1)
-            # A cubic may pay where neither a slope nor a parabola does.
-            for higher in range(degree + 1, min(degree + 4, DEGREE + 1)):
-                yield Move(tuple(powers[degree + 1 : higher + 1]), (),
-                           f"elastic_cable {name}, degree {higher}")  # fmt: skip
-            if degree > 0:
-                yield Move((), (powers[degree],), f"elastic_cable {name}, degree {degree - 1} only")
-            elif degree == 0:
-                yield Move((), (powers[0],), f"without a constant torque on {name}")
+        return Choice(trial.move.text, kept, old, new, reason)
 
 
-def _places(j: int) -> tuple[str, ...]:
-    """Return where friction of a joint may live: motors 3 and 4 move more than their joint."""
-    return ("joint", "motor") if j in (2, 3) else ("joint",)
+@dataclass(frozen=True, eq=False)
+class _MoveSearch:
+    """A selection that tries moves of one kind."""
+
+    selection: Selection
+    generate: Moves
+
+    def moves(self, state: Chosen) -> Iterable[Move]:
+        found = self.generate(self.selection.columns, set(state.columns))
+        return filter(self.selection.permitted, found)
+
+    def attempt(self, state: Chosen, moves: Sequence[Move]) -> list[Trial[Move]]:
+        return [self.selection.tried(state, move) for move in moves]
+
+    def choose(self, trials: Sequence[Trial[Move]]) -> Trial[Move] | None:
+        passing = (trial for trial in trials if trial.passes)
+        return max(passing, key=lambda trial: trial.worth, default=None)
+
+    def take(self, state: Chosen, trial: Trial[Move]) -> Chosen:
+        return self.selection.taken(state, trial)
 
 
-def starts(columns: Columns, effects: Sequence[str] | None = None) -> list[list[int]]:
-    """Return what searches start with: the plainest model, and one with presliding everywhere.
-
-    Args:
-        columns: The columns.
-        effects: Effects that may be used besides the rigid body; ``None``: all.
-    """
-    everywhere = [
-        index
-        for j in range(N_JOINTS)
-        for place in _places(j)
-        for index in columns.select(effect="presliding_hysteresis", place=place, joint=j)
-    ]
-    plain = start_columns(columns)
-    permitted = {
-        i
-        for i, column in enumerate(columns.columns)
-        if columns.offers(column) and (effects is None or column.effect in (*RIGID, *effects))
-    }
-    found = [[i for i in one if i in permitted] for one in (plain, sorted(plain + everywhere))]
-    return found if found[0] != found[1] else found[:1]
+def _errors_of(trial: Trial[Move]) -> Array:
+    assert isinstance(trial, MoveTrial)
+    return trial.errors
 
 
-def start_columns(columns: Columns) -> list[int]:
-    """Return the columns of the plainest model that can hold.
-
-    It is the rigid body, friction, a constant torque, and the rotors of the wrist, whose inertia
-    is none of a link's.
-    """
-    chosen = columns.select(effect="link_inertia") + columns.select(effect="gravity")
-    chosen += columns.select(effect="elastic_cable", index=0)
-    for effect in ("coulomb_friction", "viscous_friction"):
-        for j in range(N_JOINTS):
-            place = "motor" if j == 2 else "joint"
-            chosen += columns.select(effect=effect, place=place, joint=j)
-    for j in WRIST:
-        chosen += columns.select(effect="rotor_inertia", joint=j)
-    return sorted(chosen)
+def _apply(chosen: list[int], move: Move) -> list[int]:
+    return sorted((set(chosen) | set(move.add)) - set(move.remove))
 
 
-def split_moments(
+def split_equations(
     design: Design, folds: Folds, weight: Array
-) -> tuple[Moments, list[Moments], list[Moments]]:
-    """Return the moments of all, what each fold's fit sees of them, and what it is tested on.
+) -> tuple[NormalEquations, list[NormalEquations], list[NormalEquations]]:
+    """Return the sums of all, what each fold's fit sees of them, and what it is tested on.
 
     Args:
         design: All samples.
         folds: What is held out.
-        weight: (n, 7) robust weights, for the fits; the tests count every sample in full.
+        weight: (n, m) robust weights, for the fits; the tests count every sample in full.
     """
-    whole = Moments.of(design.x, design.y, weight)
+    whole = NormalEquations.of(design.x, design.y, weight)
     train, test = [], []
-    for fold, excluded in enumerate(folds.excluded):
-        train.append(whole - Moments.of(design.x[excluded], design.y[excluded], weight[excluded]))
-        held = folds.held_out == fold
-        test.append(Moments.of(design.x[held], design.y[held], np.ones_like(weight[held])))
+    for tested, excluded in zip(folds.tested, folds.excluded, strict=True):
+        x, y, w = design.x[excluded], design.y[excluded], weight[excluded]
+        train.append(whole - NormalEquations.of(x, y, w))
+        test.append(NormalEquations.of(design.x[tested], design.y[tested]))
     return whole, train, test

@@ -8,15 +8,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arm import Arm
+from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential, slabs
 from dvrk_gravity.identification import result, static_report
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.holding import holding
 from dvrk_gravity.identification.result import Fit, Trace
 from dvrk_gravity.identification.static_model import fit_poses
-from dvrk_gravity.identification.static_poses import Poses, blocks, inner_slabs, read_poses, slabs
+from dvrk_gravity.identification.static_poses import Poses, read_poses
 from dvrk_gravity.identification.static_selection import choose
-from dvrk_gravity.identification.static_solver import OUTLIER, Table
+from dvrk_gravity.identification.static_solver import PoseSettings, Table
 from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
@@ -56,7 +57,7 @@ def fit_static(
     report("fit", 0.0)
     tried: list[result.Choice] = []
     table = Table.of(poses, arm, for_console)
-    model, solution, _, weight = fit_poses(table, choose(table, tried.append), arm)
+    model, solution, _, weight = fit_poses(table, choose(table, arm.joint_names, tried.append), arm)
     spread = static_report.uncertainty(table, solution, weight)
     fitted = model.torque(poses.q, direction=poses.direction)
 
@@ -64,25 +65,25 @@ def fit_static(
         return arm.actuator_effort(effort) if coordinates == "actuator" else effort
 
     measured = shown(poses.effort)
-    training = joint_errors(JOINT_NAMES, measured, shown(fitted))
+    training = joint_errors(arm.joint_names, measured, shown(fitted))
     held = holding(lambda q: solution.at_rest(table, q, arm), solution.theta, spread, poses.q, arm)
     # Poses left out of the fit count in the errors that are printed, but are no fault of the model.
     used = np.all(weight > 0.0, axis=1)
     unseen = used[held_out]
     verdict = judge(
-        joint_errors(JOINT_NAMES, measured[held_out][unseen], shown(predicted)[unseen]),
-        joint_errors(JOINT_NAMES, measured[used], shown(fitted)[used]),
+        joint_errors(arm.joint_names, measured[held_out][unseen], shown(predicted)[unseen]),
+        joint_errors(arm.joint_names, measured[used], shown(fitted)[used]),
         held, arm, coordinates, static=True,
     )  # fmt: skip
     return Fit(
         model=replace(model, verdict=verdict.level, reason=verdict.reason),
-        held_out=joint_errors(JOINT_NAMES, measured[held_out], shown(predicted)),
+        held_out=joint_errors(arm.joint_names, measured[held_out], shown(predicted)),
         training=training,
         parameters=static_report.parameters(table, solution, spread),
         identifiability=static_report.identifiability(table, solution, spread),
         choices=tuple(tried),
         warnings=warnings,
-        handling=tuple(_handling(poses, weight)),
+        handling=tuple(_handling(poses, weight, arm)),
         validation="one slab of poses for each joint that moved, at positions of that joint which "
         "neither fit nor choice had seen",
         coordinates=coordinates,
@@ -105,37 +106,38 @@ def predict_unseen(
 def fit_model(poses: Poses, arm: Arm, for_console: bool = False) -> TorqueModel:
     """Return the model that :func:`fit_static` would choose for some poses."""
     table = Table.of(poses, arm, for_console)
-    return fit_poses(table, choose(table), arm)[0]
+    return fit_poses(table, choose(table, arm.joint_names), arm)[0]
 
 
 def _held_out(
     poses: Poses, arm: Arm, progress: Callable[[float], None], for_console: bool
 ) -> tuple[NDArray[np.int64], Array]:
     """Return rows of held-out poses and their (n, 7) predictions by fits that never saw them."""
-    masks = middle_slabs(poses)
+    unseen = middle_slabs(poses)
     predicted = []
-    for number, mask in enumerate(masks):
-        progress(number / len(masks))
+    for number, mask in enumerate(unseen):
+        progress(number / len(unseen))
         predicted.append(predict_unseen(poses, mask, arm, for_console))
-    return np.concatenate([np.flatnonzero(mask) for mask in masks]), np.concatenate(predicted)
+    return np.concatenate([np.flatnonzero(mask) for mask in unseen]), np.concatenate(predicted)
 
 
 def middle_slabs(poses: Poses) -> list[NDArray[np.bool_]]:
     """Return the (N,) mask of the slab in the middle of each joint that moved."""
-    if not inner_slabs(poses):
-        return blocks(poses, FEW)
+    if not inner_slabs(poses.q, poses.moving):
+        return masks(sequential(len(poses), FEW))
     numbers = (slabs(poses.q[:, joint]) for joint in poses.moving)
     return [number == (number.max() + 1) // 2 for number in numbers if number.max() >= 2]
 
 
-def _handling(poses: Poses, weight: Array) -> list[str]:
+def _handling(poses: Poses, weight: Array, arm: Arm) -> list[str]:
     lines = ["static poses, used as they are; Huber's loss"]
-    for joint, name in enumerate(JOINT_NAMES):
+    outlier = PoseSettings().robust.outlier
+    for joint, name in enumerate(arm.joint_names):
         left = int((weight[:, joint] == 0.0).sum())
         if left:
             worst = float(np.abs(poses.effort[weight[:, joint] == 0.0, joint]).max())
             lines.append(
-                f"{name}: {left} of {len(poses)} poses left out, more than {OUTLIER:g} standard "
+                f"{name}: {left} of {len(poses)} poses left out, more than {outlier:g} standard "
                 f"deviations off all others (up to {worst:.3f} N·m)"
             )
     if not np.all(weight > 0.0):
@@ -148,6 +150,8 @@ def _traces(
 ) -> list[Trace]:
     q = arm.actuator_position(poses.q) if coordinates == "actuator" else poses.q
     return [
-        Trace(JOINT_NAMES, None, q[rows], None, measured[rows], fitted[rows], coordinates, False)
+        Trace(
+            arm.joint_names, None, q[rows], None, measured[rows], fitted[rows], coordinates, False
+        )
         for rows in (poses.part == part for part in np.unique(poses.part))
     ]

@@ -10,7 +10,12 @@ from numpy.polynomial import chebyshev, polynomial
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
 from dvrk_gravity.effects.polynomial import MAX_DEGREE
 from dvrk_gravity.effects.term import as_value
-from dvrk_gravity.identification.static_solver import Choice, Solution, Table, solve_robust
+from dvrk_gravity.identification.static_solver import (
+    Composition,
+    PoseSolution,
+    Table,
+    solve_robust,
+)
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import Value
 from dvrk_gravity.recording.data import Array
@@ -23,8 +28,8 @@ SATURATION = 0.2  # rad/s
 
 
 def fit_poses(
-    table: Table, choices: Sequence[Choice], arm: Arm
-) -> tuple[TorqueModel, Solution, Array, Array]:
+    table: Table, choices: Sequence[Composition], arm: Arm
+) -> tuple[TorqueModel, PoseSolution, Array, Array]:
     """Fit what was chosen and build the model.
 
     Returns:
@@ -39,7 +44,7 @@ def fit_poses(
     return TorqueModel.from_parameters(values), solution, scale, weight
 
 
-def cable_rows(table: Table, solution: Solution, joint: int) -> dict[str, Array]:
+def cable_rows(table: Table, solution: PoseSolution, joint: int) -> dict[str, Array]:
     """Return (13, p) matrices from theta to a joint's coefficients, lowest power first.
 
     Keys: ``positive`` and ``negative``.
@@ -70,7 +75,7 @@ def _powers(series: Array, argument: polynomial.Polynomial) -> Array:
     return np.atleast_1d(np.asarray(powers(argument).coef, dtype=float))
 
 
-def _cables(table: Table, solution: Solution) -> dict[str, Value]:
+def _cables(table: Table, solution: PoseSolution) -> dict[str, Value]:
     values: dict[str, Value] = {}
     for joint, name in enumerate(JOINT_NAMES):
         sides = {
@@ -86,7 +91,7 @@ def _cables(table: Table, solution: Solution) -> dict[str, Value]:
     return values | _range("directional_cable", table)
 
 
-def _held(table: Table, solution: Solution) -> dict[str, Value]:
+def _held(table: Table, solution: PoseSolution) -> dict[str, Value]:
     """Return the parameters of the functions of other joints' positions, if there are any."""
     index: dict[tuple[int, ...], int] = {}
     entries = []

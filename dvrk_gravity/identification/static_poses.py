@@ -1,4 +1,4 @@
-"""Static poses of some recordings as arrays, and the slabs of them that are held out together."""
+"""Static poses of some recordings as arrays."""
 
 from __future__ import annotations
 
@@ -18,11 +18,6 @@ from dvrk_gravity.recording.data import Array, Coordinates
 
 LEAST = 20  # poses
 POSED = 0.1  # rad: a joint that was asked to stay is off by less
-BLOCKS = 15
-SLABS = 5  # of poses that follow no grid
-LEVELS = (3, 12)  # fewest and most positions that make a grid
-APART = 0.05  # of a joint's range, between two levels of a grid
-WIDE = 0.1  # of a joint's range, that a level may be wide
 SHARE = 0.1  # of the poses that must have come from the rarer direction
 
 
@@ -106,44 +101,3 @@ def read_poses(
             recordings[0].source, f"holds {len(poses)} static poses, expected at least {LEAST}"
         )
     return poses, tuple(warnings)
-
-
-def slabs(position: Array) -> NDArray[np.int64]:
-    """Return (N,) numbers of the slab in which each of (N,) positions of one joint lies.
-
-    The levels of a grid, where the positions form one; else as many poses in each of five.
-    """
-    order = np.argsort(position, kind="stable")
-    sorted_ = position[order]
-    span = float(sorted_[-1] - sorted_[0])
-    level = np.concatenate([[0], np.cumsum(np.diff(sorted_) > APART * span)])
-    count = int(level[-1]) + 1
-    starts = np.searchsorted(level, np.arange(count))
-    ends = np.searchsorted(level, np.arange(count), side="right") - 1
-    width = (sorted_[ends] - sorted_[starts]).max()
-    if not LEVELS[0] <= count <= LEVELS[1] or width > WIDE * span:
-        level = np.arange(len(position)) * SLABS // len(position)
-    number = np.empty(len(position), dtype=np.int64)
-    number[order] = level
-    return number
-
-
-def inner_slabs(poses: Poses) -> list[NDArray[np.bool_]]:
-    """Return the (N,) masks of slabs that lie between two others of the same joint.
-
-    A fit to the rest has to say what happens at positions of that joint which it never saw,
-    between some that it did. Past the outermost ones no fit is asked for anything: positions
-    are held there.
-    """
-    found = []
-    for joint in poses.moving:
-        number = slabs(poses.q[:, joint])
-        found += [number == k for k in range(1, int(number.max()))]
-    return found
-
-
-def blocks(poses: Poses, count: int = BLOCKS) -> list[NDArray[np.bool_]]:
-    """Return the (N,) masks of blocks of poses that followed each other."""
-    count = min(count, len(poses))
-    number = np.arange(len(poses)) * count // len(poses)
-    return [number == k for k in range(count)]

@@ -7,43 +7,42 @@ from itertools import product
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.estimation.covariance import Uncertainty, clustered_scores, sandwich
+from dvrk_gravity.estimation.splits import masks, sequential
 from dvrk_gravity.gravity import BETA_NAMES
-from dvrk_gravity.identification.covariance import Uncertainty
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.identification.static_columns import N_BETA
 from dvrk_gravity.identification.static_model import cable_rows
-from dvrk_gravity.identification.static_poses import blocks
-from dvrk_gravity.identification.static_solver import Solution, Table
+from dvrk_gravity.identification.static_solver import PoseSolution, Table
 from dvrk_gravity.recording.data import Array
 
 INSEPARABLE = 0.98  # correlation of two parameters
 CLUSTERS = 50
 
 
-def uncertainty(table: Table, solution: Solution, weight: Array) -> Uncertainty:
+def uncertainty(table: Table, solution: PoseSolution, weight: Array) -> Uncertainty:
     """Return the covariance of the coefficients.
 
     Stiction's residuals hang together over neighbouring poses; the sandwich sums them over
     contiguous blocks of poses (Liang and Zeger 1986) before squaring.
     """
     residual = table.poses.effort - solution.predict(table)
-    meat = np.zeros_like(solution.data)
-    for mask in blocks(table.poses, CLUSTERS):
+    scores = []
+    clusters = sequential(len(residual), min(CLUSTERS, len(residual)))
+    for mask in masks(clusters):
         score = np.zeros(len(solution.theta))
-        for joint in range(N_JOINTS):
+        for joint in range(residual.shape[1]):
             pull = weight[mask, joint] * residual[mask, joint]
             score[:N_BETA] += table.gravity[mask, joint].T @ pull
             chosen = table.matrices[joint][mask][:, solution.columns[joint]]
             score[solution.places(joint)] += chosen.T @ pull
-        meat += np.outer(score, score)
-    inverse = np.linalg.inv(solution.precision)
-    prior = solution.precision - solution.data
-    return Uncertainty(inverse @ meat @ inverse, inverse @ prior @ inverse)
+        scores.append(score)
+    return sandwich(solution, clustered_scores(np.array(scores)))
 
 
 def parameters(
-    table: Table, solution: Solution, spread: Uncertainty
+    table: Table, solution: PoseSolution, spread: Uncertainty
 ) -> tuple[FittedParameter, ...]:
     """Return beta and the cables' coefficients with confidence."""
     found = []
@@ -61,7 +60,7 @@ def parameters(
     return tuple(found)
 
 
-def identifiability(table: Table, solution: Solution, spread: Uncertainty) -> Identifiability:
+def identifiability(table: Table, solution: PoseSolution, spread: Uncertainty) -> Identifiability:
     """Say what the poses determine."""
     prior = np.sqrt(np.diag(solution.precision - solution.data))
     scaled = solution.data / prior / prior[:, None]
@@ -73,7 +72,7 @@ def identifiability(table: Table, solution: Solution, spread: Uncertainty) -> Id
     )
 
 
-def _quantities(table: Table, solution: Solution) -> Iterator[tuple[str, str, Array]]:
+def _quantities(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str, Array]]:
     identity = np.eye(len(solution.theta))
     for k in range(N_BETA):
         yield f"beta{k + 1} ({BETA_NAMES[k]})", "N·m", identity[k]
@@ -85,7 +84,7 @@ def _quantities(table: Table, solution: Solution) -> Iterator[tuple[str, str, Ar
                     yield f"directional_cable.{side}.{name}[{power}]", unit, row
 
 
-def _statements(table: Table, solution: Solution, spread: Uncertainty) -> Iterator[str]:
+def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> Iterator[str]:
     poses = table.poses
     for joint, name in enumerate(JOINT_NAMES):
         if joint not in poses.moving:

@@ -2,51 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.identification import result
+from dvrk_gravity.estimation.normal_equations import NormalEquations, fit
+from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
+from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential
+from dvrk_gravity.identification.result import Choice
 from dvrk_gravity.identification.static_columns import N_BETA, Group, describe
-from dvrk_gravity.identification.static_poses import blocks, inner_slabs
-from dvrk_gravity.identification.static_solver import Choice, Table, solve_robust
+from dvrk_gravity.identification.static_solver import Composition, Table, solve_robust
 from dvrk_gravity.recording.data import Array
 
-# Prior size of the own function of order one, in robust standard deviations of the joint's torque
-# without it; of the others, in those of what the joint's own position leaves.
-OWN = (0.5, 1.0, 2.0, 4.0, 8.0)
-OTHERS = (0.5, 1.5, 5.0)
-# A group must lower the held-out squared error by so much, and by one standard error of the slabs'
-# gains: one slab's luck is no reason.
-LEAST_GAIN = 0.02
-BETA_FREEDOM = 0.03  # N·m, about the beta of all joints, while one joint is looked at alone
+
+@dataclass(frozen=True)
+class PoseSelectionSettings:
+    """When a function of poses improves the cross-validated error.
+
+    Attributes:
+        own: Prior sizes that are tried of the own function of order one, in robust standard
+            deviations of the joint's torque without it: a grid, a factor of two apart.
+        others: Of the other functions, in those of what the joint's own position leaves; likewise.
+        least_gain: Part of the held-out squared error that a group must remove. Chosen; see
+            `make sensitivity`.
+        standard_errors: ... and so many standard errors of the slabs' gains (Breiman, Friedman,
+            Olshen and Stone 1984): luck on one slab is no reason.
+        beta_freedom: N·m, about the beta of all joints, while one joint is looked at alone. Chosen;
+            see `make sensitivity`.
+        blocks: Blocks of poses that followed each other, held out beside the slabs. Chosen.
+    """
+
+    own: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
+    others: tuple[float, ...] = (0.5, 1.5, 5.0)
+    least_gain: float = 0.02
+    standard_errors: float = 1.0
+    beta_freedom: float = 0.03
+    blocks: int = 15
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
-    """Weighted products of one joint's columns and torque over some poses."""
+class Composed:
+    """What a joint's torque is made of, and how that does.
 
-    xx: Array
-    xy: Array
-    yy: float
+    Attributes:
+        composition: Groups and prior sizes.
+        errors: (slabs,) weighted sums of squared held-out errors.
+    """
 
-    @classmethod
-    def of(cls, x: Array, y: Array, weight: Array) -> Moments:
-        """Sum over (N, p) columns, (N,) torques and (N,) weights."""
-        weighted = x * weight[:, None]
-        return cls(weighted.T @ x, weighted.T @ y, float(weight @ y**2))
+    composition: Composition
+    errors: Array
 
-    def without(self, other: Moments) -> Moments:
-        """Return the sums over the remaining poses."""
-        return Moments(self.xx - other.xx, self.xy - other.xy, self.yy - other.yy)
 
-    def error(self, places: NDArray[np.int64], theta: Array) -> float:
-        """Return the weighted sum of squared errors of some columns' coefficients."""
-        xx, xy = self.xx[np.ix_(places, places)], self.xy[places]
-        return float(theta @ xx @ theta - 2.0 * theta @ xy + self.yy)
+@dataclass(frozen=True, eq=False)
+class GroupTrial(Trial[Group]):
+    """What another group of functions would bring.
+
+    Attributes:
+        after: What the torque is made of with it.
+        deviation: Standard error of the gain over slabs.
+    """
+
+    after: Composed
+    deviation: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,119 +74,144 @@ class JointSearch:
     Attributes:
         table: All columns.
         joint: The joint.
+        name: Its name.
         beta: (10,) of all joints, N·m, about which this joint's own may vary.
         train: Sums over what each held-out slab leaves.
         test: Sums over each slab.
         factor: (slabs,) how much each one counts.
         own: Robust standard deviation of the torque without the joint's own functions, N·m.
         rest: Of what these leave, N·m.
+        note: Told every group that was tried.
+        settings: When a group is kept.
     """
 
     table: Table
     joint: int
+    name: str
     beta: Array
-    train: tuple[Moments, ...]
-    test: tuple[Moments, ...]
+    train: tuple[NormalEquations, ...]
+    test: tuple[NormalEquations, ...]
     factor: Array
     own: float
     rest: float
+    note: Callable[[Choice], None]
+    settings: PoseSelectionSettings
 
-    def errors(self, choice: Choice) -> Array:
-        """Return (slabs,) weighted sums of squared held-out errors."""
+    def composed(self, composition: Composition) -> Composed:
+        """Return a composition with its held-out errors."""
         columns = self.table.joints[self.joint]
-        chosen = columns.of(choice.groups)
+        chosen = columns.of(composition.groups)
         places = np.concatenate([np.arange(N_BETA), N_BETA + chosen])
         mean = np.concatenate([self.beta, np.zeros(len(chosen))])
-        prior = np.concatenate(
-            [np.full(N_BETA, BETA_FREEDOM), columns.prior(choice.own, choice.others)[chosen]]
-        )
+        prior = columns.prior(composition.own, composition.others)[chosen]
+        scale = np.concatenate([np.full(N_BETA, self.settings.beta_freedom), prior])
         found = []
         for train, test in zip(self.train, self.test, strict=True):
-            precision = train.xx[np.ix_(places, places)] + np.diag(prior**-2.0)
-            theta = np.linalg.solve(precision, train.xy[places] + mean / prior**2)
-            found.append(test.error(places, theta))
-        return self.factor * np.array(found)
+            theta = fit(train.select(places), np.ones(1), scale, mean=mean).theta
+            found.append(test.select(places).error(theta)[0])
+        return Composed(composition, self.factor * np.array(found))
 
-    def run(self, note: Callable[[result.Choice], None]) -> Choice:
-        """Return the best choice; ``note`` is told every group that was tried."""
-        own: Group = (self.joint,)
-        choice = Choice((own,), self.own, 1.5 * self.rest)
+    def run(self) -> Composition:
+        """Return the best composition."""
+        group: Group = (self.joint,)
+        made = Composition((group,), self.own, 1.5 * self.rest)
         if self.joint not in self.table.poses.moving:
-            return choice
-        choice, errors = self._best([replace(choice, own=size * self.own) for size in OWN])
-        waiting = [group for group in self.table.joints[self.joint].groups if group != own]
-        while waiting:
-            trials = [replace(choice, groups=(*choice.groups, group)) for group in waiting]
-            found = [self.errors(trial) for trial in trials]
-            best = int(np.argmin([one.sum() for one in found]))
-            if not self._pays(errors, found[best]):
-                for group, after in zip(waiting, found, strict=True):
-                    note(self._choice(group, errors, after, False))
-                break
-            note(self._choice(waiting.pop(best), errors, found[best], True))
-            choice, errors = trials[best], found[best]
-        sizes = [(choice.own, others * self.rest) for others in OTHERS]
-        sizes += [(size * self.own, choice.others) for size in OWN]
-        return self._best([replace(choice, own=a, others=b) for a, b in sizes])[0]
+            return made
+        sizes = [size * self.own for size in self.settings.own]
+        start = self._best([replace(made, own=size) for size in sizes])
+        groups = len(self.table.joints[self.joint].groups)
+        found, vain = select(self, start, SearchSettings(groups))
+        for trial in vain:
+            self.note(self._choice(trial, found, False))
+        made = found.composition
+        tuned = [replace(made, others=others * self.rest) for others in self.settings.others]
+        return self._best([*tuned, *(replace(made, own=size) for size in sizes)]).composition
 
-    def _best(self, choices: Sequence[Choice]) -> tuple[Choice, Array]:
-        found = [self.errors(choice) for choice in choices]
-        best = int(np.argmin([one.sum() for one in found]))
-        return choices[best], found[best]
+    def moves(self, state: Composed) -> Iterable[Group]:
+        """Yield the groups that are not in yet."""
+        groups = self.table.joints[self.joint].groups
+        return [group for group in groups if group not in state.composition.groups]
 
-    def _gain(self, before: Array, after: Array) -> tuple[float, float]:
-        """Return the part of the squared error that goes, and its standard error over slabs."""
-        gain = (before - after) / before.sum()
-        return float(gain.sum()), float(gain.std(ddof=1) * np.sqrt(len(gain)))
+    def attempt(self, state: Composed, moves: Sequence[Group]) -> list[Trial[Group]]:
+        """Return what each group would bring."""
+        made, settings = state.composition, self.settings
+        trials: list[Trial[Group]] = []
+        for group in moves:
+            after = self.composed(replace(made, groups=(*made.groups, group)))
+            gain = (state.errors - after.errors) / state.errors.sum()
+            worth, deviation = float(gain.sum()), float(gain.std(ddof=1) * np.sqrt(len(gain)))
+            passes = worth > max(settings.least_gain, settings.standard_errors * deviation)
+            trials.append(GroupTrial(group, worth, passes, after, deviation))
+        return trials
 
-    def _pays(self, before: Array, after: Array) -> bool:
-        gain, uncertainty = self._gain(before, after)
-        return gain > max(LEAST_GAIN, uncertainty)
+    def choose(self, trials: Sequence[Trial[Group]]) -> Trial[Group] | None:
+        """Return the best group, if it passes."""
+        best = max(trials, key=lambda trial: trial.worth, default=None)
+        return best if best is not None and best.passes else None
 
-    def _choice(self, group: Group, before: Array, after: Array, kept: bool) -> result.Choice:
-        gain, uncertainty = self._gain(before, after)
-        total = self.factor @ [test.yy for test in self.test]
-        old, new = (float(np.sqrt(max(e.sum(), 0.0) / total)) for e in (before, after))
-        return result.Choice(
-            f"held_load {JOINT_NAMES[self.joint]}: function of {describe(group)}",
+    def take(self, state: Composed, trial: Trial[Group]) -> Composed:
+        """Return the composition with a group, and note it."""
+        assert isinstance(trial, GroupTrial)
+        self.note(self._choice(trial, state, True))
+        return trial.after
+
+    def _best(self, compositions: Sequence[Composition]) -> Composed:
+        return min(map(self.composed, compositions), key=lambda made: float(made.errors.sum()))
+
+    def _choice(self, trial: Trial[Group], before: Composed, kept: bool) -> Choice:
+        assert isinstance(trial, GroupTrial)
+        total = self.factor @ [test.power[0] for test in self.test]
+        old, new = (
+            float(np.sqrt(max(made.errors.sum(), 0.0) / total)) for made in (before, trial.after)
+        )
+        return Choice(
+            f"held_load {self.name}: function of {describe(trial.move)}",
             kept,
             old,
             new,
-            f"{'pays' if kept else 'does not pay'} on held-out slabs: {100 * gain:+.1f} ± "
-            f"{100 * uncertainty:.1f} % of the squared error",
+            f"{'pays' if kept else 'does not pay'} on held-out slabs: {100 * trial.worth:+.1f} ± "
+            f"{100 * trial.deviation:.1f} % of the squared error",
         )
 
 
 def choose(
-    table: Table, note: Callable[[result.Choice], None] = lambda choice: None
-) -> tuple[Choice, ...]:
+    table: Table,
+    names: Sequence[str],
+    note: Callable[[Choice], None] = lambda choice: None,
+    settings: PoseSelectionSettings | None = None,
+) -> tuple[Composition, ...]:
     """Choose what every joint's torque is made of.
 
     Args:
         table: Columns at the poses that may be seen.
+        names: Of the joints.
         note: Told every group that was tried.
+        settings: When a group is kept.
     """
-    spread = np.maximum(table.poses.effort.std(axis=0), 1e-3)
-    constants = [Choice(((j,),), 1e-6 * spread[j]) for j in range(N_JOINTS)]
-    _, own, _ = solve_robust(table, constants)
-    plain = [Choice(((j,),), 2.0 * own[j]) for j in range(N_JOINTS)]
-    _, rest, _ = solve_robust(table, plain)
-    rich = [Choice(table.joints[j].groups, 2.0 * own[j], 1.5 * rest[j]) for j in range(N_JOINTS)]
+    settings = settings or PoseSelectionSettings()
+    joints = range(len(names))
+    poses = table.poses
+    spread = np.maximum(poses.effort.std(axis=0), 1e-3)
+    _, own, _ = solve_robust(table, [Composition(((j,),), 1e-6 * spread[j]) for j in joints])
+    _, rest, _ = solve_robust(table, [Composition(((j,),), 2.0 * own[j]) for j in joints])
+    rich = [Composition(table.joints[j].groups, 2.0 * own[j], 1.5 * rest[j]) for j in joints]
     solution, _, weight = solve_robust(table, rich)
-    slabs_, blocks_ = inner_slabs(table.poses), blocks(table.poses)
+    of_slabs = inner_slabs(poses.q, poses.moving)
+    of_order = masks(sequential(len(poses), min(settings.blocks, len(poses))))
     # Slabs alone ask for more smoothness than a fit needs that sees all of them; blocks, at
     # positions seen elsewhere, for less than one that meets others. Both count alike.
-    share = sum(map(np.sum, slabs_)) / len(table.poses)
-    masks = [*((mask, 1.0) for mask in slabs_), *((mask, max(share, 1.0)) for mask in blocks_)]
+    share = sum(map(np.sum, of_slabs)) / len(poses)
+    factor = np.array([1.0] * len(of_slabs) + [max(share, 1.0)] * len(of_order))
     chosen = []
-    for joint in range(N_JOINTS):
-        x = np.concatenate([table.gravity[:, joint], table.matrices[joint]], axis=1)
-        y, w = table.poses.effort[:, joint], weight[:, joint]
-        total = Moments.of(x, y, w)
-        test = tuple(Moments.of(x[mask], y[mask], w[mask]) for mask, _ in masks)
+    for joint, name in enumerate(names):
+        x = np.concatenate([table.gravity[:, joint], table.matrices[joint]], axis=1)[:, None]
+        y, w = poses.effort[:, [joint]], weight[:, [joint]]
+        total = NormalEquations.of(x, y, w)
+        tested = (*of_slabs, *of_order)
+        test = tuple(NormalEquations.of(x[mask], y[mask], w[mask]) for mask in tested)
         search = JointSearch(
-            table, joint, solution.beta, tuple(total.without(one) for one in test), test,
-            np.array([factor for _, factor in masks]), own[joint], rest[joint],
+            table, joint, name, solution.beta, tuple(total - part for part in test), test, factor,
+            float(own[joint]), float(rest[joint]), note, settings,
         )  # fmt: skip
-        chosen.append(search.run(note))
+        chosen.append(search.run())
     return tuple(chosen)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.estimation.normal_equations import NormalEquations, Solution, fit
+from dvrk_gravity.estimation.robust import RobustSettings, RobustState, reweighted
 from dvrk_gravity.identification.static_columns import (
     N_BETA,
     Group,
@@ -20,17 +22,31 @@ from dvrk_gravity.identification.static_columns import (
 from dvrk_gravity.identification.static_poses import Poses
 from dvrk_gravity.recording.data import Array
 
-# The residual is what stiction left there, which one row of poses shares: so many count as one.
-TOGETHER = 25.0
-BETA_SD = 1.0  # N·m: no MTM's first moments are larger, times g
-HUBER = 2.0  # residuals, in standard deviations, from which on they count less
-OUTLIER = 8.0  # and from which on they do not count at all
-ROUNDS = 3
-LEAST_SCALE = 3e-4  # N·m, less than any motor resolves
+
+@dataclass(frozen=True)
+class PoseSettings:
+    """Of the fit to static poses.
+
+    Attributes:
+        design_effect: The residual is what stiction left there, which one row of poses shares: so
+            many count as one. Of the published grid, a row of one joint is five poses and a plane
+            of two 25.
+        beta_sd: N·m; no MTM's first moments are larger, times g.
+        robust: Loss of the residuals. Poses stick, so that their tails are heavier than a motion's;
+            chosen, see `make sensitivity`.
+        least_scale: N·m, less than any motor resolves.
+        rounding: Part of what a joint's torque spreads that is rounding and no noise.
+    """
+
+    design_effect: float = 25.0
+    beta_sd: float = 1.0
+    robust: RobustSettings = field(default_factory=lambda: RobustSettings(2.0, 8.0, 3))
+    least_scale: float = 3e-4
+    rounding: float = 1e-3
 
 
 @dataclass(frozen=True)
-class Choice:
+class Composition:
     """What one joint's torque is made of.
 
     Attributes:
@@ -51,7 +67,7 @@ class Table:
     Attributes:
         poses: The poses.
         valid: Range that they cover.
-        gravity: (N, 7, 10) columns.
+        gravity: (N, n, 10) columns.
         joints: Columns of each joint.
         matrices: Their (N, p) values.
     """
@@ -66,7 +82,9 @@ class Table:
     def of(cls, poses: Poses, arm: Arm, for_console: bool = False) -> Table:
         """Evaluate all columns at the poses, or those that the dVRK console has as well."""
         valid = Range(poses.lower, poses.upper)
-        joints = tuple(joint_columns(joint, poses, for_console) for joint in range(N_JOINTS))
+        joints = tuple(
+            joint_columns(joint, poses, for_console) for joint in range(poses.q.shape[1])
+        )
         matrices = tuple(columns.matrix(poses, valid) for columns in joints)
         return cls(poses, valid, gravity_rows(poses, arm), joints, matrices)
 
@@ -77,20 +95,14 @@ class Table:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class PoseSolution(Solution):
     """Coefficients: beta, then each joint's chosen columns.
 
     Attributes:
-        theta: (p,) all of them.
         columns: For each joint the chosen columns of its :class:`JointColumns`.
-        data: (p, p) information of the data.
-        precision: (p, p) with the priors.
     """
 
-    theta: Array
     columns: tuple[NDArray[np.int64], ...]
-    data: Array
-    precision: Array
 
     @property
     def beta(self) -> Array:
@@ -103,14 +115,14 @@ class Solution:
         return np.arange(start, start + len(self.columns[joint]), dtype=np.int64)
 
     def predict(self, table: Table) -> Array:
-        """Return (N, 7) torques at the poses of a table, N·m."""
+        """Return (N, n) torques at the poses of a table, N·m."""
         torque = table.gravity @ self.beta
         for joint, matrix in enumerate(table.matrices):
             torque[:, joint] += matrix[:, self.columns[joint]] @ self.theta[self.places(joint)]
         return torque
 
     def at_rest(self, table: Table, q: Array, arm: Arm) -> Array:
-        """Return (K, 7, p) torques of all coefficients at (K, 7) positions, if nothing sticks."""
+        """Return (K, n, p) torques of all coefficients at (K, n) positions, if nothing sticks."""
         nowhere = np.zeros(q.shape)
         there = table.at(Poses(q, nowhere, nowhere, np.zeros(len(q), dtype=np.int64)), arm)
         rows = np.zeros((*q.shape, len(self.theta)))
@@ -122,56 +134,55 @@ class Solution:
         return rows
 
 
-def solve(table: Table, choices: Sequence[Choice], weight: Array) -> Solution:
+def solve(
+    table: Table, compositions: Sequence[Composition], weight: Array, settings: PoseSettings
+) -> PoseSolution:
     """Solve for all coefficients at once.
 
     Args:
         table: The columns.
-        choices: Of each joint.
-        weight: (N, 7) of each residual, 1 / (N·m)^2.
+        compositions: Of each joint.
+        weight: (N, n) of each residual, 1 / (N·m)^2.
+        settings: Of the fit.
     """
-    columns = tuple(table.joints[j].of(choices[j].groups) for j in range(N_JOINTS))
-    size = N_BETA + sum(map(len, columns))
-    data, right, prior = np.zeros((size, size)), np.zeros(size), np.full(size, BETA_SD**-2.0)
-    solution = Solution(right, columns, data, data)
-    for joint in range(N_JOINTS):
-        x = np.concatenate(
-            [table.gravity[:, joint], table.matrices[joint][:, columns[joint]]], axis=1
-        )
-        places = np.concatenate([np.arange(N_BETA), solution.places(joint)])
-        weighted = x * weight[:, joint, None]
-        data[np.ix_(places, places)] += weighted.T @ x
-        right[places] += weighted.T @ table.poses.effort[:, joint]
-        deviation = table.joints[joint].prior(choices[joint].own, choices[joint].others)
-        prior[places[N_BETA:]] = deviation[columns[joint]] ** -2.0
-    precision = data + np.diag(prior)
-    theta = np.asarray(np.linalg.solve(precision, right), dtype=float)
-    return Solution(theta, columns, data, precision)
-
-
-def scale_of(residual: Array) -> Array:
-    """Return (7,) robust standard deviations of (N, 7) residuals, N·m."""
-    return np.maximum(1.4826 * np.median(np.abs(residual), axis=0), LEAST_SCALE)
-
-
-def weights(residual: Array, scale: Array) -> Array:
-    """Return (N, 7) weights: Huber's, and none for what no model of poses can mean."""
-    size = np.abs(residual) / scale
-    robust = np.where(size > OUTLIER, 0.0, np.minimum(1.0, HUBER / np.maximum(size, HUBER)))
-    return robust / (TOGETHER * scale**2)
+    columns = tuple(
+        joint.of(made.groups) for joint, made in zip(table.joints, compositions, strict=True)
+    )
+    edges = np.cumsum([N_BETA, *map(len, columns)])
+    gram, cross = np.zeros((1, edges[-1], edges[-1])), np.zeros((1, edges[-1]))
+    scale = np.full(edges[-1], settings.beta_sd)
+    effort = table.poses.effort
+    for joint, chosen in enumerate(columns):
+        x = np.concatenate([table.gravity[:, joint], table.matrices[joint][:, chosen]], axis=1)
+        own = np.arange(edges[joint], edges[joint + 1])
+        places = np.concatenate([np.arange(N_BETA), own])
+        part = NormalEquations.of(x[:, None], effort[:, [joint]], weight[:, [joint]])
+        gram[0][np.ix_(places, places)] += part.gram[0]
+        cross[0, places] += part.cross[0]
+        made = compositions[joint]
+        scale[own] = table.joints[joint].prior(made.own, made.others)[chosen]
+    power = np.array([np.sum(weight * effort**2)])
+    found = fit(NormalEquations(gram, cross, power, np.array([weight.sum()])), np.ones(1), scale)
+    return PoseSolution(found.theta, found.precision, found.data, found.free, columns)
 
 
 def solve_robust(
-    table: Table, choices: Sequence[Choice], weight: Array | None = None
-) -> tuple[Solution, Array, Array]:
-    """Return a solution, its (7,) robust residual scale and (N, 7) weights."""
-    spread = np.maximum(table.poses.effort.std(axis=0), LEAST_SCALE)
-    if weight is None:
-        weight = np.broadcast_to(spread**-2.0 / TOGETHER, table.poses.effort.shape)
-    for _ in range(ROUNDS):
-        solution = solve(table, choices, weight)
-        residual = table.poses.effort - solution.predict(table)
-        # Less than a thousandth of what a joint shows is rounding, not noise.
-        scale = np.maximum(scale_of(residual), 1e-3 * spread)
-        weight = weights(residual, scale)
-    return solution, scale, weight
+    table: Table, compositions: Sequence[Composition], settings: PoseSettings | None = None
+) -> tuple[PoseSolution, Array, Array]:
+    """Return a solution, its (n,) robust residual scale and (N, n) weights."""
+    settings = settings or PoseSettings()
+    effort = table.poses.effort
+    spread = np.maximum(effort.std(axis=0), settings.least_scale)
+
+    def weights(state: RobustState[PoseSolution]) -> Array:
+        return state.weight / (settings.design_effect * state.scale**2)
+
+    def fitted(state: RobustState[PoseSolution]) -> tuple[PoseSolution, Array]:
+        solution = solve(table, compositions, weights(state), settings)
+        return solution, effort - solution.predict(table)
+
+    start: RobustState[PoseSolution] = RobustState(np.ones_like(effort), spread)
+    least = np.maximum(settings.least_scale, settings.rounding * spread)
+    found = reweighted(fitted, start, settings.robust, least=least)
+    assert found.fitted is not None
+    return found.fitted, found.scale, weights(found)

@@ -1,9 +1,4 @@
-"""The filtered regressor of a fit, and its Gram matrices by held-out block.
-
-The regressor is evaluated once, in chunks, and goes through the low-pass of the
-measured torque. From then on every fit with any choice of columns, with and
-without any held-out block, works on small Gram matrices and takes milliseconds.
-"""
+"""The filtered regressor of a fit: evaluated once, in chunks, behind the torque's own low-pass."""
 
 from __future__ import annotations
 
@@ -13,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.effects import State
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.motion import Motion
@@ -109,56 +103,3 @@ def build_design(
         rate,
         np.concatenate(measured),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Moments:
-    """Second moments of a set of samples, motor by motor.
-
-    Attributes:
-        gram: (7, p, p) sums of x x'.
-        cross: (7, p) sums of x y.
-        power: (7,) sums of y^2.
-        count: (7,) sums of the samples' weights.
-    """
-
-    gram: Array
-    cross: Array
-    power: Array
-    count: Array
-
-    @classmethod
-    def of(cls, x: Array, y: Array, weight: Array) -> Moments:
-        """Sum (n, 7, p) columns and (n, 7) torques with (n, 7) weights."""
-        gram, cross = [], []
-        for j in range(N_JOINTS):
-            # Most columns do not touch a given motor.
-            used = np.flatnonzero(np.any(x[:, j] != 0.0, axis=0))
-            weighted = x[:, j, used] * weight[:, j, None]
-            g = np.zeros((x.shape[2], x.shape[2]))
-            g[np.ix_(used, used)] = weighted.T @ x[:, j, used]
-            c = np.zeros(x.shape[2])
-            c[used] = weighted.T @ y[:, j]
-            gram.append(g)
-            cross.append(c)
-        return cls(np.array(gram), np.array(cross), (weight * y * y).sum(0), weight.sum(0))
-
-    def __add__(self, other: Moments) -> Moments:
-        """Return the moments of both sets together."""
-        return Moments(*(getattr(self, f) + getattr(other, f) for f in _FIELDS))
-
-    def __sub__(self, other: Moments) -> Moments:
-        """Return the moments of this set without a part of it."""
-        return Moments(*(getattr(self, f) - getattr(other, f) for f in _FIELDS))
-
-    def select(self, chosen: Sequence[int]) -> Moments:
-        """Return the moments of some of the columns."""
-        grid = np.ix_(range(N_JOINTS), chosen, chosen)
-        return Moments(self.gram[grid], self.cross[:, chosen], self.power, self.count)
-
-    def error(self, theta: Array) -> Array:
-        """Return (7,) sums of squared errors of (p,) coefficients."""
-        return np.maximum(self.power - 2.0 * self.cross @ theta + (self.gram @ theta) @ theta, 0.0)
-
-
-_FIELDS = ("gram", "cross", "power", "count")

@@ -1,0 +1,384 @@
+"""Hypotheses compared by cross-validation: gains on unseen folds, tests over blocks, settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity import effects
+from dvrk_gravity.diagnosis.candidate import Candidate, Score
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.effects.effect import Effect, Hypothesis
+from dvrk_gravity.estimation import evidence
+from dvrk_gravity.estimation.covariance import block_jackknife
+from dvrk_gravity.estimation.noise import correlation_time, design_effect, intraclass_correlation
+from dvrk_gravity.estimation.normal_equations import NormalEquations, Regression, solve
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CrossValidationSettings:
+    """How hypotheses are compared.
+
+    Attributes:
+        trace: Added to normal equations of unit diagonal: ten times the square root of a double's
+            precision, so that columns that repeat others share their coefficient.
+        active: Part of the most active block's energy from which on a candidate acts in a block.
+            Chosen; see `make sensitivity`.
+        least_usable: Part of the samples that a joint must have to be judged at all. Chosen.
+        contained: Part of a torque that may lie outside another's columns. Chosen; see
+            `make sensitivity`.
+        edge_step: s, of the search for an edge: about one kept sample.
+        edge_reach: s, likewise: a little more than a block that is held out, see ``BlockSettings``.
+        profile: Log-likelihood lost at the ends of a 95 % profile interval: half the 95 % point of
+            chi-squared with one degree of freedom.
+        refine_steps: Evaluations in the search for a setting. Chosen.
+        fixed_points: Rounds in the search for a setting that its own fit tells. Chosen.
+    """
+
+    trace: float = 1e-9
+    active: float = 0.03
+    least_usable: float = 0.05
+    contained: float = 1e-3
+    edge_step: float = 0.03
+    edge_reach: float = 0.6
+    profile: float = 1.92
+    refine_steps: int = 12
+    fixed_points: int = 3
+
+
+class CrossValidation:
+    """Scores sets of candidates on the samples that the choice may see.
+
+    Attributes:
+        data: Residuals, blocks and folds.
+        weight: (n,) one over the error of each joint, 1/(N·m); zero where it was not recorded.
+        settings: How hypotheses are compared.
+    """
+
+    def __init__(self, data: FilteredData, settings: CrossValidationSettings | None = None) -> None:
+        """Set up the folds."""
+        self.data = data
+        self.settings = settings or CrossValidationSettings()
+        order = np.argsort(data.fold, kind="stable")  # in time within a fold
+        self._rows = order[np.searchsorted(data.fold[order], 0) :]
+        fold = data.fold[self._rows]
+        edges = np.searchsorted(fold, np.arange(data.blocks.settings.folds + 1))
+        joints = data.residual.shape[1]
+        self._folds = [slice(int(a) * joints, int(b) * joints) for a, b in pairwise(edges) if b > a]
+        self._block = data.block[self._rows]
+        self._residual = data.residual[self._rows]
+        self._usable = data.usable[self._rows]
+        self._counts = np.maximum(self._usable.sum(axis=0), 1)
+        self._pairs = data.pairs(self._rows)
+        self._intraclass = np.zeros(joints)  # (n,) correlation of residuals of two copies
+        self.weight = np.zeros(joints)
+        self.weigh(self._residual)
+
+    @property
+    def joints(self) -> int:
+        """Number of joints n."""
+        return self.data.residual.shape[1]
+
+    @property
+    def samples(self) -> Array:
+        """(n,) independent samples of each joint, about."""
+        # Of what comes back with the motion, the copies are no news.
+        return self._counts / self.redundancy
+
+    @property
+    def redundancy(self) -> Array:
+        """(n,) samples that count as one."""
+        copies = design_effect(self.data.copies, self._intraclass)
+        return self.data.samples_per_independent * copies
+
+    def _mean_square(self, error: Array) -> Array:
+        """Return (n,) mean squares of (R, n) errors over the usable samples."""
+        return (error**2 * self._usable).sum(axis=0) / self._counts
+
+    def weigh(self, residual: Array, final: bool = False) -> None:
+        """Weigh the joints by (R, n) residuals.
+
+        Args:
+            residual: What is not explained, N·m.
+            final: All causes are in, so that what comes back with the motion is there to stay:
+                copies of it count once. While causes are missing, it is theirs.
+        """
+        rms = np.sqrt(self._mean_square(residual))
+        enough = self._usable.sum(axis=0) > self.settings.least_usable * len(self._rows)
+        present = self.data.motion.present & (rms > 0.0) & enough
+        self.weight = np.where(present, 1.0 / np.where(present, rms, 1.0), 0.0)
+        self._intraclass = np.zeros(self.joints)
+        if final:
+            first, second = self._pairs
+            both = self._usable[first] & self._usable[second]
+            self._intraclass = intraclass_correlation(residual[first], residual[second], both)
+
+    @cached_property
+    def search_bases(self) -> Mapping[type[Effect], Any]:
+        """What effects need to be searched for in a residual, by effect."""
+        return {effect: effect.search_basis(self.data) for effect in effects.effects()}
+
+    def release(self) -> None:
+        """Drop what is large and can be computed again: named effects have been searched for."""
+        self.__dict__.pop("search_bases", None)
+        self.data.motion.release()
+
+    def candidate(self, hypothesis: Hypothesis) -> Candidate:
+        """Return a hypothesis with its columns."""
+        columns = hypothesis.build(self.data.motion, hypothesis.setting)
+        return Candidate.of(hypothesis, self.data.reduce(columns))
+
+    def _design(self, candidates: Sequence[Candidate]) -> Array:
+        columns = [c.columns(self._rows).reshape(-1, c.size) for c in candidates]
+        weight = self._weights.reshape(-1)
+        if not columns:
+            return np.zeros((len(weight), 0))
+        return np.hstack(columns) * weight[:, None]
+
+    @property
+    def _target(self) -> Array:
+        return (self._residual * self._weights).reshape(-1)
+
+    @property
+    def _weights(self) -> Array:
+        return self._usable * self.weight
+
+    def _ridge(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (k, k) what is known of parameters before any data, in units of samples."""
+        ridges = [np.zeros(0), *(candidate.ridge for candidate in candidates)]
+        known = self.data.samples_per_independent * self.data.copies
+        return np.diag(known * np.concatenate(ridges))
+
+    def _regression(self, candidates: Sequence[Candidate]) -> Regression:
+        return Regression(self._design(candidates), self._ridge(candidates), self.settings.trace)
+
+    def out_of_fold(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (R, n) errors of the choice's samples, each from a fit that left its fold out."""
+        design, target = self._design(candidates), self._target
+        error = target.copy()
+        if design.shape[1]:
+            folds = [
+                NormalEquations.of(design[rows][:, None], target[rows][:, None])
+                for rows in self._folds
+            ]
+            whole, ridge = NormalEquations.total(folds), self._ridge(candidates)
+            for rows, fold in zip(self._folds, folds, strict=True):
+                rest = whole - fold
+                theta = solve(rest.gram[0] + ridge, rest.cross[0], self.settings.trace)
+                error[rows] -= design[rows] @ theta
+        weight = np.where(self.weight > 0.0, self.weight, 1.0)
+        return error.reshape(-1, self.joints) / weight
+
+    def score(self, candidates: Sequence[Candidate]) -> Score:
+        """Return the out-of-fold score of a set."""
+        error = self.out_of_fold(candidates)
+        mean = self._mean_square(error)
+        used = self.weight > 0.0
+        likelihood = -0.5 * float(self.samples[used] @ np.log(mean[used]))
+        likelihood -= sum(candidate.cost for candidate in candidates)
+        square = ((error * self._weights) ** 2).sum(axis=1)
+        loss = np.bincount(self._block, square, minlength=self.data.count).astype(float)
+        return Score(error, np.sqrt(mean), loss, likelihood)
+
+    def p_value(self, before: Score, after: Score, candidate: Candidate) -> float:
+        """Return the one-sided p-value of the gain over the blocks where a candidate acts.
+
+        See :func:`evidence.of_gain`. In the likelihood as many samples count as what is not
+        explained leaves independent.
+        """
+        ratio = after.likelihood + candidate.cost - before.likelihood
+        ratio /= self.correlation(after.error, self._usable, candidate.acts)
+        square = (candidate.columns(self._rows) ** 2).sum(axis=2) * self.weight**2
+        energy = np.bincount(self._block, square.sum(axis=1), minlength=self.data.count)
+        # Blocks in which friction holds the joint decide nothing.
+        acts = energy > self.settings.active * energy.max()
+        return evidence.of_gain((before.loss - after.loss)[acts], ratio, candidate.size)
+
+    def correlation(
+        self, error: Array, usable: NDArray[np.bool_], joints: NDArray[np.bool_]
+    ) -> float:
+        """Return how many times longer than noise's the correlation of errors is, at least 1.
+
+        Args:
+            error: (R, n).
+            usable: (R, n) errors that count.
+            joints: (n,) joints that are looked at.
+        """
+        looked = joints & (self.weight > 0.0)
+        if self.data.band is None or not looked.any():
+            return 1.0
+        known = np.where(usable, error, 0.0)[:, looked]
+        part = np.zeros(len(known), dtype=np.int64)
+        length = correlation_time(known, part, len(known) // 4)
+        return max(1.0, float(np.max(length)) / self.data.samples_per_independent)
+
+    def screen(
+        self, selected: Sequence[Candidate], pool: Iterable[Candidate], keep: int
+    ) -> list[Candidate]:
+        """Return the candidates of the pool that fit best beside the selected ones, best first."""
+        base = self._regression(selected)
+        target = base.residual(self._target)
+        square = (target**2).reshape(-1, self.joints).sum(axis=0)
+        found = []
+        for candidate in pool:
+            columns = base.residual(self._design([candidate]))
+            own = Regression(columns, self._ridge([candidate]), self.settings.trace)
+            error = own.residual(target)
+            left = (error**2).reshape(-1, self.joints).sum(axis=0)
+            used = (square > 0.0) & (left > 0.0)
+            gain = 0.5 * float(self.samples[used] @ np.log(square[used] / left[used]))
+            found.append((gain - candidate.cost, candidate))
+        found.sort(key=lambda pair: -pair[0])
+        return [candidate for gain, candidate in found[:keep] if gain > 0.0]
+
+    def residual(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (T, n) what a fit of candidates to the samples of choice leaves everywhere."""
+        residual = self.data.residual.copy()
+        if candidates:
+            theta = self.parameters(candidates)
+            columns = np.concatenate([candidate.columns() for candidate in candidates], axis=2)
+            residual -= columns @ theta
+        return residual
+
+    def parameters(self, candidates: Sequence[Candidate]) -> Array:
+        """Return parameters (k,) on all the samples of choice."""
+        return self._regression(candidates).coefficients(self._target)
+
+    def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
+        """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
+
+        The covariance is the jackknife's over blocks.
+        """
+        design, target = self._design(candidates), self._target
+        block = np.repeat(self._block, self.joints)
+        order = np.argsort(block, kind="stable")
+        edges = np.flatnonzero(np.diff(block[order], prepend=-1))[1:]
+        pieces = list(
+            zip(np.split(design[order], edges), np.split(target[order], edges), strict=True)
+        )
+        return block_jackknife(
+            [x.T @ x for x, _ in pieces], [x.T @ y for x, y in pieces], self._ridge(candidates),
+            self.settings.trace,
+        )  # fmt: skip
+
+    def contains(self, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]) -> bool:
+        """Tell whether a larger hypothesis is a smaller one with needless parameters."""
+        needless = larger.size > smaller.size
+        return needless and self.overlap(smaller, larger, rest) > 1.0 - self.settings.contained
+
+    def overlap(self, mine: Candidate, other: Candidate, rest: Sequence[Candidate]) -> float:
+        """Return the part of a hypothesis' torque that another one's columns reproduce.
+
+        Both are taken beside the rest: what that reproduces anyway does not count.
+        """
+        theta = self.parameters([*rest, mine])
+        return self.reproduced(mine, theta[-mine.size :], other, rest)[0]
+
+    def reproduced(
+        self, mine: Candidate, theta: Array, other: Candidate, rest: Sequence[Candidate]
+    ) -> tuple[float, Array]:
+        """Return which part of a torque another's columns reproduce, and its (k,) parameters there.
+
+        Args:
+            mine: The hypothesis.
+            theta: Its parameters.
+            other: Another one.
+            rest: What both are taken beside.
+        """
+        base = self._regression(rest)
+        torque = base.residual(self._design([mine]) @ theta)
+        columns = base.residual(self._design([other]))
+        free = Regression(columns, np.zeros((other.size, other.size)), self.settings.trace)
+        found = free.coefficients(torque)
+        left = torque - columns @ found
+        return 1.0 - float(left @ left) / max(float(torque @ torque), 1e-300), found
+
+    def misfit(self, candidates: Sequence[Candidate]) -> float:
+        """Return minus the log-likelihood of a fit to all the samples of choice."""
+        error = self._regression(candidates).residual(self._target)
+        mean = (error.reshape(-1, self.joints) ** 2).sum(axis=0) / self._counts
+        used = mean > 0.0
+        return 0.5 * float(self.samples[used] @ np.log(mean[used]))
+
+    def refined(self, candidate: Candidate, others: Sequence[Candidate]) -> Candidate:
+        """Return a candidate with its non-linear settings at their best beside the others."""
+        from scipy.optimize import minimize_scalar
+
+        hypothesis = candidate.hypothesis
+        for _ in range(self.settings.fixed_points if hypothesis.fixed_point else 0):
+            theta, _covariance = self.fit([*others, candidate])
+            named = hypothesis.describe(theta[-candidate.size :], hypothesis.setting)
+            setting = dict(hypothesis.setting) | {n: named[n] for n in hypothesis.fixed_point}
+            hypothesis = replace(hypothesis, setting=setting)
+            candidate = self.candidate(hypothesis)
+        for name in hypothesis.refine:
+            if name in hypothesis.edges:
+                middle = 0.5 * sum(self.plateau(candidate, others, name))
+                candidate = self.rebuilt(hypothesis, name, middle)
+                hypothesis = candidate.hypothesis
+                continue
+            centre = hypothesis.setting[name]
+            low, high = hypothesis.search_range(name, self.data.motion)
+
+            def cost(value: float, hypothesis: Hypothesis = hypothesis, name: str = name) -> float:
+                return self.misfit([*others, self.rebuilt(hypothesis, name, value)])
+
+            best = minimize_scalar(
+                cost, bounds=(low, high), method="bounded",
+                options={"maxiter": self.settings.refine_steps, "xatol": 1e-3 * (high - low)},
+            )  # fmt: skip
+            if best.fun < cost(centre):
+                hypothesis = replace(
+                    hypothesis, setting={**hypothesis.setting, name: float(best.x)}
+                )
+                candidate = self.candidate(hypothesis)
+        return candidate
+
+    def plateau(
+        self, candidate: Candidate, others: Sequence[Candidate], name: str
+    ) -> tuple[float, float]:
+        """Return the times, s, between which an edge explains as well: its 95 % profile interval.
+
+        An edge within a block that is held out may be anywhere in it.
+        """
+        centre = candidate.hypothesis.setting[name]
+        step, reach = self.settings.edge_step, self.settings.edge_reach
+        grid = centre + np.arange(-reach, reach + 0.5 * step, step)
+        costs = np.array(
+            [self.misfit([*others, self.rebuilt(candidate.hypothesis, name, t)]) for t in grid]
+        )
+        best = int(np.argmin(costs))
+        # Only what hangs together with the best.
+        outside = np.flatnonzero(costs > costs[best] + self.settings.profile)
+        low = int(outside[outside < best].max(initial=-1)) + 1
+        high = int(outside[outside > best].min(initial=len(grid))) - 1
+        return float(grid[low]), float(grid[high])
+
+    def rebuilt(self, hypothesis: Hypothesis, name: str, value: float) -> Candidate:
+        """Return a hypothesis with one setting changed."""
+        return self.candidate(replace(hypothesis, setting={**hypothesis.setting, name: value}))
+
+
+def most_parsimonious(candidates: Sequence[tuple[float, Candidate]], tolerance: float) -> Candidate:
+    """Return the most parsimonious of those as good as the best.
+
+    Args:
+        candidates: (likelihood, candidate), any order.
+        tolerance: How much worse than the best still counts as equal.
+    """
+    best = max(likelihood for likelihood, _ in candidates)
+    equal = [(value, one) for value, one in candidates if value >= best - tolerance]
+    return min(equal, key=lambda pair: (*parsimony(pair[1]), -pair[0]))[1]
+
+
+def parsimony(candidate: Candidate) -> tuple[int, int]:
+    """Return the order of causes that explain as well: fewest parameters, then commonest."""
+    return candidate.size, effects.rank(candidate.hypothesis.effect)

@@ -1,0 +1,222 @@
+"""Residuals behind a low-pass, thinned out, in blocks, some of which are held out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.diagnosis.findings import FloorFrom
+from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.estimation.noise import band_noise, pairs_a_period_apart, repetition_noise
+from dvrk_gravity.estimation.splits import (
+    Blocks,
+    BlockSettings,
+    Repetition,
+    find_repetition,
+    make_blocks,
+)
+from dvrk_gravity.recording import LowPass
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FilterSettings:
+    """How torques are compared.
+
+    Attributes:
+        band: Hz; torques are compared below this. Chosen; see `make sensitivity`.
+        oversampling: Samples kept a second, in bands: at four the second-order low-pass, run twice,
+            has let through 0.35 % of what would be aliased; chosen a little above.
+        stuck: Part of a stuck sample that the low-pass may leave in a usable one. Chosen; see
+            `make sensitivity`.
+        near: s, by which two samples that show the same may miss a period: one kept sample, at the
+            default rate.
+        together: Signals filtered at a time: the filter makes copies.
+        blocks: How samples are cut.
+    """
+
+    band: float = 8.0
+    oversampling: float = 5.0
+    stuck: float = 0.05
+    near: float = 0.03
+    together: int = 32
+    blocks: BlockSettings = field(default_factory=BlockSettings)
+
+    @property
+    def samples_per_independent(self) -> float:
+        """Samples kept that count as one: of a band of B Hz, 2 B a second are independent."""
+        return self.oversampling / 2.0
+
+
+BAND = FilterSettings().band
+"""Hz: torques are compared below this."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredData:
+    """The reduced problem: T samples of n joints, each in a block.
+
+    Every third block is held out: neither fit nor choice sees it. The others make folds for
+    cross-validation. Where the motion repeats, a block is one phase of every period: what one
+    period shows is no news in the next.
+
+    Attributes:
+        motion: Where it comes from.
+        band: Low-pass over residual and columns, Hz; ``None`` for static poses.
+        every: One of so many samples is kept.
+        residual: (T, n) measured minus modelled torque, N·m.
+        blocks: Which samples belong together.
+        repetition: How the motion repeats, if it does.
+        settings: How torques are compared.
+    """
+
+    motion: Motion
+    band: float | None
+    every: int
+    residual: Array
+    blocks: Blocks
+    repetition: Repetition | None
+    settings: FilterSettings
+
+    @classmethod
+    def of(cls, motion: Motion, settings: FilterSettings | None = None) -> FilteredData:
+        """Reduce a motion."""
+        settings = settings or FilterSettings()
+        rate = motion.rate
+        band = None if rate is None else min(settings.band, rate / 6.0)
+        every = 1
+        if rate is not None and band is not None:
+            every = max(1, int(rate / (settings.oversampling * band)))
+        nothing = Blocks(np.zeros(0, dtype=np.int64), 0, settings.blocks)
+        data = cls(motion, band, every, np.zeros((0, 0)), nothing, None, settings)
+        again = None if rate is None else find_repetition(motion.q, motion.time, motion.parts, rate)
+        thinned = None if rate is None else rate / every
+        return replace(
+            data,
+            residual=data.reduce(motion.residual),
+            blocks=make_blocks(data.time, thinned, again, settings.blocks),
+            repetition=again,
+        )
+
+    def reduce(self, columns: Array) -> Array:
+        """Low-pass and thin out (N, …) signals to (T, …)."""
+        if self.band is None or self.motion.rate is None:
+            return columns
+        low = LowPass(self.band, self.motion.rate)
+        flat = columns.reshape(len(columns), -1)
+        live = np.flatnonzero(np.any(flat != 0.0, axis=0))
+        together = self.settings.together
+        pieces = []
+        for part in self.motion.parts:
+            if part.stop - part.start <= 3 * low.edge:
+                continue
+            kept = range(part.stop - part.start)[low.edge : -low.edge : self.every]
+            piece = np.zeros((len(kept), flat.shape[1]))
+            for first in range(0, len(live), together):
+                some = live[first : first + together]
+                piece[:, some] = low(flat[part, some])[low.edge : -low.edge : self.every]
+            pieces.append(piece)
+        reduced = np.concatenate(pieces)
+        return reduced.reshape(len(reduced), *columns.shape[1:])
+
+    @cached_property
+    def usable(self) -> NDArray[np.bool_]:
+        """(T, n) samples that say something: recorded, and not of a joint that is stuck.
+
+        A joint that friction holds is held by anything between the two levels: no model can
+        tell which, and neither can its error.
+        """
+        stuck = self.reduce(self.motion.stuck.astype(float))
+        return (stuck < self.settings.stuck) & self.motion.present
+
+    @property
+    def block(self) -> NDArray[np.int64]:
+        """(T,) number of the block; -1 for samples between blocks."""
+        return self.blocks.label
+
+    @property
+    def count(self) -> int:
+        """Number of blocks."""
+        return self.blocks.count
+
+    @property
+    def held_out(self) -> NDArray[np.bool_]:
+        """(T,) samples that neither fit nor choice sees."""
+        return self.blocks.held_out
+
+    @property
+    def fold(self) -> NDArray[np.int64]:
+        """(T,) fold of the samples that choice may see, -1 of the others."""
+        return self.blocks.fold
+
+    @cached_property
+    def held_out_spans(self) -> list[tuple[float, float]]:
+        """Beginnings and ends of the pieces of time that are held out, s."""
+        edges = np.flatnonzero(np.diff(self.held_out, prepend=False, append=False))
+        return [
+            (float(self.time[first]), float(self.time[last - 1]))
+            for first, last in zip(edges[::2], edges[1::2], strict=True)
+        ]
+
+    @cached_property
+    def time(self) -> Array:
+        """(T,) s."""
+        return self.reduce_state(self.motion.time[:, None])[:, 0]
+
+    def reduce_state(self, values: Array) -> Array:
+        """Thin out (N, …) values to (T, …) without filtering."""
+        if self.band is None or self.motion.rate is None:
+            return values
+        low = LowPass(self.band, self.motion.rate)
+        pieces = [
+            values[part][low.edge : -low.edge : self.every]
+            for part in self.motion.parts
+            if part.stop - part.start > 3 * low.edge
+        ]
+        return np.concatenate(pieces)
+
+    @property
+    def samples_per_independent(self) -> float:
+        """Samples that count as one where the residual is white below the band."""
+        return 1.0 if self.band is None else self.settings.samples_per_independent
+
+    @property
+    def copies(self) -> float:
+        """How often the motion shows the same, at least 1."""
+        return 1.0 if self.repetition is None else self.repetition.copies
+
+    def pairs(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return (P,) and (P,) which of some samples show the same, a period apart.
+
+        Args:
+            rows: (R,) indices of the samples.
+        """
+        return pairs_a_period_apart(self.time[rows], self.repetition, self.settings.near)
+
+    def noise_source(self, noise: Array) -> FloorFrom:
+        """Return where (n,) noise RMS come from."""
+        if not np.isfinite(noise).any():
+            return "nothing"
+        return "high_frequencies" if self.repetition is None else "repetition"
+
+    def noise_rms(self, density: Array, residual: Array | None = None) -> Array:
+        """Return (n,) noise, N·m: what does not come back with the motion, where that repeats.
+
+        Args:
+            density: (n,) effort noise density as high frequencies show it, N·m/sqrt(Hz); for
+                motion that does not repeat.
+            residual: (T, n) what the best model so far leaves, N·m; by default what the given one
+                does.
+        """
+        if self.band is None:
+            return np.full(self.residual.shape[1], np.nan)
+        noise = band_noise(density, self.band)
+        if self.repetition is None:
+            return noise
+        residual = self.residual if residual is None else residual
+        differs = repetition_noise(self.repetition, self.time, residual, self.usable)
+        return np.where(np.isfinite(differs), differs, noise)

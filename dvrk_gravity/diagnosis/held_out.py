@@ -1,0 +1,288 @@
+"""Gains on held-out blocks, and estimates with their intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.findings import Gain
+from dvrk_gravity.effects.effect import Hypothesis
+from dvrk_gravity.effects.meaning import Estimate
+from dvrk_gravity.estimation import evidence
+from dvrk_gravity.estimation.covariance import NORMAL_95
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JudgementSettings:
+    """What counts on held-out blocks.
+
+    Attributes:
+        alpha: Chance that any of the effects which are named is none: as strict as the choice, see
+            ``SelectionSettings``. Corrected for their number (Holm 1979), no more, for what is
+            tested here was chosen elsewhere.
+        least_removed: Part of a joint's held-out error, below which nothing is worth a finding.
+            Half of what the choice asks for: so far a gain may fall by chance.
+        whole_block: Part of a block's samples that must be usable. Chosen; see `make sensitivity`.
+        active: Part of the energy in the block where an effect acts most. Chosen.
+        notable: Part of what is removed at the joint that gains most. Chosen.
+        draws: Of parameters, for intervals of what is derived from them: ten lie beyond either end.
+    """
+
+    alpha: float = 0.01
+    least_removed: float = 0.03
+    whole_block: float = 0.8
+    active: float = 0.03
+    notable: float = 0.5
+    draws: int = 400
+
+
+@dataclass(frozen=True)
+class Unconfirmed:
+    """What was chosen, and is not there on the blocks that the choice had not seen.
+
+    Attributes:
+        hypothesis: The claim.
+        joint: Name of the joint where it does best.
+        gain: What it removes there.
+    """
+
+    hypothesis: Hypothesis
+    joint: str
+    gain: Gain
+
+    def __str__(self) -> str:
+        """Say so."""
+        return (
+            f"chosen, but not confirmed on the held-out blocks, and left out: {self.hypothesis} "
+            f"(removes {100 * self.gain.relative:.0f} % of the error at {self.joint}, "
+            f"95 %: {100 * self.gain.low:.0f} to {100 * self.gain.high:.0f})"
+        )
+
+
+class HeldOut:
+    """Errors on the blocks that neither fit nor choice has seen.
+
+    Attributes:
+        rows: (H,) held-out samples.
+        settings: What counts.
+    """
+
+    def __init__(
+        self, validation: CrossValidation, settings: JudgementSettings | None = None
+    ) -> None:
+        """Take the held-out samples."""
+        self.settings = settings or JudgementSettings()
+        data = validation.data
+        self._validation = validation
+        self._held = data.held_out
+        self._block = data.block[self._held]
+        self._time = data.time[self._held]
+        self._usable = data.usable[self._held]
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self._validation.data.motion.arm.joint_names
+
+    @property
+    def samples(self) -> int:
+        """Number of held-out samples."""
+        return int(self._held.sum())
+
+    @property
+    def rows(self) -> NDArray[np.bool_]:
+        """(T,) which samples are held out."""
+        return self._held
+
+    def error(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (H, n) errors of a fit to the samples of choice; NaN where nothing can be said."""
+        residual = self._validation.data.residual[self._held].copy()
+        if candidates:
+            theta = self._validation.parameters(candidates)
+            residual -= self._predicted(candidates, theta)
+        return np.where(self._usable, residual, np.nan)
+
+    def _predicted(self, candidates: Sequence[Candidate], theta: Array) -> Array:
+        columns = np.concatenate([one.columns(self._held) for one in candidates], axis=2)
+        return columns @ theta
+
+    def rmse(self, error: Array) -> Array:
+        """Return (n,) root mean squares over the usable held-out samples, N·m."""
+        count = np.maximum(self._usable.sum(axis=0), 1)
+        return np.sqrt(np.where(self._usable, error**2, 0.0).sum(axis=0) / count)
+
+    def lasting(self, error: Array) -> Array:
+        """Return (n,) which part of the squared errors is that of their means over the blocks.
+
+        What a torque owes to the motion lasts as long as the motion does; noise, of whatever
+        colour above a hertz or two, comes and goes within a block. Blocks of which little is
+        usable are left out: there the one looks like the other.
+        """
+        shape = (self._block.max(initial=0) + 1, error.shape[1])
+        size = np.bincount(self._block, minlength=shape[0])[:, None]
+        count, total, square = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        known = np.where(self._usable, error, 0.0)
+        for sums, values in ((count, self._usable), (total, known), (square, known**2)):
+            np.add.at(sums, self._block, values)
+        whole = count > self.settings.whole_block * size
+        part = np.where(whole, total**2 / np.maximum(count, 1), 0.0).sum(axis=0)
+        return np.asarray(part / np.maximum(np.where(whole, square, 0.0).sum(axis=0), 1e-300))
+
+    def main_joints(self, one: Candidate, before: Array, after: Array) -> list[int]:
+        """Return the joints by which a candidate is judged, the one that gains most first."""
+        removed = 1.0 - self.rmse(after) / np.maximum(self.rmse(before), 1e-12)
+        acts = np.flatnonzero(one.acts).tolist()
+        joints = [j for j in one.hypothesis.judged_at if j in acts] or acts
+        if np.max(removed[joints]) <= 0.0:
+            joints = acts  # a motor's friction, say, is felt by other joints
+        least = max(self.settings.notable * float(np.max(removed[joints])), 0.0)
+        better = [j for j in joints if removed[j] > least] or joints
+        return sorted(better, key=lambda j: -float(removed[j]))
+
+    def unconfirmed(
+        self, chosen: Sequence[Candidate], on_trial: Sequence[Candidate] | None = None
+    ) -> list[tuple[Unconfirmed, Candidate]]:
+        """Return the chosen candidates that the held-out blocks do not confirm.
+
+        One fails if it removes next to nothing in the blocks in which it acts, or no more than
+        chance would, by the tests of the choice and at its level, Holm's correction for the number
+        of those on trial included. Where it acts in no held-out block it cannot fail.
+
+        Args:
+            chosen: All of them, as they are fitted together.
+            on_trial: Those that are looked at; by default all.
+        """
+        trials = [
+            (self._in_active_blocks(chosen, candidate), candidate)
+            for candidate in (chosen if on_trial is None else on_trial)
+        ]
+        told = [(found, candidate) for found, candidate in trials if found is not None]
+        corrected = evidence.holm([found.gain.p_value for found, _ in told])
+        settings = self.settings
+        return [
+            (found, candidate)
+            for (found, candidate), p_value in zip(told, corrected, strict=True)
+            if found.gain.relative <= settings.least_removed or p_value >= settings.alpha
+        ]
+
+    def _in_active_blocks(
+        self, chosen: Sequence[Candidate], candidate: Candidate
+    ) -> Unconfirmed | None:
+        """Return what a chosen candidate gains where it acts; ``None`` where that is nowhere."""
+        before = self.error([other for other in chosen if other is not candidate])
+        after = self.error(chosen)
+        joints = self.main_joints(candidate, before, after)
+        theta = self._validation.parameters(chosen)
+        place = [other is candidate for other in chosen].index(True)
+        first = sum(other.size for other in chosen[:place])
+        torque = candidate.columns(self._held) @ theta[first : first + candidate.size]
+        power = (np.where(self._usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
+        least = self.settings.active * np.bincount(self._block, power).max(initial=0.0)
+        settings = candidate.hypothesis.setting
+        for edge in (settings[name] for name in candidate.hypothesis.edges):
+            # Of an edge within a held-out block the choice could not know where it is.
+            near = np.abs(self._time - edge) < self._validation.data.blocks.settings.duration
+            before[near] = after[near] = power[near] = 0.0
+        blocks = np.flatnonzero(np.bincount(self._block, power) > least)
+        if not len(blocks):
+            return None
+        gain = self.gain(before, after, joints, blocks, candidate.size)
+        names = self._validation.data.motion.arm.joint_names
+        return Unconfirmed(candidate.hypothesis, names[joints[0]], gain)
+
+    def gain(
+        self,
+        before: Array,
+        after: Array,
+        joints: Sequence[int],
+        blocks: NDArray[np.int64] | None = None,
+        parameters: int = 1,
+    ) -> Gain:
+        """Return what is gained on some joints, with interval and p-value over the blocks.
+
+        Args:
+            before: (H, n) errors.
+            after: (H, n) errors.
+            joints: Indices of the joints.
+            blocks: Numbers of the blocks that count; by default all that are held out.
+            parameters: Number of parameters that the gain takes.
+        """
+        chosen = list(joints)
+        scale = np.maximum(self.rmse(before)[chosen], 1e-12)
+        blocks = np.unique(self._block) if blocks is None else blocks
+        counted = self._usable & np.isin(self._block, blocks)[:, None]
+
+        def losses(error: Array) -> Array:
+            square = np.where(self._usable, error**2, 0.0)[:, chosen] / scale**2
+            return np.asarray(np.bincount(self._block, square.sum(axis=1))[blocks], dtype=float)
+
+        def relative(new: Array, old: Array, axis: int) -> Array:
+            return 1.0 - np.sqrt(new.sum(axis=axis) / np.maximum(old.sum(axis=axis), 1e-300))
+
+        old, new = losses(before), losses(after)
+        low, high = evidence.bootstrap_interval(relative, (new, old))
+        acting = np.isin(np.arange(before.shape[1]), chosen)
+        longer = self._validation.correlation(after, counted, acting)
+        ratio = self._likelihood(after, counted)[chosen] - self._likelihood(before, counted)[chosen]
+        p_value = evidence.of_gain(old - new, float(ratio.sum()) / longer, parameters)
+        return Gain(float(relative(new, old, 0)), low, high, p_value)
+
+    def _likelihood(self, error: Array, counted: NDArray[np.bool_]) -> Array:
+        """Return (n,) log-likelihoods of (H, n) errors, independent samples counting."""
+        count = counted.sum(axis=0)
+        mean = np.where(counted, error**2, 0.0).sum(axis=0) / np.maximum(count, 1)
+        return -0.5 * count / self._validation.redundancy * np.log(np.maximum(mean, 1e-300))
+
+
+def estimates(
+    hypothesis: Hypothesis, theta: Array, covariance: Array, spread: Mapping[str, float]
+) -> dict[str, Estimate]:
+    """Return the named parameters with 95 % intervals.
+
+    Args:
+        hypothesis: The hypothesis.
+        theta: (k,) linear parameters.
+        covariance: (k, k) of them.
+        spread: Standard deviations of the settings that were searched for.
+    """
+    random = np.random.default_rng(0)
+    drawn = random.multivariate_normal(theta, covariance, JudgementSettings().draws, method="eigh")
+    middle = hypothesis.describe(theta, hypothesis.setting)
+    draws = [hypothesis.describe(one, hypothesis.setting) for one in drawn]
+    result = {}
+    for name, value in middle.items():
+        if not hypothesis.meaning(name).reported:
+            continue
+        if name in spread and name in hypothesis.refine:
+            low, high = value - NORMAL_95 * spread[name], value + NORMAL_95 * spread[name]
+        else:
+            low, high = np.percentile([draw[name] for draw in draws], [2.5, 97.5])
+        unit = hypothesis.unit(name)
+        result[name] = Estimate(value, float(min(low, value)), float(max(high, value)), unit)
+    return result
+
+
+def setting_columns(
+    validation: CrossValidation, one: Candidate, theta: Array
+) -> tuple[list[str], list[Candidate]]:
+    """Return slopes of a candidate's torque by its searched settings, as further columns."""
+    names, slopes = [], []
+    hypothesis = one.hypothesis
+    for name in hypothesis.refine:
+        value = hypothesis.setting[name]
+        step = 0.05 if name in hypothesis.edges else 0.02 * abs(value)
+        if step == 0.0:
+            continue
+        up, down = (validation.rebuilt(hypothesis, name, value + s) for s in (step, -step))
+        slope = (up.columns() - down.columns()) @ theta / (2.0 * step)
+        if np.any(slope != 0.0):
+            names.append(name)
+            slopes.append(Candidate.of(hypothesis, slope[:, :, None]))
+    return names, slopes

@@ -1,0 +1,167 @@
+"""How certain coefficients are when the residual is no white noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dvrk_gravity.estimation import Array
+from dvrk_gravity.estimation.noise import autocorrelation
+from dvrk_gravity.estimation.normal_equations import Solution, solve
+from dvrk_gravity.estimation.splits import Labels, Mask
+
+NORMAL_95 = 1.959964
+"""97.5 % point of the normal distribution."""
+
+
+@dataclass(frozen=True)
+class CovarianceSettings:
+    """Of covariances.
+
+    Attributes:
+        longest: s, of the residual's autocorrelation. Chosen; see `make sensitivity` and
+            benchmark/coverage.py.
+        prior_share: A coefficient counts as determined by the data if the ridge can be expected to
+            have moved it by no more than this part of its standard deviation: at a half, a 95 %
+            interval still holds 92 % (`test_a_bias_of_half_a_deviation_costs_three_per_cent`).
+    """
+
+    longest: float = 1.5
+    prior_share: float = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Covariance of coefficients.
+
+    Attributes:
+        covariance: (p, p), from noise.
+        bias: (p, p) second moment of what the ridge can be expected to have moved.
+        settings: What counts as determined.
+    """
+
+    covariance: Array
+    bias: Array
+    settings: CovarianceSettings = field(default_factory=CovarianceSettings)
+
+    def interval(self, value: float, direction: Array) -> tuple[float, float]:
+        """Return the 95 % interval of a (p,) combination of the coefficients."""
+        variance = float(direction @ (self.covariance + self.bias) @ direction)
+        half = NORMAL_95 * max(variance, 0.0) ** 0.5
+        return value - half, value + half
+
+    def identifiable(self, direction: Array) -> bool:
+        """Tell whether data, not the ridge, determine a (p,) combination."""
+        noise = direction @ self.covariance @ direction
+        bias = direction @ self.bias @ direction
+        return bool(noise > 0.0 and bias <= self.settings.prior_share**2 * noise)
+
+    def correlation(self, first: Array, second: Array) -> float:
+        """Return the correlation of two (p,) combinations."""
+        total = self.covariance + self.bias
+        scale = (first @ total @ first) * (second @ total @ second)
+        return float(first @ total @ second / np.sqrt(scale)) if scale > 0.0 else 0.0
+
+
+def sandwich(
+    solution: Solution, meat: Array, settings: CovarianceSettings | None = None
+) -> Uncertainty:
+    """Return the covariance P^-1 M P^-1 of a weighted ridge fit with precision P.
+
+    Coefficients that their sign holds at zero have none.
+
+    Args:
+        solution: The fit.
+        meat: (p, p) covariance of the scores, X' W R W X.
+        settings: What counts as determined.
+    """
+    inverse = np.zeros_like(meat)
+    free = np.flatnonzero(solution.free)
+    grid = np.ix_(free, free)
+    inverse[grid] = np.linalg.inv(solution.precision[grid])
+    prior = solution.precision - solution.data
+    return Uncertainty(
+        inverse @ meat @ inverse, inverse @ prior @ inverse, settings or CovarianceSettings()
+    )
+
+
+def autocorrelated_scores(
+    x: Array, residual: Array, held_out: Array, part: Labels, rate: float, weight: Array,
+    measured: Mask, settings: CovarianceSettings | None = None,
+) -> Array:  # fmt: skip
+    """Return (p, p) covariance of the scores where residuals are autocorrelated.
+
+    Each channel's own autocorrelation, tapered (Parzen) to zero (Newey and West 1987; Andrews
+    1991). Its variance is the mean product of a residual with the same sample's residual when held
+    out: a fit bends itself towards the noise that it has seen, so the first is too small, the
+    second too large by the same factor, and the product is unbiased (the leave-out estimate of
+    Kline, Saggio and Sølvsten 2020; HC2 and HC3 of MacKinnon and White 1985 lie on either side).
+
+    Args:
+        x: (n, m, p) columns.
+        residual: (n, m) of the fit, times the samples' robust weights.
+        held_out: (n, m) of fits that had not seen the sample, weighted in the same way.
+        part: (n,) part of each sample, evenly sampled within.
+        rate: Hz.
+        weight: (m,) of the channels in the fit.
+        measured: (n, m) samples that were measured.
+        settings: How long correlation may last.
+    """
+    from scipy.linalg import matmul_toeplitz
+
+    settings = settings or CovarianceSettings()
+    longest = int(settings.longest * rate)
+    rho = autocorrelation(held_out, part, longest) * _parzen(longest)[:, None]
+    variance = np.maximum(np.mean(residual * held_out, axis=0, where=measured), 0.0)
+    meat = np.zeros((x.shape[2], x.shape[2]))
+    for j in range(residual.shape[1]):
+        for rows in (part == index for index in np.unique(part)):
+            used = np.flatnonzero(np.any(x[rows, j] != 0.0, axis=0))
+            if not len(used):
+                continue
+            columns = x[rows, j][:, used]
+            first = np.zeros(len(columns))
+            reach = min(longest + 1, len(columns))
+            first[:reach] = rho[:reach, j]
+            smoothed = matmul_toeplitz(first, columns, check_finite=False)
+            meat[np.ix_(used, used)] += weight[j] ** 2 * variance[j] * (columns.T @ smoothed)
+    return meat
+
+
+def clustered_scores(scores: Array) -> Array:
+    """Return (p, p) covariance of the scores by their (k, p) sums over clusters.
+
+    Residuals that hang together within a cluster are summed before they are squared (Liang and
+    Zeger 1986).
+    """
+    return scores.T @ scores
+
+
+def block_jackknife(
+    grams: Sequence[Array], sides: Sequence[Array], ridge: Array, trace: float
+) -> tuple[Array, Array]:
+    """Return (p,) coefficients and their (p, p) covariance by leaving out one block at a time.
+
+    Errors may be correlated within a block, and parameters may be many beside the blocks (the
+    jackknife of MacKinnon and White 1985, "HC3").
+
+    Args:
+        grams: (p, p) of each block.
+        sides: (p,) of each block.
+        ridge: (p, p) what is known before any data.
+        trace: See :func:`solve`.
+    """
+    gram, side = sum(grams, ridge), np.sum(sides, axis=0)
+    theta = solve(gram, side, trace)
+    count = len(grams)
+    apart = np.array(
+        [solve(gram - g, side - s, trace) - theta for g, s in zip(grams, sides, strict=True)]
+    )
+    return theta, (count - 1) / count * apart.T @ apart
+
+
+def _parzen(longest: int) -> Array:
+    u = np.arange(longest + 1) / (longest + 1)
+    return np.where(u <= 0.5, 1.0 - 6.0 * u**2 + 6.0 * u**3, 2.0 * (1.0 - u) ** 3)

@@ -1,0 +1,119 @@
+"""P-values of gains, and what is left of them when many were tried."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvrk_gravity.estimation import Array
+
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """Of tests.
+
+    Attributes:
+        fewest_blocks: Gains over fewer blocks go to no paired test: Wilcoxon's least p-value of ten
+            is 1/1024, and Student's needs about as many for skewed gains. Chosen.
+        resampled: Draws of a bootstrap: 25 lie beyond either end of a 95 % interval.
+    """
+
+    fewest_blocks: int = 10
+    resampled: int = 1000
+
+
+def bonferroni(p_value: float, trials: float) -> float:
+    """Return a p-value corrected for being the best of some trials, of whatever dependence.
+
+    The union bound (Dunn 1961): correlated trials make it stricter than it says, never laxer.
+    """
+    return float(min(1.0, p_value * trials))
+
+
+def holm(p_values: Sequence[float]) -> Array:
+    """Return p-values corrected so that the chance of any false one is what they say.
+
+    Uniformly stronger than Bonferroni's (Holm 1979).
+    """
+    p = np.asarray(p_values, dtype=float)
+    order = np.argsort(p)
+    stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    corrected = np.empty_like(p)
+    corrected[order] = np.minimum(stepped, 1.0)
+    return corrected
+
+
+def likelihood_ratio(gain: float, parameters: int) -> float:
+    """Return the p-value of a gain in log-likelihood by some parameters (Wilks 1938).
+
+    Of a gain on samples that the fit has not seen it is an upper bound: without an effect, that
+    gain is negative in the mean.
+    """
+    from scipy import stats
+
+    return float(stats.chi2.sf(max(2.0 * gain, 0.0), parameters))
+
+
+def paired(gains: Array, settings: EvidenceSettings | None = None) -> list[float]:
+    """Return the one-sided p-values of gains over blocks: Student's and Wilcoxon's.
+
+    Gains that a few blocks dominate are clear to the latter only. None where too few decide.
+
+    Args:
+        gains: (k,) of independent blocks; zero where nothing could be said.
+        settings: How many it takes.
+    """
+    from scipy import stats
+
+    settings = settings or EvidenceSettings()
+    gains = gains[gains != 0.0]
+    if len(gains) < settings.fewest_blocks or np.std(gains) == 0.0:
+        return []
+    return [
+        float(stats.ttest_1samp(gains, 0.0, alternative="greater").pvalue),
+        float(stats.wilcoxon(gains, alternative="greater").pvalue),
+    ]
+
+
+def of_gain(
+    gains: Array, likelihood: float, parameters: int, settings: EvidenceSettings | None = None
+) -> float:
+    """Return the one-sided p-value of a gain on samples that the fit had not seen.
+
+    The best of three tests, times three for having looked at all: Student's and Wilcoxon's over the
+    blocks, and the likelihood ratio, to which few blocks can still be clear.
+
+    Args:
+        gains: (k,) squared error that goes, by block.
+        likelihood: Gain in log-likelihood, of as many samples as are independent.
+        parameters: Number of parameters that it takes.
+        settings: Of the tests.
+    """
+    tests = [likelihood_ratio(likelihood, parameters), *paired(gains, settings)]
+    return bonferroni(min(tests), 3)
+
+
+def bootstrap_interval(
+    statistic: Callable[..., Array], samples: Sequence[Array],
+    settings: EvidenceSettings | None = None,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the 95 % percentile interval of a statistic of paired (k,) samples (Efron 1979).
+
+    Args:
+        statistic: Of the samples, with an ``axis``.
+        samples: Of the same k blocks.
+        settings: How often to draw.
+    """
+    from scipy.stats import bootstrap
+
+    settings = settings or EvidenceSettings()
+    if len(samples[0]) < 2:
+        value = float(statistic(*samples, axis=-1))
+        return value, value
+    found = bootstrap(
+        tuple(samples), statistic, paired=True, vectorized=True, method="percentile",
+        n_resamples=settings.resampled, rng=np.random.default_rng(0),
+    ).confidence_interval  # fmt: skip
+    return float(found.low), float(found.high)

@@ -1,0 +1,158 @@
+"""How large noise is, and how many of its samples are independent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.estimation import Array
+from dvrk_gravity.estimation.splits import Labels, Mask, Repetition
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """Of measures of noise.
+
+    Attributes:
+        longest: s, of the correlations that are looked at. Chosen; see `make sensitivity`.
+        least_pairs: s of motion seen twice, below which repetition says nothing. Chosen.
+    """
+
+    longest: float = 2.0
+    least_pairs: float = 2.0
+
+
+def autocorrelation(residual: Array, part: Labels, longest: int) -> Array:
+    """Return (longest + 1, m) autocorrelations of (n, m) residuals, sums over all parts.
+
+    Args:
+        residual: Evenly sampled within each part.
+        part: (n,) part of each sample.
+        longest: Lag, samples.
+    """
+    total = np.zeros((longest + 1, residual.shape[1]))
+    for index in np.unique(part):
+        piece = residual[part == index]
+        lags = min(longest + 1, len(piece))
+        # Zeros beyond the end keep the circular products apart.
+        power = np.abs(np.fft.rfft(piece, len(piece) + lags, axis=0)) ** 2
+        total[:lags] += np.fft.irfft(power, len(piece) + lags, axis=0)[:lags]
+    return total / np.maximum(total[0], 1e-300)
+
+
+def correlation_time(residual: Array, part: Labels, longest: int) -> Array:
+    """Return (m,) number of samples that count as one: 1 + 2 sum of autocorrelations.
+
+    The sum stops at the first that is not positive (Geyer 1992).
+
+    Args:
+        residual: (n, m), evenly sampled within each part.
+        part: (n,) part of each sample.
+        longest: Lag looked at, samples.
+    """
+    rho = autocorrelation(residual, part, longest)
+    positive = np.logical_and.accumulate(rho > 0.0, axis=0)
+    return 1.0 + 2.0 * np.sum(np.where(positive, rho, 0.0)[1:], axis=0)
+
+
+def intraclass_correlation(first: Array, second: Array, usable: Mask) -> Array:
+    """Return (m,) correlation of (n, m) values with those that show the same again, at least 0.
+
+    Args:
+        first: Values.
+        second: Of the same states, seen again.
+        usable: (n, m) pairs that count.
+    """
+    square = np.where(usable, 0.5 * (first**2 + second**2), 0.0).sum(axis=0)
+    together = np.where(usable, first * second, 0.0).sum(axis=0) / np.maximum(square, 1e-300)
+    return np.clip(together, 0.0, 1.0)
+
+
+def design_effect(copies: float, correlation: Array) -> Array:
+    """Return how many samples count as one where each state is seen several times (Kish 1965).
+
+    Args:
+        copies: How often a state is seen, in the mean.
+        correlation: (m,) intraclass correlation of what is seen.
+    """
+    return 1.0 + (copies - 1.0) * correlation
+
+
+def repetition_noise(
+    repetition: Repetition, time: Array, residual: Array, usable: Mask,
+    settings: NoiseSettings | None = None,
+) -> Array:  # fmt: skip
+    """Return (m,) root mean square of what does not come back after a period.
+
+    Whatever a motion causes comes back with it. The difference of two copies holds the noise of
+    both, hence the square root of two. NaN where too little is seen twice.
+
+    Args:
+        repetition: How the motion repeats.
+        time: (n,) s.
+        residual: (n, m).
+        usable: (n, m) samples that say something.
+        settings: How much has to be seen twice.
+    """
+    from scipy.interpolate import CubicSpline
+
+    settings = settings or NoiseSettings()
+    step = float(np.median(np.diff(time)))
+    later = time + repetition.period
+    after = np.clip(np.searchsorted(time, later), 1, len(time) - 1)
+    # Both neighbours of the moment a period later, and no gap between them.
+    near = time[after] - time[after - 1] < 1.5 * step
+    pair = usable & (usable[after] & usable[after - 1])
+    pair &= (near & (later <= time[-1]))[:, None]
+    difference = np.where(pair, CubicSpline(time, residual)(later) - residual, 0.0)
+    count = pair.sum(axis=0)
+    enough = count * step >= settings.least_pairs
+    square = 0.5 * (difference**2).sum(axis=0) / np.maximum(count, 1)
+    return np.where(enough, np.sqrt(square), np.nan)
+
+
+def band_noise(density: Array, cutoff: float) -> Array:
+    """Return (m,) RMS of white noise behind a zero-phase second-order Butterworth low-pass.
+
+    Args:
+        density: (m,) of the noise, unit per sqrt(Hz).
+        cutoff: Of each of the two passes, Hz.
+    """
+    frequency = np.linspace(0.0, 10.0 * cutoff, 4000)
+    passed = np.mean(1.0 / (1.0 + (frequency / cutoff) ** 4) ** 2) * frequency[-1]
+    return np.asarray(density * np.sqrt(passed))
+
+
+def noise_density(high: Array, cutoff: float, rate: float) -> Array:
+    """Return (m,) density of white noise, unit per sqrt(Hz), by what a low-pass takes off.
+
+    Args:
+        high: (n, m) signal minus the low-passed signal.
+        cutoff: Of each of the low-pass' two passes (second-order Butterworth), Hz.
+        rate: Hz.
+    """
+    frequency = np.linspace(0.0, rate / 2.0, 2000)
+    left = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
+    return np.sqrt(np.mean(high**2, axis=0) / left / (rate / 2.0))
+
+
+def pairs_a_period_apart(
+    time: Array, repetition: Repetition | None, near: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return (k,) and (k,) which of some samples show the same, a period apart.
+
+    Args:
+        time: (n,) s.
+        repetition: How the motion repeats, if it does.
+        near: s, by which the two may miss a period.
+    """
+    if repetition is None:
+        nothing = np.zeros(0, dtype=np.int64)
+        return nothing, nothing
+    order = np.argsort(time)
+    later = time + repetition.period
+    found = order[np.minimum(np.searchsorted(time[order], later), len(time) - 1)]
+    close = np.abs(time[found] - later) < near
+    return np.flatnonzero(close), found[close]

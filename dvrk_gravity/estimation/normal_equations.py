@@ -1,0 +1,224 @@
+"""Weighted least squares on sums of products, so that what is left out is subtracted.
+
+Samples are looked at once. From then on every fit with any choice of columns, with and without
+any held-out block, works on small Gram matrices and takes milliseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.errors import DvrkGravityError
+from dvrk_gravity.estimation import Array
+
+NULL = 1e-12
+"""Squared size of a column, in units of the weights, that is nothing but round-off: its coefficient
+would have to be a million."""
+
+
+class NotConvergedError(DvrkGravityError):
+    """A constrained least-squares problem that its solver gave up."""
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Sums of products over a set of samples, channel by channel (m channels).
+
+    Attributes:
+        gram: (m, p, p) sums of w x x'.
+        cross: (m, p) sums of w x y.
+        power: (m,) sums of w y^2.
+        count: (m,) sums of the samples' weights w.
+    """
+
+    gram: Array
+    cross: Array
+    power: Array
+    count: Array
+
+    @classmethod
+    def of(cls, x: Array, y: Array, weight: Array | None = None) -> NormalEquations:
+        """Sum (n, m, p) columns and (n, m) values with (n, m) weights, by default one."""
+        weight = np.ones_like(y) if weight is None else weight
+        channels, columns = x.shape[1:]
+        gram, cross = np.zeros((channels, columns, columns)), np.zeros((channels, columns))
+        for j in range(channels):
+            # Most columns do not touch a given channel.
+            used = np.flatnonzero(np.any(x[:, j] != 0.0, axis=0))
+            mine = x[:, j, used]
+            weighted = mine * weight[:, j, None]
+            gram[j][np.ix_(used, used)] = weighted.T @ mine
+            cross[j][used] = weighted.T @ y[:, j]
+        return cls(gram, cross, (weight * y * y).sum(0), weight.sum(0))
+
+    @classmethod
+    def total(cls, parts: Iterable[NormalEquations]) -> NormalEquations:
+        """Add up the sums of parts: of blocks of samples that need not be held together."""
+        first, *others = parts
+        for other in others:
+            first = first + other
+        return first
+
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        """Return the sums of both sets together."""
+        names = (one.name for one in fields(self))
+        return NormalEquations(*(getattr(self, f) + getattr(other, f) for f in names))
+
+    def __sub__(self, other: NormalEquations) -> NormalEquations:
+        """Return the sums of this set without a part of it."""
+        names = (one.name for one in fields(self))
+        return NormalEquations(*(getattr(self, f) - getattr(other, f) for f in names))
+
+    def select(self, chosen: Sequence[int] | NDArray[np.int64]) -> NormalEquations:
+        """Return the sums of some of the columns."""
+        index = np.asarray(chosen, dtype=np.int64)
+        gram = self.gram[:, index[:, None], index]
+        return NormalEquations(gram, self.cross[:, index], self.power, self.count)
+
+    def combined(self, weight: Array) -> tuple[Array, Array]:
+        """Return the (p, p) and (p,) sums over channels, each times its (m,) weight."""
+        return np.tensordot(weight, self.gram, 1), weight @ self.cross
+
+    def error(self, theta: Array) -> Array:
+        """Return (m,) weighted sums of squared errors of (p,) coefficients."""
+        return np.maximum(self.power - 2.0 * self.cross @ theta + (self.gram @ theta) @ theta, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A fit.
+
+    Attributes:
+        theta: (p,) coefficients.
+        precision: (p, p) weighted Gram matrix and prior together.
+        data: (p, p) weighted Gram matrix alone.
+        free: (p,) mask of the coefficients not held at zero by their sign.
+    """
+
+    theta: Array
+    precision: Array
+    data: Array
+    free: NDArray[np.bool_]
+
+
+def fit(
+    equations: NormalEquations,
+    weight: Array,
+    scale: Array,
+    positive: NDArray[np.bool_] | None = None,
+    mean: Array | None = None,
+) -> Solution:
+    """Minimise sum_j weight_j |y_j - X_j theta|^2 + |(theta - mean) / scale|^2, signs kept.
+
+    Args:
+        equations: Of p columns.
+        weight: (m,) of the channels, inverse variances of one sample, correlation included.
+        scale: (p,) prior standard deviations: ridge towards the mean where data are silent.
+        positive: (p,) mask of coefficients that must not be negative; by default none.
+        mean: (p,) prior means, by default zero.
+
+    Raises:
+        NotConvergedError: Signs that the solver cannot satisfy within its iterations.
+    """
+    data, right = equations.combined(weight)
+    precision = data + np.diag(scale**-2.0)
+    if mean is not None:
+        right = right + mean / scale**2
+    if positive is None:
+        positive = np.zeros(len(right), dtype=bool)
+    theta, free = solve_signed(precision, right, positive)
+    return Solution(theta, precision, data, free)
+
+
+def solve(gram: Array, right: Array, trace: float = 0.0) -> Array:
+    """Solve normal equations scaled to a diagonal of ones.
+
+    Args:
+        gram: (p, p) positive semidefinite.
+        right: (p,) or (p, k).
+        trace: Added to the ones: columns that repeat others share their coefficient.
+    """
+    if not len(gram):
+        return np.zeros((0, *right.shape[1:]))
+    size = np.diag(gram)
+    scale = np.where(size > NULL, np.sqrt(np.maximum(size, NULL)), np.inf)
+    scaled = gram / np.outer(scale, scale)
+    scaled[np.diag_indices_from(scaled)] += np.where(np.isinf(scale), 1.0, trace)
+    units = scale if right.ndim == 1 else scale[:, None]
+    return np.asarray(np.linalg.solve(scaled, right / units) / units)
+
+
+class Regression:
+    """Least squares on some columns, for many targets.
+
+    Attributes:
+        design: (n, k) columns, weighted.
+    """
+
+    def __init__(self, design: Array, ridge: Array, trace: float) -> None:
+        """Sum the products.
+
+        Args:
+            design: (n, k) columns, weighted.
+            ridge: (k, k) what is known before any data.
+            trace: See :func:`solve`.
+        """
+        self.design = design
+        self._gram = design.T @ design + ridge
+        self._trace = trace
+
+    def coefficients(self, target: Array) -> Array:
+        """Return (k,) or (k, c) coefficients of (n,) or (n, c) targets."""
+        return solve(self._gram, self.design.T @ target, self._trace)
+
+    def residual(self, target: Array) -> Array:
+        """Return what the columns leave of (n,) or (n, c) targets."""
+        if not self.design.shape[1]:
+            return target
+        return target - self.design @ self.coefficients(target)
+
+
+def solve_signed(
+    precision: Array, right: Array, positive: NDArray[np.bool_]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Solve a symmetric positive definite system with some unknowns held from below zero.
+
+    The unknowns without a sign are eliminated; the others are non-negative least squares (Lawson
+    and Hanson 1974, by SciPy) on the Cholesky factor of what remains.
+
+    Returns:
+        The (p,) solution and the mask of those not held at zero.
+
+    Raises:
+        NotConvergedError: If SciPy's solver runs out of iterations.
+    """
+    from scipy.linalg import cho_factor, cho_solve, solve_triangular
+    from scipy.optimize import nnls
+
+    theta = np.asarray(cho_solve(cho_factor(precision, check_finite=False), right))
+    if not (positive & (theta < 0.0)).any():
+        return theta, np.ones(len(right), dtype=bool)
+    signed, others = np.flatnonzero(positive), np.flatnonzero(~positive)
+    coupling = precision[np.ix_(others, signed)]
+    factor = cho_factor(precision[np.ix_(others, others)], check_finite=False)
+    through = cho_solve(factor, np.column_stack([coupling, right[others]]))
+    reduced = precision[np.ix_(signed, signed)] - coupling.T @ through[:, :-1]
+    target = right[signed] - coupling.T @ through[:, -1]
+    # In units in which every unknown counts alike, for the solver's tolerance.
+    unit = np.sqrt(np.diag(reduced))
+    triangle = np.linalg.cholesky(reduced / np.outer(unit, unit))
+    try:
+        found, _ = nnls(triangle.T, solve_triangular(triangle, target / unit, lower=True))
+    except RuntimeError as error:
+        raise NotConvergedError(
+            f"{len(signed)} coefficients that must not be negative: {error}"
+        ) from error
+    theta[signed] = found / unit
+    theta[others] = through[:, -1] - through[:, :-1] @ theta[signed]
+    free = np.ones(len(right), dtype=bool)
+    free[signed] = found > 0.0
+    return theta, free

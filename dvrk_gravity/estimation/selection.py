@@ -1,0 +1,128 @@
+"""Forward selection with backward elimination; what is scored, and how, is injected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+State = TypeVar("State")
+Move = TypeVar("Move")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How a selection goes on.
+
+    Attributes:
+        most_steps: Steps taken at most: a bound on time, not on what is found.
+        lazy: After a step only moves that were worth it are tried again, the best one first, until
+            its worth is this part of the next one's; ``None``: all are tried again after each step.
+            Exact where worth can only fall (Minoux 1978).
+    """
+
+    most_steps: int
+    lazy: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Trial(Generic[Move]):
+    """What a move would bring.
+
+    Attributes:
+        move: The move.
+        worth: Larger is better.
+        passes: Whether it may be taken.
+    """
+
+    move: Move
+    worth: float
+    passes: bool
+
+
+class Search(Protocol[State, Move]):
+    """What a selection chooses from."""
+
+    def moves(self, state: State) -> Iterable[Move]:
+        """Yield every change of a state that is worth a try, once each."""
+
+    def attempt(self, state: State, moves: Sequence[Move]) -> Sequence[Trial[Move]]:
+        """Return what moves would bring, perhaps of the promising ones only."""
+
+    def choose(self, trials: Sequence[Trial[Move]]) -> Trial[Move] | None:
+        """Return the trial to take, ``None`` to stop."""
+
+    def take(self, state: State, trial: Trial[Move]) -> State:
+        """Return the state after a move, whatever that makes needless eliminated."""
+
+
+def select(
+    search: Search[State, Move],
+    state: State,
+    settings: SearchSettings,
+    key: Callable[[Move], object] = lambda move: move,
+    progress: Callable[[int], None] = lambda steps: None,
+) -> tuple[State, list[Trial[Move]]]:
+    """Take one move after another for as long as one passes.
+
+    Args:
+        search: Moves and their scores.
+        state: To start with.
+        settings: How to go on.
+        key: By which a move is known again in another state.
+        progress: Called with the number of steps taken.
+
+    Returns:
+        The last state, and what was tried there in vain.
+    """
+    steps = 0
+    while True:
+        progress(steps)
+        trials = list(search.attempt(state, list(search.moves(state))))
+        best = search.choose(trials) if steps < settings.most_steps else None
+        if best is None:
+            return state, trials
+        if settings.lazy is None:
+            state = search.take(state, best)
+            steps += 1
+            continue
+        waiting = {key(trial.move): trial.worth for trial in trials if trial.passes}
+        while waiting and steps < settings.most_steps:
+            which = max(waiting, key=waiting.__getitem__)
+            move = next((m for m in search.moves(state) if key(m) == which), None)
+            del waiting[which]
+            if move is None:
+                continue
+            (trial,) = search.attempt(state, [move])
+            if not trial.passes:
+                continue
+            if trial.worth < settings.lazy * max(waiting.values(), default=-float("inf")):
+                waiting[which] = trial.worth
+                continue
+            state = search.take(state, trial)
+            steps += 1
+            progress(steps)
+
+
+def eliminate_backward(
+    kept: Sequence[T],
+    failing: Callable[[list[T]], Sequence[tuple[float, T]]],
+    note: Callable[[T], None] = lambda gone: None,
+) -> list[T]:
+    """Drop the weakest of those that fail until none does: others may take its place.
+
+    Args:
+        kept: To begin with.
+        failing: Returns worth and item of those that fail beside the others.
+        note: Told what goes.
+    """
+    kept = list(kept)
+    while kept:
+        found = failing(kept)
+        if not found:
+            break
+        weakest = min(found, key=lambda pair: pair[0])[1]
+        note(weakest)
+        kept = [item for item in kept if item is not weakest]
+    return kept

@@ -1,0 +1,231 @@
+"""Normal equations, splits and selection against independent answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+from scipy.signal import lfilter
+
+from dvrk_gravity.estimation import normal_equations
+from dvrk_gravity.estimation.normal_equations import (
+    NormalEquations,
+    NotConvergedError,
+    fit,
+    solve,
+    solve_signed,
+)
+from dvrk_gravity.estimation.selection import SearchSettings, Trial, eliminate_backward, select
+from dvrk_gravity.estimation.splits import (
+    BlockSettings,
+    Folds,
+    Repetition,
+    find_period,
+    inner_slabs,
+    make_blocks,
+    make_folds,
+    sequential,
+    slabs,
+)
+
+
+def test_a_fit_is_that_of_all_samples_at_once_with_its_prior_as_further_rows():
+    random = np.random.default_rng(0)
+    x, y = random.normal(size=(50, 3, 4)), random.normal(size=(50, 3))
+    sample, weight = random.uniform(0.2, 1.0, (50, 3)), np.array([1.0, 4.0, 0.5])
+    scale, mean = np.array([0.3, 1.0, 5.0, 0.1]), random.normal(size=4)
+    root = np.sqrt(sample * weight)
+    rows = np.vstack([(x * root[:, :, None]).reshape(-1, 4), np.diag(1.0 / scale)])
+    right = np.concatenate([(y * root).ravel(), mean / scale])
+    parts = [NormalEquations.of(x[r], y[r], sample[r]) for r in (slice(0, 20), slice(20, 50))]
+    solution = fit(NormalEquations.total(parts), weight, scale, mean=mean)
+    np.testing.assert_allclose(solution.theta, np.linalg.lstsq(rows, right)[0], atol=1e-10)
+    np.testing.assert_allclose(solution.precision, rows.T @ rows, atol=1e-9)
+
+
+def test_what_is_left_out_is_subtracted():
+    random = np.random.default_rng(1)
+    x, y = random.normal(size=(50, 2, 5)), random.normal(size=(50, 2))
+    whole, part = NormalEquations.of(x, y), NormalEquations.of(x[:20], y[:20])
+    rest, chosen = NormalEquations.of(x[20:], y[20:]), [0, 2, 4]
+    theta = fit((whole - part).select(chosen), np.ones(2), np.full(3, 1e4)).theta
+    expected = np.linalg.lstsq(x[20:][:, :, chosen].reshape(-1, 3), y[20:].ravel())[0]
+    np.testing.assert_allclose(theta, expected, atol=1e-6)
+    error = ((y[20:] - x[20:, :, chosen] @ theta) ** 2).sum(axis=0)
+    np.testing.assert_allclose((whole - part).select(chosen).error(theta), error, atol=1e-9)
+    assert rest.count == pytest.approx(whole.count - part.count)
+
+
+def test_columns_of_any_size_that_say_nothing_or_the_same_get_finite_coefficients():
+    random = np.random.default_rng(2)
+    x = random.normal(size=(40, 4)) * [1e-4, 1.0, 1e4, 0.0]
+    x = np.column_stack([x, x[:, 1]])
+    theta = solve(x.T @ x, x.T @ (x @ [2e4, 1.0, -3e-4, 0.0, 1.0]), 1e-9)
+    np.testing.assert_allclose(theta, [2e4, 1.0, -3e-4, 0.0, 1.0], rtol=1e-6)
+
+
+def test_signed_least_squares_are_scipys():
+    random = np.random.default_rng(3)
+    for _ in range(50):
+        x, y = random.normal(size=(40, 12)), random.normal(size=40)
+        positive = random.random(12) < 0.7
+        theta, free = solve_signed(x.T @ x, x.T @ y, positive)
+        lower = np.where(positive, 0.0, -np.inf)
+        expected = lsq_linear(x, y, (lower, np.full(12, np.inf)), method="bvls").x
+        np.testing.assert_allclose(theta, expected, atol=1e-7)
+        assert (theta[~free] == 0.0).all()
+
+
+def test_a_signed_problem_of_any_difficulty_meets_its_conditions_of_optimality():
+    """Nearly collinear columns made the former loop go in circles and stop at its 20th round."""
+    for seed in range(30):
+        random = np.random.default_rng(seed)
+        common = random.normal(size=(200, 3))
+        x = common @ random.normal(size=(3, 60)) + 1e-3 * random.normal(size=(200, 60))
+        precision = x.T @ x + 1e-6 * np.eye(60)
+        right = x.T @ random.normal(size=200)
+        positive = random.random(60) < 0.8
+        theta, free = solve_signed(precision, right, positive)
+        gradient = right - precision @ theta
+        assert (theta[positive] >= 0.0).all()
+        assert np.abs(gradient[free]).max() < 1e-6 * np.abs(right).max()
+        assert (gradient[~free] < 1e-6 * np.abs(right).max()).all()
+
+
+def test_signs_that_cannot_be_kept_in_time_are_told_and_not_passed_over(monkeypatch):
+    import scipy.optimize
+
+    def gives_up(*given):
+        raise RuntimeError("Maximum number of iterations reached.")
+
+    monkeypatch.setattr(scipy.optimize, "nnls", gives_up)
+    with pytest.raises(NotConvergedError, match="2 coefficients that must not be negative"):
+        solve_signed(np.eye(2), np.array([1.0, -1.0]), np.ones(2, dtype=bool))
+
+
+def test_an_error_is_told_as_one_of_the_package():
+    from dvrk_gravity.errors import DvrkGravityError
+
+    assert issubclass(normal_equations.NotConvergedError, DvrkGravityError)
+
+
+def test_a_period_is_found_and_noise_has_none():
+    time = np.arange(1500) / 50.0
+    phase = 2.0 * np.pi * time[:, None] / 11.66
+    joint = np.arange(1, 8)
+    q = np.sin(phase * (1 + joint % 3) + joint) + 0.3 * np.cos(phase * 5)
+    assert find_period(q, 50.0) == pytest.approx(11.66, abs=0.03)
+    drifting = np.cumsum(np.random.default_rng(6).normal(size=(1500, 7)), axis=0)
+    assert find_period(drifting, 50.0) is None
+
+
+def test_equal_phases_are_held_out_together_and_a_gap_is_kept():
+    time = np.arange(1500) / 50.0
+    q = np.sin(2.0 * np.pi * time[:, None] / 10.0 * np.arange(1, 8))
+    folds = make_folds(time, np.zeros(1500, dtype=np.int64), q, 50.0)
+    assert folds.periods == (10.0,)
+    assert (folds.tested.sum(axis=0) == 1).all()
+    np.testing.assert_array_equal(folds.label[:500], folds.label[500:1000])
+    for fold in range(12):
+        held, fitted = np.flatnonzero(folds.tested[fold]), np.flatnonzero(~folds.excluded[fold])
+        assert np.abs(held[:, None] - fitted).min() / 50.0 >= 0.3 - 0.021
+
+
+@pytest.mark.parametrize("repetition", [None, Repetition(6.0, 3.3)])
+def test_a_third_of_the_blocks_is_held_out_and_the_others_are_dealt_into_folds(repetition):
+    time = np.arange(800) / 40.0
+    blocks = make_blocks(time, 40.0, repetition)
+    assert 0.25 < blocks.held_out.mean() < 0.4
+    for fold in range(BlockSettings().folds):
+        mine = set(blocks.label[blocks.fold == fold])
+        assert mine
+        assert not mine & set(blocks.label[blocks.held_out])
+        assert not mine & set(blocks.label[(blocks.fold >= 0) & (blocks.fold != fold)])
+    if repetition is not None:
+        phase = np.round(time % 6.0, 6)
+        assert not set(phase[blocks.held_out]) & set(phase[blocks.fold >= 0])
+
+
+def test_levels_of_a_grid_are_slabs_and_scattered_positions_are_cut_into_five():
+    random = np.random.default_rng(7)
+    grid = np.repeat(np.linspace(-1.0, 1.0, 5), 20) + 0.001 * random.normal(size=100)
+    np.testing.assert_array_equal(slabs(grid), np.repeat(np.arange(5), 20))
+    scattered = random.uniform(size=100)
+    assert (np.bincount(slabs(scattered)) == 20).all()
+    masks = inner_slabs(np.stack([grid, scattered], axis=1), (0, 1))
+    assert len(masks) == 6
+    assert Folds.of_masks(masks).tested.sum() == 120
+
+
+class Subset:
+    """Ordinary least squares of some columns, scored on held-out blocks."""
+
+    def __init__(self, x: np.ndarray, y: np.ndarray, errors_of: float) -> None:
+        self.size, self.standard_errors = x.shape[1], errors_of
+        label = sequential(len(y), 10)
+        parts = [NormalEquations.of(x[label == k, None], y[label == k, None]) for k in range(10)]
+        whole = NormalEquations.total(parts)
+        self.folds = [(whole - part, part) for part in parts]
+
+    def errors(self, chosen):
+        index = sorted(chosen)
+        return np.array(
+            [
+                test.select(index).error(
+                    fit(train.select(index), np.ones(1), np.full(len(index), 1e3)).theta
+                )[0]
+                for train, test in self.folds
+            ]
+        )
+
+    def moves(self, state):
+        return [k for k in range(self.size) if k not in state]
+
+    def attempt(self, state, moves):
+        before = self.errors(state)
+        trials = []
+        for move in moves:
+            gain = (before - self.errors(state | {move})) / before.sum()
+            error = gain.std(ddof=1) * np.sqrt(len(gain))
+            trials.append(Trial(move, gain.sum(), gain.sum() > self.standard_errors * error))
+        return trials
+
+    def choose(self, trials):
+        return max((t for t in trials if t.passes), key=lambda t: t.worth, default=None)
+
+    def take(self, state, trial):
+        return state | {trial.move}
+
+
+def test_selection_finds_what_is_there_lazily_or_not():
+    random = np.random.default_rng(8)
+    x = random.normal(size=(600, 20))
+    y = x[:, [3, 7, 11]] @ [1.0, -0.8, 0.6] + random.normal(size=600)
+    for lazy in (None, 0.9):
+        found, vain = select(Subset(x, y, 3.0), frozenset(), SearchSettings(20, lazy))
+        assert found == {3, 7, 11}
+        assert {trial.move for trial in vain} == set(range(20)) - found
+
+
+@pytest.mark.parametrize("a", [0.0, 0.8])
+def test_selection_finds_nothing_in_pure_noise_white_or_coloured(a):
+    """Three standard errors of the blocks' gains, one column: Student's 0.7 %, held-out or less."""
+    random = np.random.default_rng(9)
+    found = 0
+    for _ in range(200):
+        noise = random.normal(size=(500, 2))
+        x, y = lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], noise, axis=0).T
+        found += len(select(Subset(x[:, None], y, 3.0), frozenset(), SearchSettings(20))[0])
+    assert found <= 5  # 0.7 % of 200 is 1.5; five or more of that are seen once in fifty
+
+
+def test_the_weakest_goes_first_for_the_others_may_take_its_place():
+    kept = ["a", "b", "c"]
+
+    def failing(rest):
+        # Of two that stand for one another each fails beside the other, alone neither does.
+        return [(1.0, "a"), (2.0, "b")] if {"a", "b"} <= set(rest) else []
+
+    gone = []
+    assert eliminate_backward(kept, failing, gone.append) == ["b", "c"]
+    assert gone == ["a"]

@@ -1,0 +1,298 @@
+"""What estimation promises, counted in repeated draws: p-values, intervals, independent samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.signal import lfilter
+
+from dvrk_gravity.estimation import evidence
+from dvrk_gravity.estimation.covariance import (
+    CovarianceSettings,
+    autocorrelated_scores,
+    block_jackknife,
+    clustered_scores,
+    sandwich,
+)
+from dvrk_gravity.estimation.noise import (
+    band_noise,
+    correlation_time,
+    design_effect,
+    intraclass_correlation,
+    noise_density,
+    pairs_a_period_apart,
+    repetition_noise,
+)
+from dvrk_gravity.estimation.normal_equations import NormalEquations, fit
+from dvrk_gravity.estimation.robust import (
+    RobustSettings,
+    RobustState,
+    reweighted,
+    robust_scale,
+    robust_weights,
+)
+from dvrk_gravity.estimation.splits import Repetition, sequential
+
+
+def coloured(random: np.random.Generator, shape: tuple[int, ...], a: float) -> np.ndarray:
+    """Draw AR(1) noise of variance one along the first axis."""
+    noise = random.normal(size=(shape[0] + 200, *shape[1:]))
+    return lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], noise, axis=0)[200:]
+
+
+def band(share: float, count: int) -> tuple[float, float]:
+    """Return within which a count's share lies in 99.9 % of all cases."""
+    low, high = stats.binom.interval(0.999, count, share)
+    return low / count, high / count
+
+
+def test_paired_p_values_are_uniform_where_there_is_no_gain():
+    random = np.random.default_rng(0)
+    found = np.array([evidence.paired(random.normal(size=25)) for _ in range(600)])
+    for p_values in found.T:
+        assert stats.kstest(p_values, "uniform").pvalue > 0.001
+        for level in (0.01, 0.05, 0.3):
+            low, high = band(level, len(p_values))
+            assert low <= np.mean(p_values <= level) <= high
+
+
+def test_likelihood_ratio_p_values_are_uniform_in_the_sample_and_no_smaller_out_of_it():
+    random = np.random.default_rng(1)
+    inside, outside = [], []
+    for _ in range(1500):
+        x, y, new = random.normal(size=(3, 400))
+        theta = x @ y / (x @ x)
+        inside.append(
+            evidence.likelihood_ratio(0.5 * (y @ y - (y - theta * x) @ (y - theta * x)), 1)
+        )
+        blind = 0.5 * (new @ new - (new - theta * x) @ (new - theta * x))
+        outside.append(evidence.likelihood_ratio(blind, 1))
+    assert stats.kstest(inside, "uniform").pvalue > 0.001
+    assert np.mean(np.array(outside) <= 0.05) <= band(0.05, 1500)[1]
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_the_best_of_many_is_called_significant_no_more_often_than_is_said(correlation):
+    random = np.random.default_rng(2)
+    shared = np.sqrt(correlation) * random.normal(size=(4000, 1))
+    z = shared + np.sqrt(1.0 - correlation) * random.normal(size=(4000, 40))
+    p_values = stats.norm.sf(z)
+    for corrected in (
+        np.array([evidence.bonferroni(row.min(), 40) for row in p_values]),
+        np.array([evidence.holm(row).min() for row in p_values]),
+    ):
+        rate = np.mean(corrected <= 0.05)
+        assert rate <= band(0.05, 4000)[1]
+        if correlation == 0.0:
+            assert rate >= band(0.05, 4000)[0] - 0.0012  # 1 - (1 - 0.05/40)^40 is 0.0488
+
+
+def test_the_square_root_of_the_number_searched_would_be_no_correction():
+    """Of 240 frequencies, one in eight draws of pure noise would pass a test at 1 %."""
+    random = np.random.default_rng(3)
+    least = stats.norm.sf(random.normal(size=(2000, 240))).min(axis=1)
+    assert np.mean(least * 240**0.5 <= 0.01) > 0.1
+    assert np.mean([evidence.bonferroni(p, 240) <= 0.01 for p in least]) <= band(0.01, 2000)[1]
+
+
+def test_holm_is_as_in_the_textbook():
+    np.testing.assert_allclose(
+        evidence.holm([0.01, 0.04, 0.03, 0.005]), [0.03, 0.06, 0.06, 0.02], atol=1e-12
+    )
+
+
+def test_bootstrap_intervals_of_a_ratio_hold_their_share():
+    random = np.random.default_rng(4)
+
+    def ratio(new, old, axis):
+        return 1.0 - np.sqrt(new.sum(axis=axis) / old.sum(axis=axis))
+
+    settings = evidence.EvidenceSettings(resampled=400)
+    truth, hits = 1.0 - np.sqrt(0.8), 0
+    for _ in range(300):
+        old = random.gamma(4.0, size=40)
+        new = 0.8 * old * random.gamma(20.0, 1.0 / 20.0, size=40)
+        low, high = evidence.bootstrap_interval(ratio, (new, old), settings)
+        hits += low <= truth <= high
+    # Percentile intervals of 40 blocks are a little short (Efron 1979): 93 % or so.
+    assert band(0.93, 300)[0] <= hits / 300 <= band(0.95, 300)[1]
+
+
+def test_correlation_time_of_an_autoregression():
+    """Of AR(1) with coefficient a it is (1 + a) / (1 - a): the mean's variance grows by that."""
+    for a in (0.0, 0.5, 0.9):
+        noise = coloured(np.random.default_rng(5), (4000, 60), a)
+        part = np.zeros(len(noise), dtype=np.int64)
+        expected = (1.0 + a) / (1.0 - a)
+        assert correlation_time(noise, part, 100).mean() == pytest.approx(expected, rel=0.12)
+        counted = len(noise) * noise.mean(axis=0).var()
+        assert counted == pytest.approx(expected, rel=0.45)
+
+
+def test_design_effect_of_copies_is_how_much_the_variance_of_a_mean_grows():
+    random = np.random.default_rng(6)
+    for share in (0.0, 0.3, 0.8):
+        # 3000 draws of 50 states, each seen four times.
+        common = np.sqrt(share) * random.normal(size=(50, 1, 3000))
+        seen = common + np.sqrt(1.0 - share) * random.normal(size=(50, 4, 3000))
+        grown = 200.0 * seen.mean(axis=(0, 1)).var()
+        assert design_effect(4.0, np.array([share]))[0] == pytest.approx(grown, rel=0.1)
+        usable = np.ones((50, 3000), dtype=bool)
+        found = intraclass_correlation(seen[:, 0], seen[:, 1], usable).mean()
+        assert found == pytest.approx(share, abs=0.06)  # at least 0, so a little high there
+
+
+def test_noise_by_repetition_and_by_high_frequencies_are_the_same_noise():
+    random = np.random.default_rng(7)
+    time = np.arange(6000) / 200.0
+    repeating = np.sin(2.0 * np.pi * time / 7.0)[:, None] * np.array([1.0, 0.1])
+    noise = np.array([0.02, 0.3]) * coloured(random, (6000, 2), 0.6)
+    usable = np.ones(noise.shape, dtype=bool)
+    repetition = Repetition(7.0, 4.3)
+    found = repetition_noise(repetition, time, repeating + noise, usable)
+    np.testing.assert_allclose(found, [0.02, 0.3], rtol=0.06)
+    first, second = pairs_a_period_apart(time, repetition, 0.001)
+    np.testing.assert_allclose(time[second] - time[first], 7.0, atol=1e-9)
+
+
+def test_the_density_above_a_low_pass_tells_the_noise_behind_it():
+    from dvrk_gravity.recording import LowPass
+
+    white = 0.05 * np.random.default_rng(8).normal(size=(20_000, 2))
+    wide, narrow = LowPass(30.0, 200.0), LowPass(8.0, 200.0)
+    core = slice(wide.edge, -wide.edge)
+    density = noise_density((white - wide(white))[core], 30.0, 200.0)
+    np.testing.assert_allclose(density, 0.05 / np.sqrt(100.0), rtol=0.05)
+    passed = narrow(white)[narrow.edge : -narrow.edge].std(axis=0)
+    np.testing.assert_allclose(band_noise(density, 8.0), passed, rtol=0.06)
+
+
+def test_robust_scale_is_the_standard_deviation_of_normal_noise_and_no_outliers():
+    noise = np.random.default_rng(9).normal(size=(20_000, 2)) * [1.0, 3.0]
+    noise[:1000] = 100.0
+    np.testing.assert_allclose(robust_scale(noise), [1.07, 3.2], rtol=0.02)
+    used = np.arange(20_000) >= 1000
+    found = robust_scale(noise, np.stack([used, ~used & False], axis=1))
+    np.testing.assert_allclose(found, [1.0, 0.0], rtol=0.02)
+
+
+@pytest.mark.parametrize(("huber", "efficiency"), [(1.345, 0.95), (2.0, 0.990), (2.5, 0.998)])
+def test_huber_weights_cost_normal_noise_no_more_than_is_said(huber, efficiency):
+    """The asymptotic efficiency, by numerical integration."""
+    z = np.linspace(-10.0, 10.0, 200_001)
+    pull = np.clip(z, -huber, huber)
+    density = stats.norm.pdf(z) * (z[1] - z[0])
+    inside = density[np.abs(z) < huber].sum()
+    assert inside**2 / (pull**2 @ density) == pytest.approx(efficiency, abs=0.0015)
+    weight = robust_weights(z[:, None], np.ones(1), RobustSettings(huber))[:, 0]
+    np.testing.assert_allclose(weight * z, pull, atol=1e-12)
+
+
+def test_outliers_do_not_move_a_robust_fit():
+    random = np.random.default_rng(10)
+    x = random.normal(size=(300, 1, 2))
+    y = (x @ [1.0, -2.0]) + 0.1 * random.normal(size=(300, 1))
+    y[::10] += 50.0
+
+    def fitted(state: RobustState) -> tuple[np.ndarray, np.ndarray]:
+        solution = fit(NormalEquations.of(x, y, state.weight), np.ones(1), np.full(2, 1e3))
+        return solution.theta, y - x @ solution.theta
+
+    start = RobustState(np.ones_like(y), np.ones(1))
+    found = reweighted(fitted, start, RobustSettings(outlier=8.0, rounds=10))
+    solution = fit(NormalEquations.of(x, y, found.weight), np.ones(1), np.full(2, 1e3))
+    np.testing.assert_allclose(solution.theta, [1.0, -2.0], atol=0.03)
+    assert (found.weight[::10] == 0.0).all()
+    assert found.scale == pytest.approx(0.1, rel=0.2)
+
+
+@pytest.mark.parametrize("a", [0.0, 0.9])
+def test_intervals_hold_their_share_in_white_and_in_coloured_noise(a):
+    """White-noise formulas would hold it in about half the cases where a is 0.9."""
+    random = np.random.default_rng(11)
+    time = np.arange(1500) / 50.0
+    x = np.stack([np.ones_like(time), np.sin(0.9 * time), np.cos(2.3 * time)], axis=1)[:, None]
+    truth, part = np.array([1.0, -2.0, 0.5]), np.zeros(1500, dtype=np.int64)
+    hits = []
+    for _ in range(300):
+        y = x @ truth + coloured(random, (1500, 1), a)
+        solution = fit(NormalEquations.of(x, y), np.ones(1), np.full(3, 1e3))
+        residual = y - x @ solution.theta
+        meat = autocorrelated_scores(
+            x, residual, residual, part, 50.0, np.ones(1), np.ones(y.shape, dtype=bool)
+        )
+        spread = sandwich(solution, meat)
+        for k, unit in enumerate(np.eye(3)):
+            low, high = spread.interval(solution.theta[k], unit)
+            hits.append(low <= truth[k] <= high)
+    # 30 s hold some 40 independent samples where a is 0.9: a per cent or two is lost.
+    assert band(0.935, len(hits))[0] <= np.mean(hits) <= band(0.95, len(hits))[1]
+
+
+def test_autocorrelated_scores_are_those_of_the_whole_matrix():
+    random = np.random.default_rng(12)
+    x, residual = random.normal(size=(90, 2, 3)), coloured(random, (90, 2), 0.5)
+    part = np.repeat([0, 1], [50, 40])
+    settings = CovarianceSettings(longest=0.4)
+    weight, measured = np.array([1.0, 2.0]), np.ones((90, 2), dtype=bool)
+    meat = autocorrelated_scores(x, residual, residual, part, 20.0, weight, measured, settings)
+    from dvrk_gravity.estimation.noise import autocorrelation
+
+    u = np.arange(9) / 9.0
+    taper = np.where(u <= 0.5, 1.0 - 6.0 * u**2 + 6.0 * u**3, 2.0 * (1.0 - u) ** 3)
+    rho = autocorrelation(residual, part, 8) * taper[:, None]
+    lag = np.abs(np.subtract.outer(np.arange(90), np.arange(90)))
+    near = (lag <= 8) & (part[:, None] == part)
+    expected = sum(
+        weight[j] ** 2 * np.mean(residual[:, j] ** 2)
+        * x[:, j].T @ np.where(near, rho[np.minimum(lag, 8), j], 0.0) @ x[:, j]
+        for j in range(2)
+    )  # fmt: skip
+    np.testing.assert_allclose(meat, expected, rtol=1e-9)
+
+
+def test_a_bias_of_half_a_deviation_costs_three_per_cent():
+    bias = CovarianceSettings().prior_share
+    held = stats.norm.cdf(1.96 - bias) - stats.norm.cdf(-1.96 - bias)
+    assert held == pytest.approx(0.92, abs=0.005)
+
+
+def test_the_block_jackknife_and_clusters_give_the_covariance_that_was_drawn():
+    """Noise that is constant within a block: its covariance is known exactly."""
+    random = np.random.default_rng(13)
+    label = sequential(600, 60)
+    x = np.stack([np.ones(600), np.sin(np.arange(600) / 47.0), random.normal(size=600)], axis=1)
+    known = np.linalg.inv(x.T @ x)
+    sums = np.array([x[label == k].sum(axis=0) for k in range(60)])
+    expected = known @ (sums.T @ sums + 0.25 * x.T @ x) @ known
+    jackknife, clustered = [], []
+    for _ in range(150):
+        y = random.normal(size=60)[label] + 0.5 * random.normal(size=600)
+        rows = [label == k for k in range(60)]
+        grams, sides = [x[r].T @ x[r] for r in rows], [x[r].T @ y[r] for r in rows]
+        theta, covariance = block_jackknife(grams, sides, np.zeros((3, 3)), 0.0)
+        np.testing.assert_allclose(theta, np.linalg.lstsq(x, y)[0], atol=1e-9)
+        jackknife.append(covariance)
+        solution = fit(NormalEquations.of(x[:, None], y[:, None]), np.ones(1), np.full(3, 1e6))
+        scores = np.array([x[r].T @ (y - x @ theta)[r] for r in rows])
+        clustered.append(sandwich(solution, clustered_scores(scores)).covariance)
+    for found in (jackknife, clustered):
+        mean = np.mean(found, axis=0)
+        np.testing.assert_allclose(np.diag(mean), np.diag(expected), rtol=0.12)
+
+
+def test_a_parameter_that_its_prior_decides_is_not_called_identifiable():
+    random = np.random.default_rng(14)
+    x = random.normal(size=(300, 1, 2)) * [1.0, 1e-3]
+    y = x @ [2.0, 3.0] + random.normal(size=(300, 1))
+    solution = fit(NormalEquations.of(x, y), np.ones(1), np.ones(2))
+    residual = y - x @ solution.theta
+    meat = autocorrelated_scores(
+        x, residual, residual, np.zeros(300, dtype=np.int64), 50.0, np.ones(1),
+        np.ones(y.shape, dtype=bool),
+    )  # fmt: skip
+    spread = sandwich(solution, meat)
+    assert spread.identifiable(np.array([1.0, 0.0]))
+    assert not spread.identifiable(np.array([0.0, 1.0]))
+    assert abs(solution.theta[1]) < 0.5  # near its prior, not at the 3 that nobody can see
