@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -30,12 +32,10 @@ def links() -> dict[str, pin.Inertia]:
 @pytest.fixture(scope="module")
 def model(links) -> TorqueModel:
     """Gravity and inertia of those links, and nothing else."""
-    world = World.draw(0)
-    known = World(
-        ARM, links, np.zeros(14), np.array(DOWN), np.zeros((4, 7)), np.zeros(7), np.zeros((2, 7)),
-        np.zeros(7), world.sensors,
-    )  # fmt: skip
-    terms = known.model().terms
+    world = replace(
+        World.draw(0), arm=ARM, links=links, counterweight=np.zeros(14), gravity=np.array(DOWN)
+    )
+    terms = world.model().terms
     return TorqueModel(ARM, tuple(t for t in terms if isinstance(t, Gravity | LinkInertia)))
 
 

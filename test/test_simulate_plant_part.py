@@ -5,13 +5,14 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import REPOSITORY
 
 from dvrk_gravity.arm import Arm
-from dvrk_gravity.effects import CoulombFriction, LinearTerm, PlantPart, State, Term
+from dvrk_gravity.effects import CoulombFriction, PlantPart, State, Term
 from dvrk_gravity.effects.plant_part import SLOWEST, secant_damping
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import Plant, PlantFile, SimulatedArm
@@ -221,18 +222,28 @@ def test_two_plants_of_one_model_do_not_share_friction_s_memory():
     np.testing.assert_array_equal(second.v, alone.v)
 
 
+def effects_imported_by(path: Path) -> set[str]:
+    return {
+        alias.name
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ImportFrom)
+        and (node.module or "").startswith("dvrk_gravity.effects")
+        for alias in node.names
+    }
+
+
 def test_the_simulator_names_no_effect():
     """But for inertia: a model's prediction of it becomes the bodies that the plant moves."""
-    known = {
-        path.name: {
-            alias.name
-            for node in ast.walk(ast.parse(path.read_text()))
-            if isinstance(node, ast.ImportFrom)
-            and (node.module or "").startswith("dvrk_gravity.effects")
-            for alias in node.names
-        }
-        for path in (REPOSITORY / "dvrk_gravity" / "simulate").glob("*.py")
-    }
+    paths = (REPOSITORY / "dvrk_gravity" / "simulate").glob("*.py")
+    known = {path.name: effects_imported_by(path) for path in paths}
     assert known.pop("model_plant.py") == {"LinkInertia", "RotorInertia", "State"}
-    named = {Term.__name__, LinearTerm.__name__, "PlantPart", "State"}
-    assert {name: names - named for name, names in known.items() if names - named} == {}
+    assert set().union(*known.values()) == {"PlantPart", "State"}
+
+
+def test_what_hides_effects_has_its_physics_from_none_of_them():
+    """Only a world's model, which a diagnosis is given, consists of them."""
+    paths = (REPOSITORY / "testing").glob("*.py")
+    known = {path.name: effects_imported_by(path) for path in paths}
+    assert {"CoulombFriction", "LinkInertia"} < known.pop("world.py")
+    assert {"hide.py", "physics.py"} < set(known)
+    assert set().union(*known.values()) == {"PlantPart"}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arm import Arm
 from testing.hidden_plant import Torque
 
 Array = NDArray[np.float64]
@@ -16,6 +16,7 @@ Random = np.random.Generator
 
 # Effort noise of the joints sets the scale of what is hidden, N·m.
 LEVEL = np.array([0.02, 0.04, 0.03, 0.01, 0.005, 0.004, 0.002])
+N = len(LEVEL)
 SPEED = np.array([0.25, 0.25, 0.25, 1.2, 0.7, 0.35, 1.3])  # typical of the motions, rad/s
 RANGE = np.array([0.5, 0.4, 0.4, 1.5, 1.2, 0.4, 1.5])  # half the way of the motions, rad
 LOADED = (1, 2, 4, 5)  # joints that feel gravity
@@ -37,9 +38,9 @@ class Hidden:
     parameters: Mapping[str, float]
 
 
-def found(effect: str, joint: int | None, **parameters: float) -> Hidden:
+def found(arm: Arm, effect: str, joint: int | None, **parameters: float) -> Hidden:
     """Return what was hidden on one joint, or on the arm."""
-    joints = () if joint is None else (JOINT_NAMES[joint],)
+    joints = () if joint is None else (arm.joint_names[joint],)
     return Hidden(effect, joints, {name: float(value) for name, value in parameters.items()})
 
 
@@ -57,7 +58,7 @@ def on_joint(joint: int, function: Callable[[float, float, float], float]) -> To
     """Return a torque on one joint from (time, its position, its velocity)."""
 
     def torque(time: float, q: Array, v: Array) -> Array:
-        result = np.zeros(N_JOINTS)
+        result = np.zeros_like(q)
         result[joint] = function(time, q[joint], v[joint])
         return result
 

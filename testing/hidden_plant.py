@@ -8,36 +8,42 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.effects import PlantPart
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.plant import Plant
 
 Array = NDArray[np.float64]
 
 Torque = Callable[[float, Array, Array], Array]
-"""(time, (7,) position, (7,) velocity) -> (7,) torque that the actuators must apply, N·m."""
+"""(time, (n,) position, (n,) velocity) -> (n,) torque that the actuators must apply, N·m."""
 
 
 class HiddenPlant(Plant):
-    """A :class:`Plant` with further torques, evaluated once a step."""
+    """A :class:`Plant` with further parts, and with torques that are evaluated once a step."""
 
     def __init__(
         self,
         model: TorqueModel,
         links: Mapping[str, pin.Inertia],
         rotor_inertia: ArrayLike,
-        extra: tuple[Torque, ...] = (),
+        parts: tuple[PlantPart, ...],
+        extra: tuple[Torque, ...],
     ) -> None:
         """Build the plant; see :class:`Plant` for the other arguments and the errors.
 
         Args:
             model: The arm's terms.
             links: Inertia of the links.
-            rotor_inertia: (7,) reflected inertia at the actuators, kg·m^2.
+            rotor_inertia: (n,) reflected inertia at the actuators, kg·m^2.
+            parts: What acts beside the model's terms.
             extra: Further torques.
         """
+        self._beside = parts
         self._extra = extra
         super().__init__(model, links, rotor_inertia)
+
+    def _parts(self) -> tuple[PlantPart, ...]:
+        return (*super()._parts(), *self._beside)
 
     def _at_present(self) -> tuple[Array, Array, Array, Array]:
         if self._evaluated is None:
@@ -64,14 +70,13 @@ class Dahl:
         self._last: float | None = None
 
     def __call__(self, time: float, q: Array, v: Array) -> Array:
-        """Return (7,) friction torque, N·m; goes on from the position of the last call."""
-        del time, v
+        """Return (n,) friction torque, N·m; goes on from the position of the last call."""
         position = float(q[self._joint])
         way = 0.0 if self._last is None else position - self._last
         self._last = position
         # Exact for a way in one direction.
         goal = self._level * np.sign(way)
         self._force = goal + (self._force - goal) * np.exp(-abs(way) / self._length)
-        torque = np.zeros(N_JOINTS)
+        torque = np.zeros_like(q)
         torque[self._joint] = self._force
         return torque

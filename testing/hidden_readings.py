@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.recording import Recording
 from testing.hidden_parts import (
     LEVEL,
     LOADED,
     Array,
     Hidden,
+    N,
     Random,
     found,
     sign,
@@ -25,42 +25,44 @@ from testing.world import World
 def _joint_offset(world: World, random: Random) -> tuple[World, Hidden]:
     joint = int(random.choice([1, 2, 3, 4, 5]))
     offset = np.radians(random.uniform(3.0, 8.0)) * sign(random)
-    shift = np.zeros(N_JOINTS)
+    shift = np.zeros(N)
     shift[joint] = offset
 
     def reading(recording: Recording) -> Recording:
         return replace(recording, position=recording.position + shift)
 
-    return _read(world, reading), found("joint_offset", joint, offset=float(offset))
+    return _read(world, reading), found(world.arm, "joint_offset", joint, offset=float(offset))
 
 
 def _torque_scale(world: World, random: Random) -> tuple[World, Hidden]:
     joint = int(random.choice(LOADED))
     factor = float(random.choice([random.uniform(0.5, 0.85), random.uniform(1.15, 1.7)]))
-    scale = np.ones(N_JOINTS)
+    scale = np.ones(N)
     scale[joint] = factor
     return _read(world, _effort(lambda effort: effort * scale)), found(
-        "torque_scale", joint, factor=factor
+        world.arm, "torque_scale", joint, factor=factor
     )
 
 
 def _torque_offset(world: World, random: Random) -> tuple[World, Hidden]:
-    joint = int(random.integers(N_JOINTS))
+    joint = int(random.integers(N))
     offset = LEVEL[joint] * size(random) * sign(random)
-    shift = np.zeros(N_JOINTS)
+    shift = np.zeros(N)
     shift[joint] = offset
     return _read(world, _effort(lambda effort: effort + shift)), found(
-        "torque_offset", joint, offset=offset
+        world.arm, "torque_offset", joint, offset=offset
     )
 
 
 def _coupling(world: World, random: Random) -> tuple[World, Hidden]:
     source, target = (int(j) for j in random.choice([(1, 2), (2, 3), (1, 3), (2, 4), (4, 5)]))
     factor = random.uniform(0.08, 0.3) * sign(random)
-    leak = np.eye(N_JOINTS)
+    leak = np.eye(N)
     leak[source, target] = factor
     hidden = Hidden(
-        "joint_coupling", (JOINT_NAMES[target], JOINT_NAMES[source]), {"factor": factor}
+        "joint_coupling",
+        (world.arm.joint_names[target], world.arm.joint_names[source]),
+        {"factor": factor},
     )
     return _read(world, _effort(lambda effort: effort @ leak)), hidden
 
@@ -80,15 +82,17 @@ def _coordinates(world: World, random: Random) -> tuple[World, Hidden]:
                 effort=arm.actuator_effort(recording.effort),
             )
 
-        return _read(world, reading), found("wrong_coordinates", None)
-    order, sign = np.arange(N_JOINTS), np.ones(N_JOINTS)
+        return _read(world, reading), found(world.arm, "wrong_coordinates", None)
+    order, sign = np.arange(N), np.ones(N)
     joint = int(random.choice(LOADED))
-    hidden = found("wrong_coordinates", joint)
+    hidden = found(world.arm, "wrong_coordinates", joint)
     if which == "sign":
         sign[joint] = -1.0
     else:
         order[[4, 5]] = (5, 4)
-        hidden = Hidden("wrong_coordinates", (JOINT_NAMES[4], JOINT_NAMES[5]), {})
+        hidden = Hidden(
+            "wrong_coordinates", (world.arm.joint_names[4], world.arm.joint_names[5]), {}
+        )
 
     def mixed(recording: Recording) -> Recording:
         def turn(values: Array) -> Array:
@@ -109,13 +113,13 @@ def _coordinates(world: World, random: Random) -> tuple[World, Hidden]:
 def _delay(world: World, random: Random) -> tuple[World, Hidden]:
     delay = round(float(random.uniform(0.008, 0.04)), 3)
     sensors = replace(world.sensors, effort_delay=delay)
-    return replace(world, sensors=sensors), found("time_delay", None, delay=delay)
+    return replace(world, sensors=sensors), found(world.arm, "time_delay", None, delay=delay)
 
 
 def _saturation(world: World, random: Random) -> tuple[World, Hidden]:
     joint = int(random.choice(LOADED))
     part = random.uniform(0.5, 0.75)
-    hidden = found("effort_saturation", joint)
+    hidden = found(world.arm, "effort_saturation", joint)
 
     def reading(recording: Recording) -> Recording:
         assert recording.effort is not None

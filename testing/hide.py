@@ -1,4 +1,4 @@
-"""Hide an effect of the vocabulary in a simulated arm or in what its sensors say.
+"""Hide an effect of the vocabulary in a simulated MTM or in what its sensors say.
 
 Causes of torque go into the plant and bend its motion; wrong readings go into the sensors.
 Neither uses the columns that the diagnosis fits.
@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arm import N_JOINTS, gravity_in_base
-from dvrk_gravity.effects import StribeckFriction
+from dvrk_gravity.arm import gravity_in_base
 from dvrk_gravity.errors import ConfigError
 from testing.hidden_parts import (
     INERTIA,
@@ -22,6 +21,7 @@ from testing.hidden_parts import (
     SPEED,
     Array,
     Hidden,
+    N,
     Random,
     found,
     on_joint,
@@ -51,7 +51,7 @@ def hide(world: World, effect: str, random: Random) -> tuple[World, Hidden]:
 
 def _nothing(world: World, random: Random) -> tuple[World, Hidden]:
     del random
-    return world, found("nothing", None)
+    return world, found(world.arm, "nothing", None)
 
 
 def _payload(world: World, random: Random) -> tuple[World, Hidden]:
@@ -62,13 +62,13 @@ def _payload(world: World, random: Random) -> tuple[World, Hidden]:
     added = pin.Inertia(mass, place, np.zeros((3, 3)))
     # World.links are inertias about the centre of mass, so `+` combines the bodies.
     links = dict(world.links) | {f"link{link}": body + added}
-    return replace(world, links=links), found("payload", link - 1, mass=mass)
+    return replace(world, links=links), found(world.arm, "payload", link - 1, mass=mass)
 
 
 def _base_tilt(world: World, random: Random) -> tuple[World, Hidden]:
     roll, pitch = np.radians(random.uniform(1.5, 5.0, 2)) * random.choice([-1.0, 1.0], 2)
     tilted = replace(world, gravity=gravity_in_base(float(roll), float(pitch)))
-    return tilted, found("base_tilt", None, roll=float(roll), pitch=float(pitch))
+    return tilted, found(world.arm, "base_tilt", None, roll=float(roll), pitch=float(pitch))
 
 
 def _link_com(world: World, random: Random) -> tuple[World, Hidden]:
@@ -76,74 +76,74 @@ def _link_com(world: World, random: Random) -> tuple[World, Hidden]:
     delta = 2.0 * LEVEL[joint] * size(random) * sign(random)
     counterweight = world.counterweight.copy()
     counterweight[index] += delta
-    return replace(world, counterweight=counterweight), found("link_com", joint, delta_beta=delta)
+    return replace(world, counterweight=counterweight), found(
+        world.arm, "link_com", joint, delta_beta=delta
+    )
 
 
 def _coulomb(world: World, random: Random) -> tuple[World, Hidden]:
-    joint = int(random.integers(N_JOINTS))
+    joint = int(random.integers(N))
     up = LEVEL[joint] * size(random)
     down = up * float(random.choice([1.0, random.uniform(0.6, 1.6)]))
     coulomb = world.coulomb.copy()
     coulomb[:2, joint] += (up, down)
     return replace(world, coulomb=coulomb), found(
-        "coulomb_friction", joint, positive=up, negative=down
+        world.arm, "coulomb_friction", joint, positive=up, negative=down
     )
 
 
 def _viscous(world: World, random: Random) -> tuple[World, Hidden]:
-    joint = int(random.integers(N_JOINTS))
+    joint = int(random.integers(N))
     damping = LEVEL[joint] / SPEED[joint] * size(random)
     viscous = world.viscous.copy()
     viscous[joint] += damping
     return replace(world, viscous=viscous), found(
-        "viscous_friction", joint, coefficient=float(damping)
+        world.arm, "viscous_friction", joint, coefficient=float(damping)
     )
 
 
 def _stribeck(world: World, random: Random) -> tuple[World, Hidden]:
-    joint = int(random.integers(N_JOINTS))
+    joint = int(random.integers(N))
     level = 2.0 * LEVEL[joint] * size(random)
     velocity = float(SPEED[joint] * random.uniform(0.2, 0.6))
-    levels, speeds, nothing = np.zeros((3, N_JOINTS))
-    levels[joint], speeds[joint] = level, velocity
-    # Beside one that is there already: a joint has one.
-    if world.stribeck is not None:
-        used = (world.stribeck.joint > 0.0) & (levels == 0.0)
-        levels = np.where(used, world.stribeck.joint, levels)
-        speeds = np.where(used, world.stribeck.joint_velocity, speeds)
-    added = StribeckFriction(world.arm, levels, nothing, speeds, nothing, nothing)
-    return replace(world, stribeck=added), found(
-        "stribeck_friction", joint, level=level, velocity=velocity
+    stribeck = world.stribeck.copy()
+    stribeck[:, joint] = level, velocity  # a joint has one
+    return replace(world, stribeck=stribeck), found(
+        world.arm, "stribeck_friction", joint, level=level, velocity=velocity
     )
 
 
 def _presliding(world: World, random: Random) -> tuple[World, Hidden]:
-    joint = int(random.integers(N_JOINTS))
+    joint = int(random.integers(N))
     level = 1.5 * LEVEL[joint] * size(random)
     length = float(RANGE[joint] * random.uniform(0.05, 0.25))
     added = Dahl(joint, level, length)
     return replace(world, extra=(*world.extra, added)), found(
-        "presliding_hysteresis", joint, level=level, length=length
+        world.arm, "presliding_hysteresis", joint, level=level, length=length
     )
 
 
 def _elastic(world: World, random: Random) -> tuple[World, Hidden]:
-    joint = int(random.integers(N_JOINTS))
+    joint = int(random.integers(N))
     stiffness = 1.5 * LEVEL[joint] / RANGE[joint] * size(random) * sign(random)
     cable = world.cable.copy()
     cable[1, joint] += stiffness
     if random.random() < 0.4:
         cable[3, joint] += random.uniform(-0.5, 0.5) * stiffness / RANGE[joint] ** 2
-        return replace(world, cable=cable), found("elastic_cable", joint)
-    return replace(world, cable=cable), found("elastic_cable", joint, stiffness=float(stiffness))
+        return replace(world, cable=cable), found(world.arm, "elastic_cable", joint)
+    return replace(world, cable=cable), found(
+        world.arm, "elastic_cable", joint, stiffness=float(stiffness)
+    )
 
 
 def _rotor(world: World, random: Random) -> tuple[World, Hidden]:
-    joint = int(random.integers(N_JOINTS))
+    joint = int(random.integers(N))
     inertia = 2.0 * INERTIA[joint] * size(random)
     rotors = world.rotors.copy()
     rotors[joint] += inertia
-    return replace(world, rotors=rotors), found("rotor_inertia", joint, inertia=float(inertia))
+    return replace(world, rotors=rotors), found(
+        world.arm, "rotor_inertia", joint, inertia=float(inertia)
+    )
 
 
 def _link_inertia(world: World, random: Random) -> tuple[World, Hidden]:
@@ -153,21 +153,23 @@ def _link_inertia(world: World, random: Random) -> tuple[World, Hidden]:
     links = dict(world.links) | {
         f"link{link}": pin.Inertia(body.mass, body.lever, body.inertia + added * np.eye(3))
     }
-    return replace(world, links=links), found("link_inertia", link - 1, inertia=float(added))
+    return replace(world, links=links), found(
+        world.arm, "link_inertia", link - 1, inertia=float(added)
+    )
 
 
 def _drift(world: World, random: Random) -> tuple[World, Hidden]:
-    joint = int(random.integers(N_JOINTS))
+    joint = int(random.integers(N))
     level = 2.0 * LEVEL[joint] * size(random) * sign(random)
     constant = float(random.uniform(6.0, 40.0))
     extra = on_joint(joint, lambda time, q, v: level * (1.0 - np.exp(-time / constant)))
     return replace(world, extra=(*world.extra, extra)), found(
-        "thermal_drift", joint, torque=level, time_constant=constant
+        world.arm, "thermal_drift", joint, torque=level, time_constant=constant
     )
 
 
 def _cogging(world: World, random: Random) -> tuple[World, Hidden]:
-    joint = int(random.integers(N_JOINTS))
+    joint = int(random.integers(N))
     amplitude = 1.5 * LEVEL[joint] * size(random)
     cycles = float(random.uniform(10.0, 30.0) / RANGE[joint])
     phase = float(random.uniform(-np.pi, np.pi))
@@ -175,17 +177,17 @@ def _cogging(world: World, random: Random) -> tuple[World, Hidden]:
 
     def extra(time: float, q: Array, v: Array) -> Array:
         del time, v
-        motor = np.zeros(N_JOINTS)
+        motor = np.zeros_like(q)
         motor[joint] = amplitude * np.cos(cycles * (to_motor[joint] @ q) + phase)
         return world.arm.joint_effort(motor)
 
     return replace(world, extra=(*world.extra, extra)), found(
-        "cogging", joint, amplitude=amplitude, cycles_per_revolution=cycles
+        world.arm, "cogging", joint, amplitude=amplitude, cycles_per_revolution=cycles
     )
 
 
 def _contact(world: World, random: Random) -> tuple[World, Hidden]:
-    joint = int(random.integers(N_JOINTS))
+    joint = int(random.integers(N))
     level = 3.0 * LEVEL[joint] * size(random) * sign(random)
     # It ends before a recording of 20 s does: a push that does not end is no window.
     start = float(random.uniform(3.0, 12.0))
@@ -193,13 +195,13 @@ def _contact(world: World, random: Random) -> tuple[World, Hidden]:
     # The plant's clock includes the second before the recording.
     extra = on_joint(joint, lambda time, q, v: level * (start + 1.0 <= time < end + 1.0))
     return replace(world, extra=(*world.extra, extra)), found(
-        "contact", joint, torque=level, start=start, end=end
+        world.arm, "contact", joint, torque=level, start=start, end=end
     )
 
 
 def _outside(world: World, random: Random) -> tuple[World, Hidden]:
-    joint = int(random.integers(N_JOINTS - 1))
-    other = int(random.choice([k for k in range(N_JOINTS) if k != joint]))
+    joint = int(random.integers(N - 1))
+    other = int(random.choice([k for k in range(N) if k != joint]))
     level = 3.0 * LEVEL[joint] * size(random)
     frequency = float(random.uniform(0.3, 2.0))
     middle = 0.5 * (world.arm.lower + world.arm.upper)
@@ -218,11 +220,11 @@ def _outside(world: World, random: Random) -> tuple[World, Hidden]:
     shape = (of_two_positions, oscillating, dragged)[int(random.integers(3))]
 
     def extra(time: float, q: Array, v: Array) -> Array:
-        result = np.zeros(N_JOINTS)
+        result = np.zeros_like(q)
         result[joint] = level * shape(time, q, v)
         return result
 
-    return replace(world, extra=(*world.extra, extra)), found("outside", joint)
+    return replace(world, extra=(*world.extra, extra)), found(world.arm, "outside", joint)
 
 
 HIDERS: Mapping[str, Callable[[World, Random], tuple[World, Hidden]]] = {

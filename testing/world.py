@@ -9,15 +9,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import (
     CoulombFriction,
     ElasticCable,
     Gravity,
     LinkInertia,
     RotorInertia,
-    StribeckFriction,
-    Term,
     ViscousFriction,
 )
 from dvrk_gravity.effects.polynomial import Range
@@ -30,6 +28,7 @@ from dvrk_gravity.simulate.plant_file import PlantFile
 from dvrk_gravity.simulate.sensors import Sensors
 from dvrk_gravity.simulate.simulated_arm import SimulatedArm
 from dvrk_gravity.tree import TREE_LINKS, link_frames
+from testing import physics
 from testing.hidden_plant import HiddenPlant, Torque
 
 Array = NDArray[np.float64]
@@ -47,12 +46,13 @@ class World:
         links: Inertia of the links; gravity follows from the same masses.
         counterweight: (14,) what springs and weights outside the links add to beta, N·m.
         gravity: (3,) gravity in the base frame, m/s^2.
-        coulomb: (4, 7) N·m: joint up, joint down, motor up, motor down.
-        viscous: (7,) at the joints, N·m·s/rad.
-        cable: (k, 7) polynomial of each joint's elastic torque, N·m/rad^k.
-        rotors: (7,) reflected inertia at the motors, kg·m^2.
+        coulomb: (4, n) N·m: joint up, joint down, motor up, motor down.
+        viscous: (n,) at the joints, N·m·s/rad.
+        cable: (k, n) polynomial of each joint's elastic torque, N·m/rad^k.
+        stribeck: (2, n) further dry friction at the joints: levels at rest, N·m, and the velocities
+            that leave 1/e of them, rad/s.
+        rotors: (n,) reflected inertia at the motors, kg·m^2.
         extra: Further torques.
-        stribeck: Further dry friction, ``None``: none.
         sensors: The sensors.
         readings: What is done to a recording afterwards, in order.
     """
@@ -64,10 +64,10 @@ class World:
     coulomb: Array
     viscous: Array
     cable: Array
+    stribeck: Array
     rotors: Array
     sensors: Sensors
     extra: tuple[Torque, ...] = ()
-    stribeck: StribeckFriction | None = None
     readings: tuple[Reading, ...] = field(default=())
 
     @classmethod
@@ -89,23 +89,25 @@ class World:
         counterweight = np.zeros(14)
         # Springs and weights at the arm and the forearm, as far as they act like mass.
         counterweight[[0, 2]] = random.uniform([-1.2, -0.7], [0.2, -0.4])
+        n = len(content.model.arm.joints)
         joint = np.array([0.02, 0.03, 0.02, 0.02, 0.004, 0.003, 0.001])
-        joint = joint * random.uniform(0.5, 1.5, N_JOINTS)
-        motor = np.zeros(N_JOINTS)
+        joint = joint * random.uniform(0.5, 1.5, n)
+        motor = np.zeros(n)
         motor[2] = 0.02 * random.uniform(0.5, 1.5)
         viscous = np.array([0.02, 0.02, 0.02, 0.003, 0.0005, 0.0005, 0.0001])
-        cable = np.zeros((4, N_JOINTS))
+        cable = np.zeros((4, n))
         cable[1, :6] = np.array([0.05, 0.0, 0.05, 0.015, 0.006, 0.004])
-        cable[1:] *= random.uniform(0.5, 1.5, (3, N_JOINTS))
+        cable[1:] *= random.uniform(0.5, 1.5, (3, n))
         return cls(
             arm=content.model.arm,
             links=links,
             counterweight=counterweight,
             gravity=content.model.arm.gravity,
             coulomb=np.array([joint, joint, motor, motor]),
-            viscous=viscous * random.uniform(0.5, 1.5, N_JOINTS),
+            viscous=viscous * random.uniform(0.5, 1.5, n),
             cable=cable,
-            rotors=content.rotor_inertia * random.uniform(0.8, 1.2, N_JOINTS),
+            stribeck=np.zeros((2, n)),
+            rotors=content.rotor_inertia * random.uniform(0.8, 1.2, n),
             sensors=content.sensors,
         )
 
@@ -118,31 +120,32 @@ class World:
         }
         return beta_from_links(masses, columns=14) + self.counterweight
 
-    def terms(self) -> tuple[Term, ...]:
-        """Return the terms of the plant's model: all but inertia and what is hidden."""
-        free = np.full(N_JOINTS, np.inf)
-        up, down, motor_up, motor_down = self.coulomb
-        return (
-            Gravity(self.arm, self.beta, self.gravity),
-            ElasticCable(self.arm, self.cable, Range(-free, free)),
-            CoulombFriction(self.arm, up, down, motor_up, motor_down, np.full(N_JOINTS, 0.01)),
-            ViscousFriction(self.arm, self.viscous, np.zeros(N_JOINTS)),
-        )
-
     def model(self) -> TorqueModel:
         """Return the model that knows this world, but for ``extra``, ``stribeck`` and readings."""
+        nothing = np.zeros(len(self.arm.joints))
+        up, down, motor_up, motor_down = self.coulomb
+        friction = (
+            CoulombFriction(self.arm, up, down, motor_up, motor_down, nothing + 0.01),
+            ViscousFriction(self.arm, self.viscous, nothing),
+        )
+        elastic = ElasticCable(self.arm, self.cable, Range(nothing - np.inf, nothing + np.inf))
         frames = link_frames(self.arm)
         links = np.array(
             [frames[name].act(self.links[name]).toDynamicParameters() for name in TREE_LINKS]
         )
         inertia = (LinkInertia(self.arm, links), RotorInertia(self.arm, self.rotors))
-        return TorqueModel(self.arm, (*self.terms(), *inertia))
+        return TorqueModel(self.arm, (self._weight(), elastic, *friction, *inertia))
 
     def plant(self) -> HiddenPlant:
         """Return the arm that moves."""
-        stribeck = () if self.stribeck is None else (self.stribeck,)
-        model = TorqueModel(self.arm, (*self.terms(), *stribeck))
-        return HiddenPlant(model, self.links, self.rotors, self.extra)
+        parts = (
+            physics.cable(self.cable),
+            physics.coulomb(self.coulomb),
+            physics.stribeck(*self.stribeck),
+            physics.viscous(self.viscous),
+        )
+        model = TorqueModel(self.arm, (self._weight(),))
+        return HiddenPlant(model, self.links, self.rotors, parts, self.extra)
 
     def record(
         self, motion: int, noise: int, duration: float = 30.0, rate: float = 200.0
@@ -163,6 +166,9 @@ class World:
         """Record drawn static poses; the seeds are as in :meth:`record`."""
         arm = SimulatedArm(self.plant(), self.sensors, noise)
         return self._read(record_poses(arm, poses, count))
+
+    def _weight(self) -> Gravity:
+        return Gravity(self.arm, self.beta, self.gravity)
 
     def _read(self, recording: Recording) -> Recording:
         for reading in self.readings:
