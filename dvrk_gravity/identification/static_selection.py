@@ -130,7 +130,7 @@ class JointSearch:
         total = self.factor @ [test.yy for test in self.test]
         old, new = (float(np.sqrt(max(e.sum(), 0.0) / total)) for e in (before, after))
         return result.Choice(
-            f"held_load {JOINT_NAMES[self.joint]}: function of {describe(group)}",
+            f"held_load {JOINT_NAMES[self.joint]}: function of {describe(group, JOINT_NAMES)}",
             kept,
             old,
             new,
