@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SYSTEM_PYTHON := $(firstword $(foreach p,$(PYTHON) python3 python3.12 python3.11,\
   $(shell $(p) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' 2>/dev/null && echo $(p))))
-ENVIRONMENT := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
+ENVIRONMENT := OPENBLAS_NUM_THREADS=1
 IN_WORKSPACE := . install/setup.sh && $(ENVIRONMENT)
 SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '*.pyc') setup.py setup.cfg package.xml
 
@@ -20,7 +20,7 @@ help:
 	@echo "make test    the test suite, two workers (WORKERS=4 for more)"
 	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
 	@echo "make lint    ruff and mypy"
-	@echo "make trials  hide and find: hundreds of trials of the diagnosis (SEEDS=\"0 12\")"
+	@echo "make trials  slow tests, properties with many examples, hundreds of trials of hide and find (SEEDS=\"0 12\")"
 	@echo "make story   the diagnosis on real recordings: docs/real_data.md (DVRK_GRAVITY_DATA)"
 	@echo "make lock    renew requirements.lock from requirements.in"
 	@echo "make clean   remove what make has made"
@@ -51,7 +51,10 @@ lint: $(VENV)/.done
 	$(BIN)/mypy
 
 SEEDS ?= 0 12
+EXAMPLES ?= 20
 trials: $(VENV)/.done
+	PYTHONPATH=. $(ENVIRONMENT) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest \
+	  -n $(WORKERS) --dist worksteal -m "slow or hypothesis"
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/trials.py --seeds $(SEEDS) --jobs 2
 
 story: $(VENV)/.done

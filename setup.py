@@ -38,7 +38,7 @@ def shared_files():
 setup(
     name=NAME,
     version="0.1.0",
-    packages=find_packages(exclude=["test", "test.*"]),
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={NAME: ["py.typed"]},
     data_files=shared_files(),
     python_requires=">=3.11",
@@ -59,6 +59,7 @@ setup(
             "hypothesis>=6.90",
             "mujoco>=4.0",
             "sympy>=1.12",
+            "example-robot-data>=4.0",
         ],
     },
     zip_safe=False,

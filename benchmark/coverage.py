@@ -34,7 +34,7 @@ from dvrk_gravity.identification.motion import read_motions
 from dvrk_gravity.identification.problem import Problem, choose, pose, reweighed
 from dvrk_gravity.identification.result import FittedParameter
 from dvrk_gravity.identification.selection import starts
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 LOW, HIGH = 0.93, 0.97
 FAMILIES = {

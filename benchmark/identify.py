@@ -32,7 +32,7 @@ from dvrk_gravity.identification.motion import read, read_motions
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording, RecordingFile, save_recording
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 TEN = 10.0  # minutes at 1 kHz that the target is about
 TIME_TARGET, MEMORY_TARGET = 60.0, 1.5  # s for 10 minutes; GiB

@@ -24,8 +24,8 @@ import numpy as np
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from dvrk_gravity.diagnosis.bench import Bench
 from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.simulate.hidden import HIDERS, Hidden, hide
-from dvrk_gravity.simulate.world import World
+from testing.hide import HIDERS, Hidden, hide
+from testing.world import World
 
 PAIRS = (
     ("coulomb_friction", "elastic_cable"),

@@ -242,6 +242,12 @@ class TorqueModel:
             )
         return torque
 
+    @property
+    def gravity(self) -> Array:
+        """(3,) gravity in the base frame as its terms have it, m/s^2; the arm's if none weighs."""
+        vectors = (term.gravity_vector for term in self.terms)
+        return next((vector for vector in vectors if vector is not None), self.arm.gravity)
+
     def term(self, name: str) -> Term | None:
         """Return the term of that effect name, ``None`` if the model has none."""
         return next((term for term in self.terms if name == term.NAME), None)

@@ -6,10 +6,14 @@ For sentences, tables and reports; files that programs read keep SI numbers.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 
 # Of each SI unit, from small to large: the size from which a unit is used, its factor, its name.
 _UNITS: dict[str, tuple[tuple[float, float, str], ...]] = {
     "N·m": ((0.0, 1e6, "µN·m"), (5e-5, 1e3, "mN·m"), (1.0, 1.0, "N·m")),
+    "N": ((0.0, 1e3, "mN"), (1.0, 1.0, "N")),
+    "m": ((0.0, 1e3, "mm"), (1.0, 1.0, "m")),
+    "m/s": ((0.0, 1e3, "mm/s"), (1.0, 1.0, "m/s")),
     "N·m/rad": ((0.0, 1e3, "mN·m/rad"), (1.0, 1.0, "N·m/rad")),
     "N·m·s/rad": ((0.0, 1e3, "mN·m·s/rad"), (1.0, 1.0, "N·m·s/rad")),
     "kg": ((0.0, 1e3, "g"), (1.0, 1.0, "kg")),
@@ -50,6 +54,22 @@ def quantity(value: float, unit: str, half: float = 0.0) -> str:
         spread = f"{width:.{decimals}f}"
     shown = text if float(spread) == 0.0 else f"{text} ± {spread}"
     return f"{shown} {name}".rstrip()
+
+
+def pose(positions: Iterable[float], units: Sequence[str]) -> str:
+    """Return a pose as a person writes it: `[10, -20] deg`, or each with its unit if they differ.
+
+    Args:
+        positions: Of the joints, rad or m.
+        units: SI unit of each.
+    """
+    shown = [
+        (f"{math.degrees(value):.0f}", "deg") if unit == "rad" else (f"{1e3 * value:.0f}", "mm")
+        for value, unit in zip(positions, units, strict=True)
+    ]
+    if len({unit for _, unit in shown}) == 1:
+        return f"[{', '.join(value for value, _ in shown)}] {shown[0][1]}"
+    return f"[{', '.join(f'{value} {unit}' for value, unit in shown)}]"
 
 
 def _decimals(number: float, width: float) -> int | None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 CONFIG = REPOSITORY / "config"
@@ -26,6 +27,21 @@ def executables() -> dict[str, str]:
     )
 
 
+# `make trials` asks for more.
+EXAMPLES = int(os.environ.get("DVRK_GRAVITY_EXAMPLES", "1"))
+
+
+def examples(count: int) -> int:
+    """Return how many examples of a property are tried: ``count``, or a multiple in trials."""
+    return count * EXAMPLES
+
+
+settings.register_profile(
+    "repeatable", derandomize=True, deadline=None, database=None, max_examples=examples(50)
+)
+settings.load_profile("repeatable")
+
+
 @pytest.fixture(scope="session")
 def measured_data() -> Path:
     """Folder of real measured data; tests that need it are skipped, saying so, without it."""
@@ -33,6 +49,15 @@ def measured_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no measured data in {folder} (DVRK_GRAVITY_DATA names another folder)")
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ambient_domain() -> Iterator[int]:
+    """Keep a ROS domain for each worker: no two meet, not even in tests that ask for none."""
+    from dvrk_gravity.processes import private_domain
+
+    with private_domain() as number:
+        yield number
 
 
 @pytest.fixture

@@ -6,12 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.recording import BagWriter, Recording
 from dvrk_gravity.recording.bag import JOINT_STATE
 from dvrk_gravity.recording.cdr import encode_joint_state
 
 TOPIC = "/MTMR/measured_js"
+ARM = Arm.load("mtmr")
 START = 1_530_000_000_000_000_000
 
 
@@ -37,6 +39,7 @@ def wave(count=2000, rate=200.0, joints=JOINT_NAMES, seed=0, **changes):
         "velocity": size * omega * np.cos(np.outer(time, omega)),
         "effort": 0.02 * position + 1e-4 * rng.normal(size=position.shape),
         "source": "wave",
+        "arm": ARM,
     }
     return Recording(joints, **(fields | changes))
 

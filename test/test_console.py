@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from dvrk_gravity import cli
-from dvrk_gravity.console import ConsoleFile
-from dvrk_gravity.console_check import check_file
-from dvrk_gravity.console_export import FormError, export
-from dvrk_gravity.console_finding import Severity
+from dvrk_gravity.console.check import check_file
+from dvrk_gravity.console.export import FormError, export
+from dvrk_gravity.console.file import ConsoleFile
+from dvrk_gravity.console.finding import Severity
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 

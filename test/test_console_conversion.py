@@ -11,7 +11,7 @@ from test_console import console_regressor, console_torque, convert, own_model
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.console_conversion import convert_model
+from dvrk_gravity.console.conversion import convert_model
 from dvrk_gravity.model import TorqueModel
 
 ARM = Arm.load("mtmr")

@@ -13,8 +13,8 @@ from dvrk_gravity import TorqueModel, diagnose
 from dvrk_gravity.commands import diagnose as command
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate.hidden import hide
-from dvrk_gravity.simulate.world import World
+from testing.hide import hide
+from testing.world import World
 
 KNOWN = World.draw(5)
 

@@ -19,7 +19,7 @@ from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import try_readings
 from dvrk_gravity.effects import Gravity
 from dvrk_gravity.recording import Recording, check, prepare
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 MODEL = World.draw(5).model()
 ARM = MODEL.arm
@@ -146,7 +146,8 @@ def test_where_a_motor_turns_back_the_joints_that_it_moves_say_nothing():
     motor = qd[:, 1] + qd[:, 2]
     nothing = np.zeros_like(q)
 
-    motion = Motion(MODEL, q, qd, nothing, nothing, None, time, (slice(0, len(q)),), RATE)
+    motion = Motion(MODEL, q, qd, nothing, nothing, None, time, (slice(0, len(q)),), RATE,
+                    np.ones(7, dtype=bool), np.zeros(7))  # fmt: skip
 
     turning = np.flatnonzero(np.diff(np.sign(motor)))
     assert len(turning) > 1

@@ -13,9 +13,9 @@ from dvrk_gravity.diagnosis.in_simulation import in_simulation, let_go
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.effects import Gravity, LinkInertia, State
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.simulate.hidden import hide
 from dvrk_gravity.simulate.model_plant import ModelArm
-from dvrk_gravity.simulate.world import World
+from testing.hide import hide
+from testing.world import World
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.effects import Gravity, LinkInertia
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 ARM = Arm.load("mtmr")
 RATE, DURATION = 250.0, 18.0

@@ -20,9 +20,9 @@ from dvrk_gravity.identification.posture import POSTURE
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.excitation import record_motion
-from dvrk_gravity.simulate.hidden import hide
 from dvrk_gravity.simulate.simulated_arm import SimulatedArm
-from dvrk_gravity.simulate.world import World
+from testing.hide import hide
+from testing.world import World
 
 KNOWN = World.draw(5)
 PERIOD = 10.0
@@ -208,6 +208,7 @@ def _nothing_but_the_yaw(result) -> None:
     assert json.loads(result.to_json())["ambiguities"]
 
 
+@pytest.mark.slow
 def test_a_good_model_of_the_real_motion_has_nothing_to_explain_but_an_ambiguity(measured):
     level = [effect for effect in identified(KNOWN.arm) if effect not in POSTURE]
     result = diagnose(measured, identify([measured], KNOWN.arm, "actuator", level).model)
@@ -216,6 +217,7 @@ def test_a_good_model_of_the_real_motion_has_nothing_to_explain_but_an_ambiguity
     assert _tilt_and_shoulder(result)
 
 
+@pytest.mark.slow
 def test_once_the_real_arms_base_is_tilted_outer_yaws_zero_looks_like_more_of_it(measured, good):
     result = diagnose(measured, good)
 
@@ -226,6 +228,7 @@ def test_once_the_real_arms_base_is_tilted_outer_yaws_zero_looks_like_more_of_it
     assert ({"joint_offset", "base_tilt"}, ("outer_yaw",)) in alike
 
 
+@pytest.mark.slow
 def test_the_real_motion_read_as_joint_coordinates_is_read_wrongly(measured, good):
     result = diagnose(replace(measured, coordinates="joint"), good)
 

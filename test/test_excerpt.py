@@ -17,7 +17,7 @@ from dvrk_gravity.effects import Cogging
 from dvrk_gravity.effects.contact import _window
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, RecordingFile, excerpt
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 MODEL = World.draw(1).model()
 

@@ -20,7 +20,7 @@ from dvrk_gravity.effects.contact import PushHypothesis, WallHypothesis
 from dvrk_gravity.effects.elastic_cable import CableHypothesis
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import PlantFile
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 CARRIED = {
     "coulomb_friction": [0.02, 0.03],

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import CONFIG, MODEL_FILE
+from conftest import CONFIG, MODEL_FILE, examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from recording_samples import wave
@@ -24,7 +24,7 @@ from recording_samples import wave
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.console import ConsoleFile
+from dvrk_gravity.console.file import ConsoleFile
 from dvrk_gravity.errors import ConfigError, DvrkGravityError
 from dvrk_gravity.newton_euler import reader as mechanism
 from dvrk_gravity.recording import Recording
@@ -111,7 +111,9 @@ def read_or_refused(read: Callable[[Path], Any], path: Path) -> None:
 
 
 FAST = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=examples(20),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 
 

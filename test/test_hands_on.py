@@ -8,6 +8,10 @@ import time
 import numpy as np
 import pytest
 from conftest import CONFIG, MODEL_FILE, FakeArm
+from diagnostic_msgs.msg import KeyValue
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Empty, Float64MultiArray
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.nodes.others import COMMANDS
@@ -51,6 +55,18 @@ def assert_silent(arm: FakeArm, duration: float = 0.5) -> None:
 
 
 # --- stopping ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "beside", [{"arm": "mtml"}, {"timeout": 5.0}, {"use_sim_time": "x"}, {"nonsense": 1.0}]
+)
+def test_stopping_is_not_refused_for_what_stands_beside_it(arm, start, beside):
+    start("compensator", *PATIENT)
+    commanding(arm)
+    assert not arm.client.set_parameters({"enabled": False, **beside})[0]
+    arm.run_until(lambda: bool(arm.holds), "the hold")
+    assert_silent(arm)
+    assert arm.state.startswith("disabled")
 
 
 @pytest.mark.parametrize("way", ["service", "parameter", "parameter beside nonsense"])
@@ -112,6 +128,31 @@ def test_an_arm_that_nobody_could_hold_is_not_commanded(arm, start):
     assert not arm.commands
     arm.listen_to_hold()
     commanding(arm)
+
+
+@pytest.mark.parametrize("misfit", ["durability", "type"])
+def test_a_subscription_to_hold_that_no_hold_reaches_does_not_count(arm, start, misfit):
+    arm.turn_deaf()
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    kind, profile = (Empty, latched) if misfit == "durability" else (Bool, QoSProfile(depth=1))
+    arm.client.node.create_subscription(kind, "hold", lambda _: None, profile)
+    start("compensator", *PATIENT)
+    arm.run_until(lambda: "does not subscribe to /MTMR/hold" in arm.state, "the reason")
+    assert_silent(arm)
+
+
+def test_somebody_else_s_hold_does_not_end_a_hold_that_has_not_arrived(arm, start):
+    start("compensator", *PATIENT)
+    commanding(arm)
+    other = arm.client.node.create_publisher(Empty, "hold", 1)
+    arm.client.wait(lambda: other.get_subscription_count() == 2, "both to hear another's hold")
+    arm.turn_deaf()
+    arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
+    other.publish(Empty())
+    arm.run(0.5)
+    arm.holds.clear()
+    arm.listen_to_hold()
+    arm.run_until(lambda: bool(arm.holds), "the compensator's hold")
 
 
 def test_a_hold_is_sent_until_somebody_is_there_to_receive_it(arm, start):
@@ -179,8 +220,6 @@ def test_an_end_whose_hold_reaches_nobody_is_not_status_0(arm, start, verb):
 
 
 def test_it_does_not_take_the_arm_out_of_somebody_s_motion(arm, start):
-    from sensor_msgs.msg import JointState
-
     mover = arm.client.node.create_publisher(JointState, "move_jp", 10)
     on, off = [0.1] * 7, [0.0] * 7
     start("compensator", *PATIENT)
@@ -199,6 +238,50 @@ def test_it_does_not_take_the_arm_out_of_somebody_s_motion(arm, start):
         arm.position[1] += 0.005
         arm.run(0.005)
     assert not arm.commands
+    commanding(arm)
+
+
+@pytest.mark.parametrize("topic", ["move_jp", "servo_jf"])
+def test_resuming_by_itself_leaves_an_arm_alone_that_somebody_moved_meanwhile(arm, start, topic):
+    mover = arm.client.node.create_publisher(JointState, topic, 10)
+    start("compensator", "-p", "timeout:=0.5", "-p", "resume:=automatic")
+    commanding(arm)
+    arm.client.wait(lambda: "no valid measured_js" in arm.state, "the fault of the input")
+    mover.publish(JointState())
+    arm.client.wait(lambda: f"commands /MTMR/{topic}" in arm.state, "the other's command told")
+    assert_silent(arm, 1.0)
+    arm.client.enable(True)
+    commanding(arm)
+
+
+@pytest.mark.parametrize("durability", ["TRANSIENT_LOCAL", "VOLATILE"])
+def test_an_arm_that_says_that_it_is_not_enabled_is_not_commanded(
+    arm, start, durability, tmp_path, monkeypatch
+):
+    """crtk_msgs is not everywhere: any message with two texts serves in its stead."""
+    (tmp_path / "crtk_msgs").mkdir()
+    (tmp_path / "crtk_msgs" / "msg.py").write_text(
+        "from diagnostic_msgs.msg import KeyValue as OperatingState\n"
+        "OperatingState.state = property(lambda self: self.key)\n"
+        "OperatingState.is_homed = property(lambda self: self.value == 'homed')\n"
+        "OperatingState.is_busy = False\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    said = arm.client.node.create_publisher(
+        KeyValue, "operating_state", QoSProfile(depth=1, durability=DurabilityPolicy[durability])
+    )
+    start("compensator", *PATIENT)
+    arm.client.wait(lambda: said.get_subscription_count() > 0, "somebody to tell")
+    said.publish(KeyValue(key="ENABLED", value="homed"))
+    commanding(arm)
+    said.publish(KeyValue(key="PAUSED", value="homed"))
+    arm.run_until(lambda: "it is PAUSED (operating_state)" in arm.state, "the fault")
+    arm.run_until(lambda: bool(arm.holds), "the hold")
+    arm.client.enable(True)
+    assert_silent(arm)
+    said.publish(KeyValue(key="ENABLED", value="not yet"))
+    arm.run_until(lambda: "not homed" in arm.state, "the other reason")
+    said.publish(KeyValue(key="ENABLED", value="homed"))
     commanding(arm)
 
 
@@ -261,9 +344,56 @@ def test_any_command_of_anybody_else_ends_ours_in_a_fault(crowd, topic, kind):
     assert_silent(arm, 0.2)
 
 
+def test_a_best_effort_command_that_a_controller_obeys_is_heard_too(arm, start):
+    """Controllers of ros2_control subscribe with the middleware's defaults: DDS's best effort."""
+    profile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    node = arm.client.node
+    rival = node.create_publisher(Float64MultiArray, "commands", profile)
+    obeyed: list[Float64MultiArray] = []
+    node.create_subscription(Float64MultiArray, "commands", obeyed.append, profile)
+    start("compensator", *PATIENT, "-p", "output:=array", wait=False)
+    arm.run_until(lambda: len(obeyed) > 20, "commands")
+    for _ in range(20):
+        rival.publish(Float64MultiArray())
+        arm.run(0.01)
+    arm.run_until(lambda: "commands /MTMR/commands" in arm.state, "the fault")
+    arm.run_until(lambda: bool(arm.holds), "the hold")
+
+
+STALLED = """
+import sys, time
+from dvrk_gravity.compensate.supervisor import Supervisor
+from dvrk_gravity.nodes import compensator
+quick, count = Supervisor._follow, 0
+def follow(self, *arguments):
+    global count
+    count += 1
+    if count == 50:
+        time.sleep(1.5)
+    return quick(self, *arguments)
+Supervisor._follow = follow
+sys.exit(compensator.main(sys.argv[1:]))
+"""
+
+
+def test_a_process_that_stood_still_while_it_answered_sends_no_late_answer(arm):
+    program = ("-c", STALLED)
+    with NodeProcess(
+        None, "--params-file", str(MODEL_FILE), "-p", "timeout:=0.5", program=program
+    ) as node:
+        arm.await_compensator()
+        arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
+        arm.run(0.3)
+        assert "no valid measured_js for 0.5 s" in arm.state
+        assert len(arm.commands) == 49
+        assert arm.holds
+    assert node.process.returncode == 0
+
+
 def test_the_watchdog_s_time_out_must_fit_and_its_hold_is_the_compensator_s_fault(arm, start):
     """Messages that come slowly suit the one and not the other."""
     watchdog = start("watchdog", "-p", "watchdog_timeout:=0.4")
+    arm.client.wait(lambda: bool(arm.client.state("watchdog")), "the watchdog")
     start("compensator", *PATIENT)
     arm.run_until(lambda: "the watchdog holds the arm after 0.4 s" in arm.state, "the reason")
     assert not arm.commands
@@ -282,8 +412,6 @@ def test_the_watchdog_s_time_out_must_fit_and_its_hold_is_the_compensator_s_faul
 
 
 def test_two_who_publish_measured_js_are_not_followed(arm, start):
-    from sensor_msgs.msg import JointState
-
     second = arm.client.node.create_publisher(JointState, "measured_js", 10)
     start("compensator", *PATIENT)
     commanding(arm)  # one that publishes nothing does no harm
@@ -305,6 +433,7 @@ def test_two_who_publish_measured_js_are_not_followed(arm, start):
 
 def test_an_encoder_that_jumps_by_thirty_degrees_is_not_followed(arm, start):
     start("compensator", "-p", "timeout:=0.5", "-p", "input_depth:=100")
+    arm.run_until(lambda: arm.state.startswith("commanding"), "the end of the ramp")
     commanding(arm)
     torque = arm.efforts[-1]
     jumped = list(arm.position)

@@ -300,6 +300,7 @@ def test_an_unknown_term_is_named(tmp_path, capsys):
     assert "magic" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_measured_trajectory_is_explained_on_phases_that_were_held_out(measured_data):
     """Best published errors on another trajectory: .077 .149 .170 .209 .259 .234 .339."""
     fit = identify([Recording.load(measured_data / "mtm_dynamic_30s_200hz.csv")], ARM)

@@ -15,7 +15,7 @@ import pytest
 from conftest import CONFIG, REPOSITORY, executables
 from test_console import synthetic, write
 
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 EXECUTABLES = executables()
 NODES = sorted(verb for verb, module in EXECUTABLES.items() if module.startswith("nodes."))
@@ -101,6 +101,12 @@ def installed(tmp_path_factory) -> Installed:
 def test_all_and_only_the_declared_executables_are_installed(installed):
     found = {path.name for path in (installed.prefix / "lib" / "dvrk_gravity").iterdir()}
     assert found == set(EXECUTABLES)
+
+
+def test_nothing_but_the_package_is_importable_from_the_installation(installed):
+    (site,) = installed.prefix.glob("lib/python3*/site-packages")
+    names = {path.name for path in site.iterdir() if path.suffix != ".egg-info"}
+    assert names == {"dvrk_gravity"}
 
 
 @pytest.mark.parametrize("verb", EXECUTABLES)

@@ -6,15 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.compensate.limits import EffortLimits, slew
-
-settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
-settings.load_profile("repeatable")
 
 ARM = Arm.load("mtmr")
 STANDARD = EffortLimits(ARM, ARM.effort_limit, ARM.actuator_effort_limit)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from conftest import CONFIG, MODEL_FILE
+from conftest import CONFIG, MODEL_FILE, examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,9 +19,6 @@ from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.effects import State
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.errors import ConfigError, ShapeError
-
-settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
-settings.load_profile("repeatable")
 
 BETA = "beta: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0]"
 
@@ -90,7 +87,7 @@ def same_bits(a, b) -> bool:
 MOTION = np.random.default_rng(3).uniform(-2, 2, (4, 20, 7))
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(30))
 @given(parameter_sets())
 def test_a_saved_model_comes_back_bit_by_bit(tmp_path_factory, values):
     model = TorqueModel.from_parameters(values)

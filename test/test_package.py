@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import re
+import runpy
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
 import pytest
+import setuptools
 from conftest import REPOSITORY, executables
 
 from dvrk_gravity.cli import VERBS
@@ -55,6 +58,29 @@ def test_package_xml_is_format_3_and_of_type_ament_python():
     root = ElementTree.parse(REPOSITORY / "package.xml").getroot()
     assert root.get("format") == "3"
     assert root.findtext("export/build_type") == "ament_python"
+
+
+def test_only_the_package_itself_is_installed(monkeypatch):
+    """The oracle that hides effects, ``testing/``, lies beside it."""
+    given = {}
+    monkeypatch.setattr(setuptools, "setup", given.update)
+    monkeypatch.chdir(REPOSITORY)
+    runpy.run_path("setup.py")
+    assert {name.split(".")[0] for name in given["packages"]} == {"dvrk_gravity"}
+    assert {"dvrk_gravity.effects", "dvrk_gravity.simulate"} <= set(given["packages"])
+    files = [name for _, names in given["data_files"] for name in names]
+    assert not [name for name in files if name.startswith("test")]
+
+
+def test_the_package_does_not_need_what_is_not_installed():
+    for path in (REPOSITORY / "dvrk_gravity").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names: list[str] = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+            assert not {"testing", "test"} & {name.split(".")[0] for name in names}, path
 
 
 def test_colcon_takes_it_for_an_ament_python_package():

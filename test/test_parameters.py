@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dvrk_gravity.arm import Arm
@@ -23,9 +23,6 @@ from dvrk_gravity.model import (
 )
 from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.parameter import Parameter, check_all, flatten, unflatten
-
-settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
-settings.load_profile("repeatable")
 
 ARM = Arm.load("mtmr")
 ALL_PARAMETERS = all_parameters(ARM)

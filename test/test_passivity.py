@@ -301,8 +301,11 @@ def test_growth_is_what_its_name_says():
 # --- in the supervisor -------------------------------------------------------------------------
 
 
-def supervised_swing(supervisor) -> np.ndarray:
-    """Return the (N, 7) speeds of an arm in undamped springs, let go once it is commanded."""
+def supervised_swing(supervisor, changes=(), each=50) -> np.ndarray:
+    """Return the (N, 7) speeds of an arm in undamped springs, let go once it is commanded.
+
+    Every ``each`` ms the supervisor gets the next of the settings in ``changes``.
+    """
     plant = benchmark.TRUTH.plant()
     plant.reset(benchmark.POSE)
     stiffness = np.diag(plant.mass_matrix()) * (2 * np.pi * 2.0) ** 2
@@ -313,6 +316,8 @@ def supervised_swing(supervisor) -> np.ndarray:
         arm.step()
         measured = arm.measure()
         stamp = (step + 1) * 1_000_000
+        if changes and supervisor.active and step % each == 0:
+            supervisor.configure(changes[step // each % len(changes)], stamp * 1e-9)
         velocity = np.round(measured.velocity / 0.05) * 0.05
         sample = reader.read(stamp, JOINT_NAMES, measured.position, velocity, [])
         command = supervisor.command(sample, stamp * 1e-9, stamp)
@@ -336,4 +341,55 @@ def test_without_the_observer_the_same_arm_runs_into_the_guard_of_speed(monkeypa
     supervisor = Supervisor(benchmark.settings_of(1.0))
     supervised_swing(supervisor)
     assert supervisor.status is Status.FAULT
+    assert "runs away" in supervisor.reason
+
+
+@pytest.mark.parametrize("name", ["friction_compensation.ratio", "speed_limit"])
+def test_parameters_that_keep_changing_make_neither_observer_nor_guard_forget(name):
+    """As of a person who drags a slider; friction is taken to be twice what it is."""
+    right = supervised_swing(Supervisor(benchmark.settings_of(0.0))).max(axis=0)
+    values = benchmark.model_with(1.0).parameters() | {"friction_compensation.ratio": [0.7] * 7}
+    start = Settings.from_parameters(values)
+    before = {"friction_compensation.ratio": start.friction_ratio, "speed_limit": start.speed_limit}
+    changes = [
+        Settings.from_parameters(values | {name: (part * before[name]).tolist()}, start)
+        for part in (0.999, 1.0)
+    ]
+    speeds = supervised_swing(Supervisor(start), changes)
+    bound = benchmark.HIDDEN * np.maximum(GROWTH * right, start.allowance)
+    assert (speeds.max(axis=0) < bound).all()
+
+
+def test_the_guard_s_time_runs_on_where_its_limits_change():
+    guard = SpeedGuard(NAMES, np.full(7, 4.0))
+    reason = None
+    for k in range(200):
+        reason = reason or guard.check(np.full(7, 5.0), np.ones(7), k * DT)
+        guard.limit(np.full(7, 4.0 + 0.001 * (k % 2)))
+    assert reason is not None
+
+
+@pytest.mark.parametrize("told", [lambda v: [], lambda v: 0.0 * v], ids=["absent", "zero"])
+def test_an_arm_that_tells_no_speed_is_watched_by_its_positions(told):
+    """With gravity upside down by a change of parameters the arm falls upwards."""
+    values = benchmark.TRUTH.model.parameters() | {"speed_limit": [0.5] * 7}
+    right = Settings.from_parameters(values)
+    wrong = Settings.from_parameters(values | {"beta": (-np.array(values["beta"])).tolist()}, right)
+    plant = benchmark.TRUTH.plant()
+    plant.reset(benchmark.POSE)
+    arm = SimulatedArm(plant, benchmark.TRUTH.sensors, builtin_compensation=False, dt=DT)
+    supervisor, reader = Supervisor(right), SampleReader(JOINT_NAMES)
+    for step in range(1, 5000):
+        arm.step()
+        measured, now = arm.measure(), step * DT
+        stamp = round(now * 1e9)
+        velocity = told(measured.velocity)
+        sample = reader.read(stamp, JOINT_NAMES, measured.position, velocity, measured.effort)
+        command = supervisor.command(sample, now, stamp)
+        if supervisor.status is Status.COMMANDING and supervisor.settings is right:
+            supervisor.configure(wrong, now)
+        if supervisor.hold_due:
+            break
+        if command is not None:
+            arm.servo_jf(command)
     assert "runs away" in supervisor.reason

@@ -8,7 +8,17 @@ import time
 
 import numpy as np
 import pytest
-from recording_samples import START, TOPIC, joint_state, same, shared_data, wave, write_messages
+from made_up_arm import made_up_arm
+from recording_samples import (
+    ARM,
+    START,
+    TOPIC,
+    joint_state,
+    same,
+    shared_data,
+    wave,
+    write_messages,
+)
 
 from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError, ShapeError
@@ -71,6 +81,9 @@ def test_columns_may_come_in_any_order_with_spaces_and_a_byte_order_mark(tmp_pat
         b"\xef\xbb\xbfwrist_roll.position, time ,outer_yaw.position\r\n1,0.5,2\r\n\r\n3,0.75,4\r\n"
     )
     loaded = Recording.load(path)
+    assert loaded.joints == ("wrist_roll", "outer_yaw")  # in the file's order
+    assert loaded.position.tolist() == [[1, 2], [3, 4]]
+    loaded = Recording.load(path, arm=ARM)
     assert loaded.joints == ("outer_yaw", "wrist_roll")
     assert loaded.position.tolist() == [[2, 1], [4, 3]]
     assert loaded.time.tolist() == [0.0, 0.25]
@@ -98,7 +111,9 @@ def test_bag_samples_are_matched_by_name_and_gripper_and_invalid_ones_left_out(t
         joint_state(4),
     ]
     write_messages(tmp_path / "bag", messages, storage)
-    loaded = Recording.load(tmp_path / "bag")
+    with pytest.raises(RecordingError, match="message 1 holds other joints or fields"):
+        Recording.load(tmp_path / "bag")
+    loaded = Recording.load(tmp_path / "bag", arm=ARM)
     assert loaded.joints == JOINT_NAMES
     assert loaded.position[1].tolist() == [0, 1, 2, 3, 4, 5, 6]
     assert (loaded.invalid, loaded.repeated, len(loaded)) == (1, 1, 4)
@@ -347,7 +362,9 @@ def test_arrays_are_read_only_and_the_callers_stay_writable():
         ({"time": np.array([0, 1, 2, 3, np.inf])}, RecordingError, "sample 4: time is inf"),
         ({"time": np.arange(4.0)}, ShapeError, r"time has shape \(4,\)"),
         ({"direction": np.zeros((5, 7))}, RecordingError, "direction is 0, expected"),
-        ({"joints": JOINT_NAMES[::-1]}, RecordingError, "in this order"),
+        ({"joints": JOINT_NAMES[::-1], "arm": ARM}, RecordingError, "in this order"),
+        ({"joints": ("a",) * 7}, RecordingError, "expected names, each once"),
+        ({"joints": ("a", "b", "c", "d", "e", "f", 7)}, RecordingError, "expected names, each"),
         ({"joints": ()}, RecordingError, "joints are missing"),
         ({"coordinates": "motor"}, RecordingError, "coordinates 'motor'"),
         ({"position": np.zeros((0, 7))}, RecordingError, "no samples"),
@@ -358,6 +375,24 @@ def test_inconsistent_recordings_are_refused(changes, error, text):
     Recording(**fields)
     with pytest.raises(error, match=text):
         Recording(**(fields | changes))
+
+
+def test_a_recording_names_its_own_joints_and_an_arm_takes_its_own_from_it(tmp_path):
+    names = ("insertion", "gripper", "yaw")
+    messages = [joint_state(0, names), joint_state(1, names[::-1]), joint_state(2, names)]
+    write_messages(tmp_path / "bag", messages)
+    loaded = Recording.load(tmp_path / "bag")
+    assert loaded.joints == names
+    assert loaded.position[1].tolist() == [0.201, 0.101, 0.001]
+    arm = made_up_arm(tmp_path)
+    own = loaded.of(arm)
+    assert own.joints == ("yaw", "insertion")
+    np.testing.assert_array_equal(own.effort, loaded.effort[:, [2, 0]])
+    np.testing.assert_array_equal(own.scale, [1.0, 0.1])
+    assert own.of(arm) is own
+    same(own, Recording.load(tmp_path / "bag", arm=arm))
+    with pytest.raises(RecordingError, match="joints are insertion, gripper, yaw, expected some"):
+        loaded.of(ARM)
 
 
 def test_long_recordings_stream_through_in_little_memory(tmp_path):

@@ -107,7 +107,7 @@ def test_a_wrong_effort_fails_the_replay(tmp_path):
     assert not result.passed
 
 
-@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+@pytest.mark.parametrize("storage", ["sqlite3", pytest.param("mcap", marks=pytest.mark.slow)])
 def test_the_recording_of_a_real_arm_is_answered_throughout(measured_data, storage):
     result = replay(measured_data / f"bags/mtm_dynamic_{storage}", MODEL_FILE, None)
     assert result.answered == result.valid == result.messages == 5999

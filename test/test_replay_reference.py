@@ -12,7 +12,7 @@ from dvrk_gravity.commands.replay import replay
 from dvrk_gravity.commands.replay_reference import compensation
 from dvrk_gravity.effects import Gravity, Payload
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 WHOLE, NO_BAND = np.ones(7), np.zeros(7)
 # What an identification leaves in a model beside the weights, and the compensator does not apply.

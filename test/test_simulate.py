@@ -74,7 +74,7 @@ class Oracle:
     def __init__(self, arm: Arm, links: dict[str, pin.Inertia]) -> None:
         degrees = np.degrees
         text = ""
-        for i, joint in reversed(list(enumerate(dh_table(arm.name), start=1))):
+        for i, joint in reversed(list(enumerate(dh_table("mtmr"), start=1))):
             # Rz(offset) Tz(d) Tx(a) Rx(alpha): a frame within a frame for each half.
             distal = (
                 f'<body euler="0 0 {degrees(joint.offset)}">'
@@ -93,7 +93,7 @@ class Oracle:
         assert names == ["q1", "crank", "bar", *(f"q{i}" for i in range(2, 8))]
 
     def _parallelogram(self, arm: Arm, links: dict[str, pin.Inertia]) -> str:
-        side, table = 0.1, dh_table(arm.name)
+        side, table = 0.1, dh_table("mtmr")
         start = np.degrees(table[1].offset + table[2].offset)
         back = 180.0 - np.degrees(table[2].offset)
         return (

@@ -23,13 +23,14 @@ POSES = np.radians(
 )
 
 
-def largest_motion(seed: int, rate: int, effort=None) -> float:
+def largest_motion(seed: int, rate: int, effort=None, models=(1.0, 1.0)) -> float:
     """Hold a pose, start, and return how far the joint that moves most gets in 2 s, deg.
 
     Args:
         seed: Of the pose and the noise.
         rate: Messages a second.
         effort: Makes what the message says of the measured efforts.
+        models: Part of gravity that the model knows, at first and from half a start on.
     """
     rng = np.random.default_rng(seed)
     truth = PlantFile.load("mtmr_28002")
@@ -37,7 +38,8 @@ def largest_motion(seed: int, rate: int, effort=None) -> float:
     # Poses in which the shipped model is the plant's own: within the range of its calibration.
     plant.reset(POSES[seed % 3] + np.radians(rng.uniform(-5.0, 5.0, 7)))
     arm = SimulatedArm(plant, truth.sensors, seed, builtin_compensation=False, dt=STEP)
-    supervisor = Supervisor(Settings.from_parameters(TorqueModel.load(MODEL_FILE).parameters()))
+    first, then = (Settings.from_parameters(heavy(part)) for part in models)
+    supervisor, half_way = Supervisor(first), None
     reader = SampleReader(JOINT_NAMES)
     each = round(1.0 / rate / STEP)
     start, moved = None, 0.0
@@ -49,6 +51,10 @@ def largest_motion(seed: int, rate: int, effort=None) -> float:
         if start is None:
             start = plant.q.copy()
         now = k * STEP
+        if half_way is None and supervisor.status is Status.STARTING:
+            half_way = now + 0.05
+        if half_way is not None and now >= half_way and supervisor.settings is not then:
+            supervisor.configure(then, now)
         told = measured.effort if effort is None else effort(measured.effort)
         stamp = int(now * 1e9)
         sample = reader.read(stamp, JOINT_NAMES, measured.position, measured.velocity, told)
@@ -58,6 +64,17 @@ def largest_motion(seed: int, rate: int, effort=None) -> float:
         moved = max(moved, float(np.abs(plant.q - start).max()))
     assert supervisor.status is Status.COMMANDING, supervisor.reason
     return float(np.degrees(moved))
+
+
+def heavy(part: float) -> dict:
+    """Return the shipped model's parameters with a part of its gravity."""
+    values = TorqueModel.load(MODEL_FILE).parameters()
+    return values | {"beta": tuple(part * np.array(values["beta"]))}
+
+
+@pytest.mark.parametrize("part", [0.5, 1.6])
+def test_a_model_that_is_changed_during_the_start_throws_no_joint(part):
+    assert largest_motion(1, 200, models=(part, 1.0)) < 2.0
 
 
 @pytest.mark.parametrize("rate", [1000, 200])

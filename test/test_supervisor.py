@@ -917,3 +917,17 @@ def test_other_settings_keep_the_arm_and_an_unchanged_model(tmp_path):
     third = Settings.from_parameters(given | {"beta": [0.1] * 10}, second)
     assert third.model is not first.model
     assert third.model.arm is first.model.arm
+
+
+def test_however_often_parameters_change_the_command_follows_the_arm():
+    """Ten messages a second, twice as many changes that mean nothing for the torque."""
+    bench = Bench(timeout=0.5)
+    bench.run(2.0, effort=[])
+    position = Q.copy()
+    for k in range(100):
+        bench.configure(timeout=0.5, max_stamp_age=1.0 + 0.001 * (k % 2))
+        bench.configure(timeout=0.5, max_stamp_age=2.0)
+        position[1:3] += 0.003
+        command = bench.send(after=0.1, position=position, effort=[])
+        assert command is not None
+    assert np.allclose(command, MODEL.torque(position), atol=0.01)

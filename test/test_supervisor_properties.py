@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from conftest import MODEL_FILE
+from conftest import MODEL_FILE, examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -21,9 +21,6 @@ from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, SampleReader
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.compensate.supervisor import Status, Supervisor
-
-settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
-settings.load_profile("repeatable")
 
 TOLERANCE = 1e-9  # N·m
 HICCUP = 0.02  # s; the longest time in which a command may change at its slew rate
@@ -300,7 +297,7 @@ def judge(start: int, sequence: list[tuple]) -> Judge:
 
 
 @settings(
-    max_examples=500,
+    max_examples=examples(100),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )  # fmt: skip
 @given(st.integers(0, len(SETTINGS) - 1), SEQUENCES)

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.console_export import export
+from dvrk_gravity.console.export import export
 from dvrk_gravity.effects import (
     CoulombFriction,
     PreslidingHysteresis,
@@ -23,7 +23,6 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 from dvrk_gravity.simulate.plant import Plant
-from dvrk_gravity.simulate.presliding import Presliding
 from dvrk_gravity.tree import build_tree
 
 ARM = Arm.load("mtmr")
@@ -268,7 +267,8 @@ def test_the_plant_s_presliding_is_the_term_s_along_the_same_way():
     q = 0.2 * np.sin(np.outer(time, np.linspace(5.0, 9.0, 7)))
     state = State(q, np.gradient(q, 1e-3, axis=0))
     expected = term.torque(state)
-    plant_s = Presliding(term, 1.0)
+    plant_s = term.plant().memory
+    assert plant_s is not None
     torque = [plant_s.torque(ZERO)[0]]
     for way in np.diff(q, axis=0):
         plant_s.go(way)

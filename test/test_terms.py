@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -20,9 +20,6 @@ from dvrk_gravity.effects import (
 )
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.model import TorqueModel
-
-settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
-settings.load_profile("repeatable")
 
 ARM = Arm.load("mtmr")
 SHOULDER, ELBOW, PLATFORM = 1, 2, 3

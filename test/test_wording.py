@@ -31,7 +31,7 @@ from dvrk_gravity.effects.meaning import Estimate
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.quantity import quantity
 from dvrk_gravity.report.diagnosis import render
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 CLEAR = Gain(0.4, 0.3, 0.5, 0.001)
 # Where a minus is a place or a direction, and no amount.

@@ -9,14 +9,12 @@ import time
 import numpy as np
 import pytest
 import yaml
+from conftest import examples
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from dvrk_gravity import text_file, yaml_file
 from dvrk_gravity.errors import ConfigError
-
-settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
-settings.load_profile("repeatable")
 
 BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\nb: &b [*a,*a,*a,*a,*a,*a]\nc: [*b,*b,*b,*b,*b]\n"
 WRONG = {
@@ -147,7 +145,7 @@ YAML_BITS = st.sampled_from(
 )  # fmt: skip
 
 
-@settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(100), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(YAML_BITS, max_size=25).map("".join) | st.text() | st.binary())
 @example("a: !!int ''")
 @example("a: !!float ''")

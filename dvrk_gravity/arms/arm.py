@@ -22,6 +22,9 @@ JointKind = Literal["revolute", "prismatic"]
 GRAVITY = 9.81  # m/s^2
 UNITS: dict[JointKind, str] = {"revolute": "rad", "prismatic": "m"}
 EFFORT_UNITS: dict[JointKind, str] = {"revolute": "N·m", "prismatic": "N"}
+# What counts as much as a rad, or a rad/s: where a threshold is given for joints that turn, that of
+# joints that slide is as far at a lever of 0.1 m.
+SCALES: dict[JointKind, float] = {"revolute": 1.0, "prismatic": 0.1}
 SUPPORTED = (
     "mtml, mtmr, or the path of an arm's .yaml file (written like config/arms/mtmr.yaml) or .urdf "
     "(robot.urdf#LINK: what is between the base and that link)"
@@ -236,6 +239,11 @@ class Arm:
         """(n,) lowest and (n,) highest positions to draw from: the limits, or a whole turn."""
         endless = ~np.isfinite(self.lower) | ~np.isfinite(self.upper)
         return np.where(endless, -np.pi, self.lower), np.where(endless, np.pi, self.upper)
+
+    @cached_property
+    def scale(self) -> Array:
+        """(n,) what counts as much as a rad: 1 rad where a joint turns, 0.1 m where it slides."""
+        return np.array([SCALES[joint.kind] for joint in self.joints])
 
     @cached_property
     def joint_to_actuator(self) -> Array:

@@ -7,13 +7,13 @@ constant, so no velocity terms are lost.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.arm import Arm, Array
+from dvrk_gravity.arms.arm import Arm, Array, Body
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,16 +71,24 @@ def build_tree(arm: Arm, inertias: Mapping[str, pin.Inertia], gravity: Array) ->
             weigh nothing.
         gravity: (3,) gravity in the base frame, m/s^2.
     """
-    model = pin.Model()
+    model = pinocchio_model(arm.bodies, inertias, gravity)
     model.name = arm.name
+    return Tree(model, model.createData(), arm.expand)
+
+
+def pinocchio_model(
+    bodies: Iterable[Body], inertias: Mapping[str, pin.Inertia], gravity: Array
+) -> pin.Model:
+    """Return bodies as a Pinocchio model, a joint a body; the arguments are ``build_tree``'s."""
+    model = pin.Model()
     model.gravity.linear = np.asarray(gravity, dtype=float)
-    for body in arm.bodies:
+    for body in bodies:
         joint = pin.JointModelRZ() if body.kind == "revolute" else pin.JointModelPZ()
         index = model.addJoint(body.parent + 1, joint, body.placement, body.name)
         inertia = inertias.get(body.name)
         if inertia is not None:
             model.appendBodyToJoint(index, inertia, body.frame)
-    return Tree(model, model.createData(), arm.expand)
+    return model
 
 
 def link_frames(arm: Arm) -> dict[str, pin.SE3]:

@@ -23,6 +23,7 @@ _KINDS: dict[str, JointKind] = {
     "prismatic": "prismatic",
 }
 _TYPES = (*_KINDS, "fixed")
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _Z = np.array([0.0, 0.0, 1.0])
 
 
@@ -54,6 +55,7 @@ def _parse(text: str, tip: str | None, source: str) -> Arm:
     moving = {name: joint for name, joint in described.items() if joint.get("type") != "fixed"}
     for name in moving:
         _check(name, moving[name])
+    _check_numbers(robot)
     try:
         model = pin.buildModelFromXML(text)
     except ValueError as error:
@@ -130,6 +132,49 @@ def _check(name: str, joint: ElementTree.Element) -> None:
     lower, upper = (_float(name, joint, "limit", key, 0.0) for key in ("lower", "upper"))
     if lower >= upper:
         raise ConfigError(f"joint {name}: limit lower", lower, f"less than upper ({upper:g})")
+
+
+def _check_numbers(robot: ElementTree.Element) -> None:
+    """Raise ``ConfigError`` for a number that is none: the reader drops an inertia it cannot read.
+
+    Every place, axis and inertia is looked at, those of shapes are not.
+    """
+    for link in robot.findall("link"):
+        where, inertial = f"link {link.get('name')}", link.find("inertial")
+        if inertial is None:
+            continue
+        for tag, keys in (("mass", ("value",)), ("inertia", _INERTIA)):
+            for key in keys:
+                text = _attribute(inertial, tag, key)
+                value = _numbers(f"{where}: inertial {tag} {key}", text, 1)[0]
+                if tag == "mass" and value < 0:
+                    raise ConfigError(f"{where}: inertial mass", value, "0 kg or more")
+        _check_origin(f"{where}: inertial", inertial)
+    for joint in robot.findall("joint"):
+        where = f"joint {joint.get('name')}"
+        _check_origin(where, joint)
+        axis = _attribute(joint, "axis", "xyz")
+        if axis is not None and not any(_numbers(f"{where}: axis", axis, 3)):
+            raise ConfigError(f"{where}: axis", axis, "a direction that is not zero")
+
+
+def _check_origin(where: str, element: ElementTree.Element) -> None:
+    for key in ("xyz", "rpy"):
+        text = _attribute(element, "origin", key)
+        if text is not None:
+            _numbers(f"{where} origin {key}", text, 3)
+
+
+def _numbers(field: str, text: str | None, count: int) -> list[float]:
+    try:
+        values = [float(word) for word in (text or "").split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not np.isfinite(values).all():
+        raise ConfigError(
+            field, text, "a finite number" if count == 1 else f"{count} finite numbers"
+        )
+    return values
 
 
 def _joint(name: str, joint: ElementTree.Element) -> Joint:
@@ -229,10 +274,4 @@ def _float(
     text = _attribute(joint, tag, key)
     if text is None and default is not None:
         return default
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise ConfigError(f"joint {name}: {tag} {key}", text, "a finite number")
-    return value
+    return _numbers(f"joint {name}: {tag} {key}", text, 1)[0]

@@ -92,14 +92,18 @@ class PassivityObserver:
             allowance: (7,) speeds below which growth does no harm, rad/s.
             coupled: (7,) whether a joint shares a motor with others.
         """
-        sure = SURE / np.maximum(part, 1e-9)
-        self._joints = [
-            _Joint(*given) for given in zip(sure.tolist(), allowance.tolist(), strict=True)
-        ]
+        self._joints = [_Joint() for _ in range(N_JOINTS)]
+        self.limit(part, allowance)
         self._coupled = np.flatnonzero(coupled).tolist()
         self._full = np.ones(N_JOINTS)
         self.factor = self._full
         self._last = -np.inf
+
+    def limit(self, part: Array, allowance: Array) -> None:
+        """Take another (7,) part and allowance, as at the start; what is owed stays owed."""
+        sure = SURE / np.maximum(part, 1e-9)
+        for joint, *values in zip(self._joints, sure.tolist(), allowance.tolist(), strict=True):
+            joint.sure, joint.allowance = values
 
     def update(self, velocity: Array | None, friction: Array, now: float) -> Array:
         """Take a sample; return the (7,) factor to apply to its friction torque.
@@ -141,9 +145,9 @@ class _Joint:
         "resting", "sign", "sure", "top",
     )  # fmt: skip
 
-    def __init__(self, sure: float, allowance: float) -> None:
-        self.sure = sure  # what friction surely takes out, over the power of the compensation
-        self.allowance = allowance  # rad/s
+    def __init__(self) -> None:
+        self.sure = 0.0  # what friction surely takes out, over the power of the compensation
+        self.allowance = 0.0  # rad/s
         self.factor = 1.0
         self.sign = 0.0  # of the present swing
         self.base = 0.0  # rad/s

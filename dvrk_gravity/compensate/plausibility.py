@@ -42,6 +42,8 @@ class MotionCheck:
 
     Attributes:
         doubtful: (n,) joints whose velocity was not believed in the last sample.
+        velocity: (n,) of the last sample, rad/s: as told; where it is not told or not believed,
+            from the positions, filtered.
     """
 
     def __init__(self, joint_names: tuple[str, ...], limits: MotionLimits | None = None) -> None:
@@ -52,7 +54,7 @@ class MotionCheck:
         self._time = 0.0
         self._dropped: Sample | None = None  # the last one, if it was out of reach
         self._anchor: Sample | None = None  # the last one at which velocities were compared
-        self._observed = self._reported = np.zeros(len(joint_names))
+        self._observed = self._reported = self.velocity = np.zeros(len(joint_names))
         self.doubtful: NDArray[np.bool_] = np.zeros(len(joint_names), dtype=bool)
         self._any_doubtful = False
 
@@ -89,34 +91,44 @@ class MotionCheck:
                 self._dropped = sample  # those behind it, where it is, are out of reach, too
                 raise self._jumped(change, step)
         self._last, self._time, self._dropped = sample, now, None
-        if sample.velocity is None:
-            self._forget(sample)
-            return sample
-        return self._believed(sample, sample.velocity)
+        self._compare(sample)
+        return self._believed(sample)
 
-    def _believed(self, sample: Sample, velocity: Array) -> Sample:
-        """Return the sample without velocities that the positions, or reason, contradict."""
+    def _compare(self, sample: Sample) -> None:
+        """Compare velocities as they are told, if they are, with those of the positions."""
         limits, anchor = self._limits, self._anchor
         assert anchor is not None  # the first sample of all has been one
         step = (sample.stamp - anchor.stamp) * 1e-9
         if step >= limits.interval:
             # From the positions and from the velocities, through the same filter.
             moved = (sample.position - anchor.position) / step
-            told = np.minimum(np.maximum(velocity, -2 * limits.speed), 2 * limits.speed)
             part = step / (step + limits.time_constant)
             self._observed = self._observed + part * (moved - self._observed)
-            self._reported = self._reported + part * (told - self._reported)
+            if sample.velocity is None:
+                self._reported = self._observed
+            else:
+                told = np.minimum(np.maximum(sample.velocity, -2 * limits.speed), 2 * limits.speed)
+                self._reported = self._reported + part * (told - self._reported)
             self._anchor = sample
             larger = np.maximum(np.abs(self._observed), np.abs(self._reported))
             difference = np.abs(self._observed - self._reported)
             self.doubtful = difference > limits.slack + limits.share * larger
             self._any_doubtful = bool(self.doubtful.any())
-        if not self._any_doubtful and velocity.dot(velocity) <= limits.speed**2:
+
+    def _believed(self, sample: Sample) -> Sample:
+        """Return the sample without velocities that the positions, or reason, contradict."""
+        fastest, velocity = self._limits.speed, sample.velocity
+        if velocity is None:
+            self.velocity = self._observed
             return sample
-        doubtful = np.abs(velocity) > limits.speed
+        self.velocity = velocity
+        if not self._any_doubtful and velocity.dot(velocity) <= fastest**2:
+            return sample
+        doubtful = np.abs(velocity) > fastest
         doubtful |= self.doubtful
         if np.count_nonzero(doubtful) == 0:
             return sample
+        self.velocity = np.where(doubtful, self._observed, velocity)
         return replace(sample, velocity=np.where(doubtful, 0.0, velocity))
 
     def _within_reach(self, last: Sample, sample: Sample, timeout: float) -> bool:

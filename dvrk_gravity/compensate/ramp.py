@@ -18,30 +18,34 @@ class Ramp:
     """Blends out the difference between a first command and the wanted torque.
 
     What fades is the difference alone: the command follows the wanted torque from the beginning
-    where the arm is moved meanwhile. Limits that were lowered below the first command come down
-    with it; the torque under a person's hand does not jump into them.
+    where the arm is moved meanwhile, however often ramps begin. Limits that were lowered below the
+    first command come down with it; the torque under a person's hand does not jump into them.
 
     Attributes:
         over: The wanted torque has been reached.
     """
 
-    def __init__(self, first: Array, now: float) -> None:
-        """Begin with the (n,) command ``first``, N·m, at time ``now``, s."""
+    def __init__(self, first: Array, wanted: Array, now: float, settings: Settings) -> None:
+        """Begin at time ``now``, s.
+
+        Args:
+            first: (n,) the command that is there, N·m.
+            wanted: (n,) the one that is wanted at the same measurement, N·m.
+            now: Monotonic time, s.
+            settings: The present settings.
+        """
         self.over = False
         self._first = first
         self._start = now
-        self._difference: Array | None = None
-        self._duration = 0.0
+        self._difference = first - wanted
+        size = np.abs(self._difference)
+        considerable = (size > CONSIDERABLE * settings.model.arm.effort_limit).any()
+        self._duration = max(settings.ramp_time, LEAST_RAMP if considerable else 0.0)
+        if (size <= _NOTHING).all():
+            self._duration = 0.0
 
     def blend(self, wanted: Array, now: float, settings: Settings) -> Array:
         """Return the (n,) torque on the way to the ``wanted`` one, within the limits, N·m."""
-        if self._difference is None:
-            self._difference = self._first - wanted
-            size = np.abs(self._difference)
-            considerable = (size > CONSIDERABLE * settings.model.arm.effort_limit).any()
-            self._duration = max(settings.ramp_time, LEAST_RAMP if considerable else 0.0)
-            if (size <= _NOTHING).all():
-                self._duration = 0.0
         elapsed = now - self._start
         if elapsed >= self._duration:
             self.over = True

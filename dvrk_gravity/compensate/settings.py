@@ -135,15 +135,6 @@ class Settings:
             of_model,
         )
 
-    def same_friction(self, other: Settings) -> bool:
-        """Tell whether other settings compensate the same friction with the same speeds in view."""
-        return (
-            self.model is other.model
-            and np.array_equal(self.friction_ratio, other.friction_ratio)
-            and np.array_equal(self.allowance, other.allowance)
-            and np.array_equal(self.speed_limit, other.speed_limit)
-        )
-
     @property
     def weightless(self) -> bool:
         """Whether gravity is left out."""

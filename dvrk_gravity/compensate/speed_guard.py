@@ -32,21 +32,22 @@ class SpeedGuard:
             speed_limit: (7,) rad/s.
         """
         self._names = tuple(joint_names)
+        self._since: dict[int, tuple[float, float]] = {}  # by joint: time and speed at first
+        self.limit(speed_limit)
+
+    def limit(self, speed_limit: Array) -> None:
+        """Take other (7,) limits, rad/s; a joint that is beyond them already stays noted."""
         self._limit = np.array(speed_limit)
         self._least = float(np.min(self._limit)) ** 2
-        self._since: dict[int, tuple[float, float]] = {}  # by joint: time and speed at first
 
-    def check(self, velocity: Array | None, command: Array, now: float) -> str | None:
+    def check(self, velocity: Array, command: Array, now: float) -> str | None:
         """Take a sample; return why the arm must be held, ``None`` if all is well.
 
         Args:
-            velocity: (7,) rad/s; ``None`` where unknown.
+            velocity: (7,) rad/s.
             command: (7,) the last command sent, N·m.
             now: Monotonic time, s.
         """
-        if velocity is None:
-            self._since.clear()
-            return None
         if not self._since and velocity.dot(velocity) <= self._least:
             return None
         beyond = np.abs(velocity) > self._limit

@@ -85,6 +85,7 @@ class Supervisor:
         self._command: Array | None = None
         self._watch_energy()
         self._position = np.zeros(len(names))  # of the last command
+        self._velocity: Array | None = None
         self._input_fault = False
         self.status = Status.DISABLED
         self.reason = "not enabled"
@@ -112,6 +113,13 @@ class Supervisor:
         """(n,) joints whose friction compensation may feed energy in, and is scaled down."""
         return self._passivity.factor < 1.0
 
+    @property
+    def begins_by_itself(self) -> bool:
+        """Whether the arm, not under our command yet, will be as soon as all is well."""
+        if self.status is Status.FAULT:
+            return self._input_fault and self.settings.resume_automatically
+        return self.status in (Status.WAITING, Status.STARTING)
+
     def enable(self) -> None:
         """Start, or start again after a fault; commands follow with the next valid input."""
         if self.status in (Status.DISABLED, Status.FAULT):
@@ -127,15 +135,22 @@ class Supervisor:
         self._input_fault = False
         self._stop(Status.FAULT, reason)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def configure(self, settings: Settings, now: float) -> None:
         """Take other settings; the torque goes to the new one by the ramp, without a jump."""
         before, self.settings = self.settings, settings
         if self._command is not None:
             self.loss = self._support_lost(self._started_with, settings)
-            if not settings.same_friction(before):
-                self._watch_energy()
-            self._ramp = Ramp(self._command, now)
+            # What they know of the motion, a debt above all, stays: parameters may change often.
+            self._passivity.limit(settings.friction_part, settings.allowance)
+            self._guard.limit(settings.speed_limit)
             self.status, self.reason = Status.RAMPING, "blending to the changed settings' torque"
+            try:
+                self._begin_ramp(self._command, self._position, self._velocity, now)
+            except ArithmeticError as error:
+                self.fail(f"internal error: {error}")
+        elif self._start is not None:
+            self._wait()  # what has been collected belongs to the settings before
         if settings.enabled and not before.enabled:
             self.enable()
         elif before.enabled and not settings.enabled:
@@ -239,8 +254,17 @@ class Supervisor:
             return
         self._start, self.loss, self._started_with = None, "", self.settings
         self._watch_energy()
-        self._ramp = Ramp(self._command, now)
+        self._begin_ramp(self._command, sample.position, sample.velocity, now)
         self.status, self.reason = Status.RAMPING, "blending to the model's torque"
+
+    def _begin_ramp(
+        self, command: Array, position: Array, velocity: Array | None, now: float
+    ) -> None:
+        """Begin with a command at (n,) positions and velocities, rad and rad/s."""
+        settings = self.settings
+        conservative, friction = settings.parts(position, velocity)
+        torque = self._finite(conservative + friction * self._passivity.factor)
+        self._ramp = Ramp(command, settings.limits.clip(torque), now, settings)
 
     def _watch_energy(self) -> None:
         """Know nothing of the arm's motion until now."""
@@ -262,7 +286,7 @@ class Supervisor:
         settings = self.settings
         previous = self._command
         assert previous is not None  # set by _collect, before anything is active
-        runaway = self._guard.check(sample.velocity, previous, now)
+        runaway = self._guard.check(self._motion.velocity, previous, now)
         if runaway:
             self.fail(runaway)
             return None
@@ -283,7 +307,7 @@ class Supervisor:
             step = _SHORTEST_STEP if step < _SHORTEST_STEP else _LONGEST_STEP
         largest = settings.slew_limit * step
         self._command = slew(previous, within, largest, settings.limits)
-        self._position = sample.position
+        self._position, self._velocity = sample.position, sample.velocity
         return self._command
 
     def _support_lost(self, before: Settings, after: Settings) -> str:

@@ -9,13 +9,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
 from dvrk_gravity.diagnosis.findings import Ambiguity, Contender
 from dvrk_gravity.diagnosis.judge import Judge, estimates
 from dvrk_gravity.diagnosis.words import told
-from dvrk_gravity.quantity import quantity
+from dvrk_gravity.quantity import pose, quantity
 
 Array = NDArray[np.float64]
 
@@ -77,7 +76,7 @@ def _ambiguity(
         contenders.append(
             Contender(
                 one.hypothesis.effect, one.hypothesis.names, alone, together, gain,
-                JOINT_NAMES[best], float(removed[best]),
+                contest.bench.motion.arm.joint_names[best], float(removed[best]),
             )
         )  # fmt: skip
     pair = f"{zero.hypothesis.subject} and {other.hypothesis.subject}"
@@ -116,7 +115,7 @@ def _pose(contest: Contest, zero: Candidate, other: Candidate, theta: Array) -> 
     """Return at rest in which pose one degree of zero differs most from what mimics it here."""
     motion, arm = contest.bench.motion, contest.bench.motion.arm
     random = np.random.default_rng(0)
-    q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (_POSES, N_JOINTS))
+    q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (_POSES, arm.n))
     still = np.zeros_like(q)
     posed = replace(
         motion, q=q, qd=still, qdd=still, effort=still, time=np.arange(float(_POSES)),
@@ -126,9 +125,10 @@ def _pose(contest: Contest, zero: Candidate, other: Candidate, theta: Array) -> 
     mine = zero.hypothesis.build(posed, zero.hypothesis.setting) @ np.array([_DEGREE])
     its = other.hypothesis.build(posed, other.hypothesis.setting) @ theta
     apart = np.abs(mine - its)
-    pose, joint = np.unravel_index(int(np.argmax(apart * contest.weight)), apart.shape)
-    where = ", ".join(f"{np.degrees(value):.0f}" for value in q[pose])
+    where, joint = np.unravel_index(int(np.argmax(apart * contest.weight)), apart.shape)
+    there = pose(q[where], [one.unit for one in arm.joints])
     return (
-        f"held still at [{where}] deg, a zero one degree off and what looks like it here differ by "
-        f"{quantity(apart[pose, joint], 'N·m')} on {JOINT_NAMES[int(joint)]}"
+        f"held still at {there}, a zero one degree off and what looks like it here differ by "
+        f"{quantity(apart[where, joint], arm.joints[joint].effort_unit)} on "
+        f"{arm.joint_names[joint]}"
     )

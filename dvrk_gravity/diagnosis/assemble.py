@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis.ambiguity import ambiguities
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import EDGE_STEP, Contest
@@ -58,6 +57,7 @@ def assemble(
 ) -> Diagnosis:
     """Put everything together; see :class:`dvrk_gravity.diagnosis.run.Outcome`."""
     judge, bench = Judge(contest), contest.bench
+    names = bench.motion.arm.joint_names
     named = [one.tried.candidate for one in accepted]
     theta, covariance, spreads = _fit(contest, named)
     slices = _slices(named)
@@ -88,23 +88,24 @@ def assemble(
     told = {name for finding in nameless for name in finding.joints}
     seen = contest.score(named).rms  # out of fold: a push's edge may hide in a held-out block
     # A floor that high frequencies show takes the noise for white; one of repetition need not.
-    noise = np.full(N_JOINTS, source != "repetition") & (judge.lasting(last) <= _LASTING)
+    noise = np.full(len(after), source != "repetition") & (judge.lasting(last) <= _LASTING)
     shapeless = [
         joint
-        for joint in range(N_JOINTS)
+        for joint in range(len(after))
         if min(after[joint], seen[joint])
         > (_FAR_ABOVE_FLOOR if noise[joint] else _ABOVE_FLOOR) * floor[joint]
-        and JOINT_NAMES[joint] not in told
+        and names[joint] not in told
     ]
+    arm = bench.motion.arm
     findings += [
-        shapeless_finding(joint, after[joint], floor[joint], source) for joint in shapeless
+        shapeless_finding(arm, joint, after[joint], floor[joint], source) for joint in shapeless
     ]
     return Diagnosis(
         verdict=_verdict(findings),
         findings=tuple(findings),
-        before=by_joint(judge.rmse(first)),
-        after=by_joint(after),
-        floor=by_joint(floor),
+        before=by_joint(names, judge.rmse(first)),
+        after=by_joint(names, after),
+        floor=by_joint(names, floor),
         floor_from=source,
         samples=int((bench.block >= 0).sum()),
         held_out=judge.samples,
@@ -184,7 +185,7 @@ def _finding(
             )
             for other in one.rejected
         ),
-        sentence=sentence_of(hypothesis, parameters, gain, JOINT_NAMES[joints[0]]),
+        sentence=sentence_of(hypothesis, parameters, gain, hypothesis.arm.joint_names[joints[0]]),
         picture=picture_of(contest.bench, judge, hypothesis, joints[0], before, after),
         in_model=carried,
     )
@@ -244,7 +245,7 @@ def _notes(loaded: Loaded, contest: Contest, floor: Array) -> tuple[str, ...]:
         stuck = loaded.motion.stuck.mean(axis=0)
         notes += [
             f"{name} stands still for {100 * part:.0f} % of the time: left out there"
-            for name, part in zip(JOINT_NAMES, stuck, strict=True)
+            for name, part in zip(loaded.motion.arm.joint_names, stuck, strict=True)
             if part > 0.05
         ]
     return tuple(notes)

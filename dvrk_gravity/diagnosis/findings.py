@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
-from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis.in_simulation import InSimulation
 from dvrk_gravity.effects.meaning import Estimate
 from dvrk_gravity.model import TorqueModel
@@ -340,6 +339,6 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def by_joint(values: Array) -> dict[str, float]:
-    """Return (7,) values by joint name."""
-    return dict(zip(JOINT_NAMES, values.tolist(), strict=True))
+def by_joint(names: Sequence[str], values: Array) -> dict[str, float]:
+    """Return (n,) values by joint name."""
+    return dict(zip(names, values.tolist(), strict=True))

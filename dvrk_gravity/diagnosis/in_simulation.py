@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.diagnosis.motion import Motion
-from dvrk_gravity.effects import Gravity, TorqueOffset
+from dvrk_gravity.effects import TorqueOffset
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import SimulatedArm, simulate
@@ -58,6 +57,7 @@ class InSimulation:
     """The given and the extended model in the simulator.
 
     Attributes:
+        joints: Names of the joints.
         windows: How many pieces of held-out motion were predicted.
         before: (7,) RMS error of the position that the given model predicts at the end of
             :data:`WINDOW`, rad; ``None`` where motion could not be simulated.
@@ -66,11 +66,15 @@ class InSimulation:
         notes: What was not simulated, and why.
     """
 
+    joints: tuple[str, ...]
     windows: int
     before: Array | None
     after: Array | None
     drifts: tuple[Drift, ...]
     notes: tuple[str, ...]
+
+    def _by_joint(self, values: Array) -> dict[str, float]:
+        return dict(zip(self.joints, values.tolist(), strict=True))
 
     def to_dict(self) -> dict[str, Any]:
         """Return what findings.json holds of it."""
@@ -79,16 +83,16 @@ class InSimulation:
             motion = {
                 "seconds": WINDOW,
                 "windows": self.windows,
-                "rmse_before_rad": _by_joint(self.before),
-                "rmse_after_rad": _by_joint(self.after),
+                "rmse_before_rad": self._by_joint(self.before),
+                "rmse_after_rad": self._by_joint(self.after),
             }
         drift = [
             {
                 "friction": one.friction,
                 "seconds": DURATION,
                 "poses": len(one.before),
-                "largest_before_rad": _by_joint(np.abs(one.before).max(axis=(0, 1))),
-                "largest_after_rad": _by_joint(np.abs(one.after).max(axis=(0, 1))),
+                "largest_before_rad": self._by_joint(np.abs(one.before).max(axis=(0, 1))),
+                "largest_after_rad": self._by_joint(np.abs(one.after).max(axis=(0, 1))),
             }
             for one in self.drifts
         ]
@@ -112,7 +116,9 @@ def in_simulation(
     try:
         arms = [ModelArm.of(model) for model in (given, extended)]
     except ConfigError as error:
-        return InSimulation(0, None, None, (), (f"nothing was simulated: {error}",))
+        return InSimulation(
+            motion.arm.joint_names, 0, None, None, (), (f"nothing was simulated: {error}",)
+        )
     notes = _inertia_notes(*arms)
     before = after = None
     starts = np.zeros(0, dtype=int)
@@ -133,15 +139,15 @@ def in_simulation(
     drifts, reason = _drifts(arms[1], given, extended, _poses(motion))
     if reason:
         notes.append(f"no drift is shown: {reason}")
-    return InSimulation(len(starts), before, after, drifts, tuple(notes))
+    return InSimulation(motion.arm.joint_names, len(starts), before, after, drifts, tuple(notes))
 
 
 def _drifts(
     arm: ModelArm, given: TorqueModel, extended: TorqueModel, poses: Array
 ) -> tuple[tuple[Drift, ...], str]:
     """Return the drift with each part of the arm's friction, or none and why."""
-    if given.term(Gravity.NAME) is None:
-        return (), "the given model has no weights (beta), and compensates nothing"
+    if not any(term.gravity_vector is not None for term in given.terms):
+        return (), "the given model has no weights, and compensates nothing"
     for name, model in (("given", given), ("extended", extended)):
         try:
             Settings.from_parameters(model.parameters())
@@ -174,7 +180,7 @@ def _inertia_note(arm: ModelArm) -> str:
     return (
         "inertia that no bodies can have: simulated are the nearest bodies, whose torque is "
         f"another by {100 * middle:.0f} % (median joint) to {100 * arm.off[joint]:.0f} % "
-        f"({JOINT_NAMES[joint]})"
+        f"({arm.model.arm.joint_names[joint]})"
     )
 
 
@@ -202,7 +208,7 @@ def let_go(plant: Plant, model: TorqueModel, pose: Array, duration: float = DURA
         return settings.limits.clip(settings.torque(position, velocity))
 
     start = plant.q + offset
-    arm.servo_jf(effort(start, np.zeros(N_JOINTS)))
+    arm.servo_jf(effort(start, np.zeros(len(start))))
     recording = simulate(
         arm, lambda arm, m: arm.servo_jf(effort(m.position, m.velocity)), duration, _RATE
     )
@@ -266,7 +272,3 @@ def _missed(
             plant.step(torque, dt=STEP)
         missed.append(plant.q + offset - there[0])
     return np.sqrt(np.mean(np.square(missed), axis=0))
-
-
-def _by_joint(values: Array) -> dict[str, float]:
-    return dict(zip(JOINT_NAMES, values.tolist(), strict=True))

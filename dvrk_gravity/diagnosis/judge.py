@@ -67,6 +67,11 @@ class Judge:
         self._usable = bench.usable[self._held]
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self._contest.bench.motion.arm.joint_names
+
+    @property
     def samples(self) -> int:
         """Number of held-out samples."""
         return int(self._held.sum())

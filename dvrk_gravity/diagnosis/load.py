@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.bench import BAND
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.errors import RecordingError
@@ -47,7 +47,7 @@ class Loaded:
         motion: The motion.
         warnings: What the recordings' checks found.
         handling: What was done to them.
-        floor: (7,) noise of the effort as high frequencies show it, density in N·m/sqrt(Hz);
+        floor: (n,) noise of the effort as high frequencies show it, density in N·m/sqrt(Hz);
             NaN where it cannot be told.
     """
 
@@ -166,21 +166,22 @@ def _piece(
     step: Array,
 ) -> Motion:
     recording, rows = segment.recording, segment.core
+    names = model.arm.joint_names
 
     def full(values: Array | None, fill: float = 0.0) -> Array:
-        result = np.full((len(recording), N_JOINTS), fill)
+        result = np.full((len(recording), len(names)), fill)
         if values is not None:
             result[:, columns] = values
         return result[rows][::thin]
 
-    columns = [JOINT_NAMES.index(joint) for joint in recording.joints]
-    present = np.isin(np.arange(N_JOINTS), columns)
+    columns = [names.index(joint) for joint in recording.joints]
+    present = np.isin(np.arange(len(names)), columns)
     q, qd, qdd = full(recording.position), full(recording.velocity), full(segment.acceleration)
     if not present.all():
-        there = np.array([still.get(joint, 0.0) for joint in JOINT_NAMES])
+        there = np.array([still.get(joint, 0.0) for joint in names])
         arm, which = model.arm, recording.coordinates
         q = completed(q[:, columns], columns, there, arm, which)
-        there = np.zeros(N_JOINTS)
+        there = np.zeros(len(names))
         qd, qdd = (completed(one[:, columns], columns, there, arm, which) for one in (qd, qdd))
     effort = full(recording.effort)
     direction = None if recording.direction is None else full(recording.direction, 1.0)
@@ -201,10 +202,10 @@ def _piece(
 
 
 def _step(recording: Recording, arm: Arm) -> Array:
-    """Return (7,) steps in which the joints' positions are read, rad; 0 of those that are not."""
-    steps = np.zeros(N_JOINTS)
+    """Return (n,) steps in which the joints' positions are read, rad; 0 of those that are not."""
+    steps = np.zeros(arm.n)
     for joint, column in zip(recording.joints, recording.position.T, strict=True):
-        steps[JOINT_NAMES.index(joint)] = quantum(column)
+        steps[arm.joint_names.index(joint)] = quantum(column)
     if recording.coordinates == "actuator":
         steps = np.abs(arm.actuator_to_joint) @ steps
     return steps
@@ -228,8 +229,8 @@ def _join(pieces: Sequence[Motion]) -> Motion:
 
 
 def _noise_density(recording: Recording, arm: Arm) -> Array:
-    """Return (7,) effort noise in N·m/sqrt(Hz) from what lies above the kinematic band."""
-    unknown = np.full(N_JOINTS, np.nan)
+    """Return (n,) effort noise in N·m/sqrt(Hz) from what lies above the kinematic band."""
+    unknown = np.full(arm.n, np.nan)
     rate = recording.rate
     if rate is None or recording.effort is None or rate < 4.0 * KINEMATIC_BAND:
         return unknown
@@ -237,8 +238,8 @@ def _noise_density(recording: Recording, arm: Arm) -> Array:
     low = LowPass(cutoff, rate)
     if len(recording) <= 4 * low.edge:
         return unknown
-    columns = [JOINT_NAMES.index(joint) for joint in recording.joints]
-    effort = np.zeros((len(recording), N_JOINTS))
+    columns = [arm.joint_names.index(joint) for joint in recording.joints]
+    effort = np.zeros((len(recording), arm.n))
     effort[:, columns] = recording.effort
     if recording.coordinates == "actuator":
         # Of the joints' efforts themselves: the motors' noises need not be independent.
@@ -248,5 +249,5 @@ def _noise_density(recording: Recording, arm: Arm) -> Array:
     # Two runs of a second-order Butterworth: amplitude 1 / (1 + (f / fc)^4).
     left = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
     variance = np.mean(high[low.edge : -low.edge] ** 2, axis=0) / left
-    known = np.isin(np.arange(N_JOINTS), columns)
+    known = np.isin(np.arange(arm.n), columns)
     return np.where(known, np.sqrt(variance / (rate / 2.0)), np.nan)

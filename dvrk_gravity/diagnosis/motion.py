@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.effects import CoulombFriction, Gravity, State, rigid_body
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import CoulombFriction, State, rigid_body
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass
 
@@ -36,16 +36,16 @@ class Motion:
 
     Attributes:
         model: The model on trial.
-        q: (N, 7) positions, rad; zero for joints that were not recorded.
-        qd: (N, 7) velocities, rad/s; zero for static poses.
-        qdd: (N, 7) accelerations, rad/s^2; zero for static poses.
-        effort: (N, 7) measured torques, N·m.
-        direction: (N, 7) +1/-1 for static poses whose approach is known.
+        q: (N, n) positions, rad; zero for joints that were not recorded.
+        qd: (N, n) velocities, rad/s; zero for static poses.
+        qdd: (N, n) accelerations, rad/s^2; zero for static poses.
+        effort: (N, n) measured torques, N·m.
+        direction: (N, n) +1/-1 for static poses whose approach is known.
         time: (N,) s since the first recording's beginning; the index for static poses.
         parts: Contiguous parts, uniformly sampled.
         rate: Hz; ``None`` for static poses.
-        present: (7,) which joints were recorded.
-        step: (7,) steps of the positions, rad.
+        present: (n,) which joints were recorded.
+        step: (n,) steps of the positions, rad.
     """
 
     model: TorqueModel
@@ -57,8 +57,8 @@ class Motion:
     time: Array
     parts: tuple[slice, ...]
     rate: float | None
-    present: NDArray[np.bool_] = field(default_factory=lambda: np.ones(N_JOINTS, dtype=bool))
-    step: Array = field(default_factory=lambda: np.zeros(N_JOINTS))
+    present: NDArray[np.bool_]
+    step: Array
 
     @property
     def arm(self) -> Arm:
@@ -72,21 +72,21 @@ class Motion:
 
     @cached_property
     def true_q(self) -> Array:
-        """(N, 7) positions as the model has them, its encoder offsets taken off, rad."""
+        """(N, n) positions as the model has them, its encoder offsets taken off, rad."""
         return self.q - self.model.joint_offset
 
     @cached_property
     def modelled(self) -> Array:
-        """(N, 7) torque of the model, N·m."""
+        """(N, n) torque of the model, N·m."""
         return self.model.prediction(self._state(self.q))
 
     @cached_property
     def residual(self) -> Array:
-        """(N, 7) measured minus modelled torque, N·m."""
+        """(N, n) measured minus modelled torque, N·m."""
         return self.effort - self.modelled
 
     def torque_at(self, q: Array, model: TorqueModel | None = None) -> Array:
-        """Return (N, 7) torques of a model at other positions in the same motion, N·m."""
+        """Return (N, n) torques of a model at other positions in the same motion, N·m."""
         return (model or self.model).torque_at(self._state(q))
 
     def _state(self, q: Array) -> State:
@@ -97,32 +97,32 @@ class Motion:
 
     @cached_property
     def slope(self) -> Array:
-        """(N, 7, 7) change of the modelled torque [:, joint, by position of], N·m/rad."""
+        """(N, n, n) change of the modelled torque [:, joint, by position of], N·m/rad."""
         slopes = []
-        for shift in _SHIFT * np.eye(N_JOINTS):
+        for shift in _SHIFT * np.eye(self.arm.n):
             there, back = self.torque_at(self.q + shift), self.torque_at(self.q - shift)
             slopes.append((there - back) / (2.0 * _SHIFT))
         return np.stack(slopes, axis=2)
 
     @cached_property
     def travel(self) -> tuple[Array, Array]:
-        """(7,) middle and half of the way that each joint goes, rad."""
+        """(n,) middle and half of the way that each joint goes, rad."""
         low, high = np.percentile(self.q, [0.5, 99.5], axis=0)
         return 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-3)
 
     @cached_property
     def moves(self) -> NDArray[np.bool_]:
-        """(7,) which joints move enough to tell anything by."""
+        """(n,) which joints move enough to tell anything by."""
         return self.present & (self.travel[1] > 0.01)
 
     @cached_property
     def speed(self) -> Array:
-        """(7,) RMS speed, rad/s."""
+        """(n,) RMS speed, rad/s."""
         return np.sqrt(np.mean(self.qd**2, axis=0))
 
     @cached_property
     def stuck(self) -> NDArray[np.bool_]:
-        """(N, 7) samples in which a joint that else moves stands still, if only to turn back.
+        """(N, n) samples in which a joint that else moves stands still, if only to turn back.
 
         Where friction sticks, the effort goes from one level to the other while nothing moves,
         and the filtered velocity begins before the joint does: that long is left out on either
@@ -132,7 +132,7 @@ class Motion:
         if self.rate is None:
             return result
         for joint in np.flatnonzero(self.moves).tolist():
-            result[:, joint] = self._turning(np.eye(N_JOINTS)[joint], joint)
+            result[:, joint] = self._turning(np.eye(self.arm.n)[joint], joint)
         if self.present.all():
             to_motor = self.arm.joint_to_actuator
             for motor in np.flatnonzero(np.abs(to_motor).sum(axis=1) > 1.0).tolist():
@@ -144,7 +144,7 @@ class Motion:
         """Return (N,) samples in which a joint or motor stands still or turns back.
 
         Args:
-            row: (7,) joint velocities -> its velocity.
+            row: (n,) joint velocities -> its velocity.
             index: Its number.
         """
         assert self.rate is not None
@@ -181,7 +181,7 @@ class Motion:
         """Return (N,) direction of motion of a row of the joints, linear through a slow zero.
 
         Args:
-            row: (7,) joint velocities -> its velocity.
+            row: (n,) joint velocities -> its velocity.
             transition: Speed from which on it is whole, rad/s; by default :meth:`slowest`.
         """
         if self.direction is not None:
@@ -190,7 +190,7 @@ class Motion:
         return np.clip(self.qd @ row / slow, -1.0, 1.0)
 
     def link_torque(self, link: int, directions: Array) -> Array:
-        """Return (N, 7, k) torques of changes of a link's inertial parameters, gravity included.
+        """Return (N, n, k) torques of changes of a link's inertial parameters, gravity included.
 
         Args:
             link: Index of the link among ``TREE_LINKS``.
@@ -203,7 +203,7 @@ class Motion:
             for rows in self._pieces():
                 columns[rows] = self._regressor(rows, self.gravity)[:, joints, own]
             self._links[link] = columns
-        torque = np.zeros((len(self.q), N_JOINTS, directions.shape[1]))
+        torque = np.zeros((len(self.q), self.arm.n, directions.shape[1]))
         torque[:, joints] = self._links[link] @ directions
         return torque
 
@@ -230,8 +230,8 @@ class Motion:
         return np.sort(pivots[: int(np.sum(diagonal > _RANK * diagonal[0]))])
 
     def inertial_torque(self, chosen: NDArray[np.int_]) -> Array:
-        """Return (N, 7, k) columns of some of the links' inertial parameters, gravity off."""
-        torque = np.empty((len(self.q), N_JOINTS, len(chosen)))
+        """Return (N, n, k) columns of some of the links' inertial parameters, gravity off."""
+        torque = np.empty((len(self.q), self.arm.n, len(chosen)))
         for rows in self._pieces():
             torque[rows] = self._regressor(rows, np.zeros(3))[:, :, chosen]
         return torque
@@ -241,7 +241,7 @@ class Motion:
         return [slice(first, first + _PIECE) for first in range(0, len(self.q), _PIECE)]
 
     def _regressor(self, rows: slice, gravity: Array) -> Array:
-        """Return the (n, 7, 90) regressor of the links' inertial parameters at some samples."""
+        """Return (rows, n, 10 bodies) columns of the links' inertial parameters at some samples."""
         return rigid_body.regressor(
             self.arm, self.true_q[rows], self.qd[rows], self.qdd[rows], gravity
         )
@@ -249,5 +249,4 @@ class Motion:
     @property
     def gravity(self) -> Array:
         """(3,) gravity in the base as the model has it, m/s^2."""
-        term = self.model.term(Gravity.NAME)
-        return term.vector if isinstance(term, Gravity) else self.arm.gravity
+        return self.model.gravity

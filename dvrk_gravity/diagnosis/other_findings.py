@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.bench import Bench
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
@@ -45,13 +45,13 @@ def unknown_finding(
         effect=Unknown.NAME,
         joints=hypothesis.names,
         place=hypothesis.place,
-        parameters={"rms": Estimate(rms, rms, rms, "N·m")},
+        parameters={"rms": Estimate(rms, rms, rms, hypothesis.unit("rms"))},
         gain=gain,
         alternatives=(),
         rejected=(),
         sentence=(
-            f"{hypothesis.names[0]} has structure of {quantity(rms, 'N·m')} RMS that depends on "
-            f"{hypothesis.place}, and no known effect explains it"
+            f"{hypothesis.names[0]} has structure of {quantity(rms, hypothesis.unit('rms'))} RMS "
+            f"that depends on {hypothesis.place}, and no known effect explains it"
         ),
         picture=picture_of(contest.bench, judge, hypothesis, joint, before, after),
         in_model=False,
@@ -71,7 +71,8 @@ def reading_finding(
     old, new = judge.rmse(before), judge.rmse(after)
     joints = list(score.reading.joints) or [int(np.argmin(new / np.maximum(old, 1e-12)))]
     gain: Gain = judge.gain(before, after, joints)
-    names = tuple(JOINT_NAMES[joint] for joint in score.reading.joints)
+    joint_names = judge.joint_names
+    names = tuple(joint_names[joint] for joint in score.reading.joints)
     return Finding(
         effect=WrongCoordinates.NAME,
         joints=names,
@@ -81,7 +82,7 @@ def reading_finding(
         alternatives=tuple(
             Alternative(
                 WrongCoordinates.NAME,
-                tuple(JOINT_NAMES[joint] for joint in other.reading.joints),
+                tuple(joint_names[joint] for joint in other.reading.joints),
                 f"{other.reading.words}: log-likelihood gain {other.gain:.0f} "
                 f"against {score.gain:.0f}",
             )
@@ -90,7 +91,7 @@ def reading_finding(
         rejected=(),
         sentence=(
             f"The recording is read wrongly: {score.reading.words}; read rightly, "
-            f"{100 * gain.relative:.0f} % of the error at {JOINT_NAMES[joints[0]]} is gone"
+            f"{100 * gain.relative:.0f} % of the error at {joint_names[joints[0]]} is gone"
         ),
         picture=None,
         in_model=False,
@@ -104,11 +105,12 @@ def picture_of(
     motion = bench.motion
     variable = hypothesis.variable if not motion.static else "position"
     own = joint if hypothesis.depends_on is None else hypothesis.depends_on
-    name = JOINT_NAMES[own]
+    name, unit = motion.arm.joint_names[own], motion.arm.joints[own].unit
+    scale, shown = (np.degrees(1.0), "deg") if unit == "rad" else (1e3, "mm")
     values, label = {
-        "position": (np.degrees(motion.q[:, own]), f"position of {name} [deg]"),
-        "velocity": (np.degrees(motion.qd[:, own]), f"velocity of {name} [deg/s]"),
-        "acceleration": (np.degrees(motion.qdd[:, own]), f"acceleration of {name} [deg/s²]"),
+        "position": (scale * motion.q[:, own], f"position of {name} [{shown}]"),
+        "velocity": (scale * motion.qd[:, own], f"velocity of {name} [{shown}/s]"),
+        "acceleration": (scale * motion.qdd[:, own], f"acceleration of {name} [{shown}/s²]"),
         "time": (motion.time, "time [s]"),
     }[variable]
     x = bench.reduce_state(values[:, None])[judge.rows, 0]
@@ -116,23 +118,27 @@ def picture_of(
     if variable == "position" and hypothesis.directed:
         way = motion.qd if motion.direction is None else motion.direction
         forward = bench.reduce_state(way[:, [own]])[judge.rows, 0] > 0.0
-    return Picture(JOINT_NAMES[joint], label, x, before[:, joint], after[:, joint], forward)
+    return Picture(
+        motion.arm.joint_names[joint], label, x, before[:, joint], after[:, joint], forward
+    )
 
 
-def shapeless_finding(joint: int, after: float, floor: float, source: FloorFrom) -> Finding:
+def shapeless_finding(
+    arm: Arm, joint: int, after: float, floor: float, source: FloorFrom
+) -> Finding:
     """Return the finding that a joint is off by more than noise, whatever it depends on."""
     rms = float(np.sqrt(after**2 - floor**2))
-    name = JOINT_NAMES[joint]
+    name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
     return Finding(
         effect=Unknown.NAME,
         joints=(name,),
         place="nothing that was tried",
-        parameters={"rms": Estimate(rms, rms, rms, "N·m")},
+        parameters={"rms": Estimate(rms, rms, rms, unit)},
         gain=Gain(0.0, 0.0, 0.0, 1.0),
         alternatives=(),
         rejected=(),
         sentence=(
-            f"{name} is off by {quantity(after, 'N·m')} RMS, {after / floor:.2g} times "
+            f"{name} is off by {quantity(after, unit)} RMS, {after / floor:.2g} times "
             f"{FLOORS[source]}, and it depends on nothing that was tried"
         ),
         picture=None,

@@ -92,8 +92,8 @@ def diagnose(
         ConfigError: A model of absurd torques.
         ArgumentError: An argument of a wrong type.
     """
-    whole = opened(recordings, coordinates)
     model = TorqueModel.of(model)
+    whole = opened(recordings, coordinates, model.arm)
     say = progress or _silent
     say("reading")
     outcome = investigate(whole, model, say, known_still(still))

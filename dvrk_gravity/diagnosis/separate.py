@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.contest import Contest
-from dvrk_gravity.quantity import quantity
+from dvrk_gravity.quantity import pose, quantity
 
 _POSES = 400
 
@@ -38,7 +37,7 @@ def separation(
     random = np.random.default_rng(0)
     rows = random.integers(len(motion.q), size=_POSES)
     arm = motion.arm
-    q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (_POSES, 7))
+    q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (_POSES, arm.n))
     anywhere = replace(
         motion,
         q=q,
@@ -55,9 +54,10 @@ def separation(
         columns = one.hypothesis.build(anywhere, one.hypothesis.setting)
         torques.append(columns @ theta[-one.size :])
     apart = np.abs(torques[0] - torques[1]) * contest.weight
-    pose, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
-    difference = quantity(abs(torques[0][pose, joint] - torques[1][pose, joint]), "N·m")
-    if apart[pose, joint] < 2.0:
+    where, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
+    unit = arm.joints[joint].effort_unit
+    difference = quantity(abs(torques[0][where, joint] - torques[1][where, joint]), unit)
+    if apart[where, joint] < 2.0:
         return "they hardly differ anywhere within the joints' limits"
-    where = ", ".join(f"{np.degrees(value):.0f}" for value in q[pose])
-    return f"at [{where}] deg they differ by {difference} on {JOINT_NAMES[int(joint)]}"
+    there = pose(q[where], [one.unit for one in arm.joints])
+    return f"at {there} they differ by {difference} on {arm.joint_names[joint]}"

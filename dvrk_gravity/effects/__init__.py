@@ -23,7 +23,9 @@ from dvrk_gravity.effects.joint_coupling import JointCoupling
 from dvrk_gravity.effects.joint_offset import JointOffset
 from dvrk_gravity.effects.link_com import LinkCom
 from dvrk_gravity.effects.link_inertia import LinkInertia
+from dvrk_gravity.effects.link_weight import LinkWeight
 from dvrk_gravity.effects.payload import Payload
+from dvrk_gravity.effects.plant_part import FrictionWithMemory, PlantPart
 from dvrk_gravity.effects.presliding_hysteresis import PreslidingHysteresis
 from dvrk_gravity.effects.rotor_inertia import RotorInertia
 from dvrk_gravity.effects.shown_torque import ShownTorque
@@ -40,6 +42,7 @@ from dvrk_gravity.effects.wrong_coordinates import WrongCoordinates
 ENTRY_POINTS = "dvrk_gravity.effects"
 _effects: list[type[Effect]] = [
     Gravity,
+    LinkWeight,
     WrongCoordinates,
     CoulombFriction,
     ViscousFriction,
@@ -136,12 +139,15 @@ __all__ = [
     "DirectionalCable",
     "Effect",
     "ElasticCable",
+    "FrictionWithMemory",
     "Gravity",
     "HeldLoad",
     "Hypothesis",
     "LinearTerm",
     "LinkInertia",
+    "LinkWeight",
     "Payload",
+    "PlantPart",
     "PreslidingHysteresis",
     "RotorInertia",
     "ShownTorque",

@@ -16,7 +16,6 @@ from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.gravity import Gravity, with_beta
 from dvrk_gravity.effects.meaning import Meaning, meanings
 from dvrk_gravity.effects.merging import Values
-from dvrk_gravity.effects.payload import Payload
 
 Array = NDArray[np.float64]
 
@@ -37,10 +36,10 @@ class BaseTilt(Effect):
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """See :meth:`Effect.hypotheses`."""
-        weight = motion.model.term(Gravity.NAME)
-        if not motion.present.all() or not isinstance(weight, Gravity):
+        if not motion.present.all() or not any(term.carries_arm for term in motion.model.terms):
             return
-        knows_shaft = len(weight.beta) > _LEVEL
+        weight = motion.model.term(Gravity.NAME)
+        knows_shaft = not isinstance(weight, Gravity) or len(weight.beta) > _LEVEL
         yield TiltHypothesis(
             arm=motion.arm, site=site.THE_BASE, setting={"roll": 0.0, "pitch": 0.0},
             knows_shaft=knows_shaft,
@@ -114,8 +113,8 @@ def _tilted_torque(motion: Motion, roll: float, pitch: float) -> Array:
     """Return (N, n) torque of what has weight, its base turned further by roll and pitch, rad."""
     turn = pin.rpy.rpyToMatrix(roll, pitch, 0.0).T
     terms = tuple(
-        replace(term, vector=turn @ term.vector)
+        term.with_gravity(turn @ term.gravity_vector)
         for term in motion.model.terms
-        if isinstance(term, Gravity | Payload)
+        if term.gravity_vector is not None
     )
     return motion.torque_at(motion.q, replace(motion.model, terms=terms))

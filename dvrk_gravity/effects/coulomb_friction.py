@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.friction_sites import friction_sites
 from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
 from dvrk_gravity.effects.merging import array
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.site import Kind
 from dvrk_gravity.effects.term import (
@@ -147,6 +148,12 @@ class CoulombFriction(LinearTerm):
             return part.ravel().dot(spread)
 
         return evaluate
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: its levels; the transition is a compensator's caution."""
+        up = np.concatenate([self.joint_positive, self.motor_positive])
+        down = np.concatenate([self.joint_negative, self.motor_negative])
+        return PlantPart(dry=np.array([up, down]))
 
     @property
     def theta(self) -> Array:

@@ -8,9 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import polynomial
 from dvrk_gravity.effects.elastic_cable import ElasticCable
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import (
     Array,
     Evaluator,
@@ -198,6 +199,22 @@ class DirectionalCable(Term):
             return sum_up(both * factors)
 
         return evaluate
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: the mean, and half of the difference as dry friction.
+
+        The arm has all of the difference: dead band, saturation velocity and ratio are a
+        compensator's caution. Where a fit made it negative its size counts, since friction takes
+        energy.
+        """
+        values = polynomial.prepare(self.valid, self._mean, self._half_difference)
+        n = self.positive.shape[1]
+
+        def at(q: Array, qd: Array) -> tuple[Array, Array | None]:
+            both = values(q)
+            return both[:n], np.abs(both[n:])
+
+        return PlantPart(at=at)
 
     @cached_property
     def _slope(self) -> Array:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.evidence import Filtered, Motion, Residual
 from dvrk_gravity.effects.meaning import Estimate, Meaning
 from dvrk_gravity.effects.site import Kind, Site
@@ -202,8 +202,12 @@ class Hypothesis(ABC):
         return f"{self.EFFECT.title()} of {self.site.words(self.arm)}"
 
     def unit(self, name: str) -> str:
-        """Return the unit of a parameter at this site."""
-        return self.EFFECT.meaning(name).unit
+        """Return the unit of a parameter at this site; a joint that slides has N and m."""
+        unit = self.EFFECT.meaning(name).unit
+        at_joint = self.site.kind in (Kind.JOINT, Kind.MOTOR)
+        if at_joint and self.arm.joints[self.site.index].kind == "prismatic":
+            unit = unit.replace("N·m", "N").replace("rad", "m").replace("kg·m^2", "kg")
+        return unit
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """Return what is claimed, with its size."""

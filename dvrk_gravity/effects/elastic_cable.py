@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import polynomial, site
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.merging import position_offset
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, diagonal_columns
 from dvrk_gravity.effects.unknowns import PART, Unknowns, site_columns
 from dvrk_gravity.parameter import Parameter, Value
@@ -103,6 +104,11 @@ class ElasticCable(LinearTerm):
         powers = polynomial.prepare_powers(self.valid, len(coefficients))
         sum_up = np.ones(len(coefficients)).dot
         return lambda q, qd: sum_up(coefficients * powers(q))
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`."""
+        values = polynomial.prepare(self.valid, self.coefficients)
+        return PlantPart(at=lambda q, qd: (values(q), None))
 
     @property
     def theta(self) -> Array:

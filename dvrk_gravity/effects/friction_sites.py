@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.evidence import Motion
 

@@ -9,12 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arm import GRAVITY, Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import is_mtm
+from dvrk_gravity.arms.mtm.beta import beta_tree
+from dvrk_gravity.arms.tree import Tree
 from dvrk_gravity.effects.merging import Values
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, as_value
-from dvrk_gravity.effects.weight import weight_evaluator
+from dvrk_gravity.effects.weight import gravity_parameters, weight_evaluator
 from dvrk_gravity.parameter import Parameter, Value
-from dvrk_gravity.tree import Tree, beta_tree
 
 _SIZES = (10, 12, 14)  # of beta
 
@@ -41,18 +44,14 @@ class Gravity(LinearTerm):
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         """See :meth:`Term.schema`."""
+        if not is_mtm(arm):
+            return ()
         return (
             Parameter(
                 "beta", (), "N·m", "gravity base parameters (g inside), 10, 12 or 14 of them",
                 lower=-100.0, upper=100.0, lengths=_SIZES,
             ),
-            Parameter(
-                "gravity_enabled", True, "", "gravity flag: false leaves the gravity term out"
-            ),
-            Parameter(
-                "gravity_vector", (0.0, 0.0, -GRAVITY), "m/s^2", "gravity in the arm's base frame",
-                lower=-30.0, upper=30.0, lengths=(3,),
-            ),
+            *gravity_parameters(),
         )  # fmt: skip
 
     @classmethod
@@ -75,6 +74,15 @@ class Gravity(LinearTerm):
             "gravity_enabled": self.enabled,
             "gravity_vector": as_value(self.vector),
         }
+
+    def with_gravity(self, vector: Array) -> Gravity:
+        """See :meth:`Term.with_gravity`."""
+        return replace(self, vector=vector)
+
+    @property
+    def gravity_vector(self) -> Array:
+        """See :meth:`Term.gravity_vector`."""
+        return self.vector
 
     def with_enabled(self, enabled: bool) -> Gravity:
         """Return the same term with the gravity flag set."""
@@ -112,6 +120,12 @@ class Gravity(LinearTerm):
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
         return gravity.regressor(state.q, self.vector, len(self.beta))
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: the weight."""
+        if not self.enabled:
+            return PlantPart()
+        return PlantPart(weight=beta_tree(self.arm, self.beta, self.vector))
 
     @cached_property
     def _tree(self) -> Tree:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import polynomial
 from dvrk_gravity.effects.term import Array, State, Term, as_value
 from dvrk_gravity.errors import ConfigError

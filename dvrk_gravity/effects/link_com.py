@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arm import GRAVITY, Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.gravity import link_beta, with_beta
-from dvrk_gravity.effects.link_inertia import with_inertia
-from dvrk_gravity.effects.link_prior import beta_map, prior_scale
+from dvrk_gravity.effects.gravity import with_beta
+from dvrk_gravity.effects.link_change import with_link
+from dvrk_gravity.effects.link_prior import beta_map, prior_scale, weight_directions
+from dvrk_gravity.effects.link_weight import weight_regressor, with_weight
 from dvrk_gravity.effects.links import (
     AXES,
     joints_with_weight,
@@ -32,6 +34,7 @@ _ENTRY = ("too small", "too great")
 # The joint whose link carries each entry of beta.
 _BETA_JOINTS = (1, 1, 2, 2, 3, 4, 4, 4, 5, 5, 6, 6)
 _WHOLE = len(gravity.BETA_NAMES)
+_ALL = "weight of all links"
 
 
 class LinkCom(Effect):
@@ -62,13 +65,22 @@ class LinkCom(Effect):
                     arm=arm, site=site.link(joint), joints=(joint,),
                     form=f"{link_name(arm, joint)} {letters}", axes=axes,
                 )  # fmt: skip
+        if not is_mtm(arm):
+            yield LinkWeightsHypothesis(
+                arm=arm,
+                site=site.THE_ARM,
+                form=_ALL,
+                directions=weight_directions(arm),
+                plausible_size=(1.0,) * weight_directions(arm).shape[1],
+            )
+            return
         for entry, joint in enumerate(_BETA_JOINTS):
             yield BetaHypothesis(
                 arm=arm, site=site.link(joint), joints=(joint,),
                 form=f"weight only, {gravity.BETA_NAMES[entry]}", entry=entry,
             )  # fmt: skip
         yield AllWeightsHypothesis(
-            arm=arm, site=site.THE_ARM, form="weight of all links", plausible_size=_plausible(arm)
+            arm=arm, site=site.THE_ARM, form=_ALL, plausible_size=_plausible(arm)
         )
 
 
@@ -103,10 +115,7 @@ class MomentHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """See :meth:`Hypothesis.merge`."""
         del motion
-        link, moment = link_name(self.arm, self.site.index), np.zeros(3)
-        moment[list(self.axes)] = theta / GRAVITY
-        result = with_beta(values, link_beta(link, 0.0, moment))
-        return None if result is None else with_inertia(result, link, self._directions @ theta)
+        return with_link(self.arm, values, self.site.index, self._directions @ theta)
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""
@@ -176,6 +185,42 @@ class AllWeightsHypothesis(Hypothesis):
         """See :meth:`Hypothesis.merge`."""
         del motion
         return with_beta(values, np.pad(theta, (0, _WHOLE - len(theta))))
+
+    def correction(self) -> str:
+        """See :meth:`Hypothesis.correction`."""
+        return "fitting them anew beside all else"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LinkWeightsHypothesis(Hypothesis):
+    """The links' weights as a whole are others, of an arm that has no beta.
+
+    Attributes:
+        directions: (4 bodies, k) combinations of masses and first moments that show, each of its
+            plausible size.
+    """
+
+    EFFECT = LinkCom
+    CLAIM = "the links' weights as a whole are others than the model's"
+
+    directions: Array
+    of_model: bool = True
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return weight_regressor(self.arm, motion.true_q, motion.gravity) @ self.directions
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`; its many coefficients mean nothing one by one."""
+        del theta, setting
+        return {}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+        """See :meth:`Hypothesis.merge`."""
+        del motion
+        change = (self.directions @ theta).reshape(len(self.arm.bodies), -1)
+        return with_weight(self.arm, values, change)
 
     def correction(self) -> str:
         """See :meth:`Hypothesis.correction`."""

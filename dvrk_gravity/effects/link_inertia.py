@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import rigid_body, site
 from dvrk_gravity.effects.effect import Hypothesis, Setting
 from dvrk_gravity.effects.evidence import Motion
@@ -21,10 +21,10 @@ from dvrk_gravity.effects.links import (
 )
 from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
 from dvrk_gravity.effects.merging import Values
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, LinearTerm, State, as_value
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
-from dvrk_gravity.tree import TREE_LINKS
 
 _WEIGHTLESS = np.zeros(3)
 
@@ -38,7 +38,7 @@ class LinkInertia(LinearTerm):
 
     Attributes:
         arm: The arm.
-        links: (9, 10), one row a body of ``TREE_LINKS``, in its joint's frame, in Pinocchio's
+        links: (bodies, 10), one row a body of the arm, in its joint's frame, in Pinocchio's
             order: m kg, m c (3) kg·m, Ixx, Ixy, Iyy, Ixz, Iyz, Izz kg·m^2 about the origin.
     """
 
@@ -63,13 +63,13 @@ class LinkInertia(LinearTerm):
                 f"{body} in its joint's frame: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz",
                 lengths=(rigid_body.PER_LINK,),
             )
-            for body in TREE_LINKS
+            for body in arm.body_names
         )
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> LinkInertia | None:
         """See :meth:`Term.from_parameters`; a body that is not given has no inertia."""
-        given = [values.get(f"{cls.NAME}.{body}") for body in TREE_LINKS]
+        given = [values.get(f"{cls.NAME}.{body}") for body in arm.body_names]
         if not any(given):
             return None
         nothing = np.zeros(rigid_body.PER_LINK)
@@ -79,7 +79,7 @@ class LinkInertia(LinearTerm):
         """See :meth:`Term.parameters`."""
         return {
             f"{self.NAME}.{body}": as_value(row)
-            for body, row in zip(TREE_LINKS, self.links, strict=True)
+            for body, row in zip(self.arm.body_names, self.links, strict=True)
         }
 
     def torque(self, state: State) -> Array:
@@ -109,6 +109,10 @@ class LinkInertia(LinearTerm):
             arm=motion.arm, site=site.THE_ARM, form="inertia of all links",
             plausible_size=tuple(prior_scale(motion.arm)[motion.inertial].tolist()),
         )  # fmt: skip
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: nothing; it predicts what the plant's own bodies do."""
+        return PlantPart()
 
     @property
     def theta(self) -> Array:

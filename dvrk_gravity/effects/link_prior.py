@@ -15,6 +15,7 @@ from dvrk_gravity.effects import rigid_body
 
 Array = NDArray[np.float64]
 
+_OF_WEIGHT = 4  # of a body's ten parameters: m, m c (3)
 _MASS = 1.0  # kg, of a link of which nothing is known
 _EXTENT = 0.1  # m, likewise
 _LEAST = 0.05  # of the heaviest link's nominal mass, that a light one may be off by
@@ -79,11 +80,25 @@ def base_directions(arm: Arm, absent: tuple[int, ...] = ()) -> Array:
         arm: The arm.
         absent: Link parameters that are zero.
     """
-    from scipy.linalg import qr
-
     scale = prior_scale(arm)
     scale[list(absent)] = 0.0
-    full = rigid_body.regressor(arm, *samples(arm), arm.gravity).reshape(-1, len(scale)) * scale
+    return _that_act(rigid_body.regressor(arm, *samples(arm), arm.gravity), scale)
+
+
+@lru_cache(maxsize=8)
+def weight_directions(arm: Arm) -> Array:
+    """Return (4 bodies, b): as :func:`base_directions`, of masses and first moments at rest."""
+    scale = prior_scale(arm).reshape(len(arm.bodies), -1)[:, :_OF_WEIGHT].ravel()
+    whole = rigid_body.regressor(arm, samples(arm)[0], None, None, arm.gravity)
+    by_body = whole.reshape(*whole.shape[:2], len(arm.bodies), -1)[..., :_OF_WEIGHT]
+    return _that_act(by_body, scale)
+
+
+def _that_act(regressor: Array, scale: Array) -> Array:
+    """Return (p, b) combinations, of unit prior size, of the parameters that a regressor shows."""
+    from scipy.linalg import qr
+
+    full = regressor.reshape(-1, len(scale)) * scale
     diagonal = np.abs(np.diag(qr(full, mode="r", pivoting=True)[0]))
     rank = int(np.sum(diagonal > 1e-9 * diagonal[0]))
     directions = np.linalg.svd(full, full_matrices=False)[2][:rank].T

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Any]

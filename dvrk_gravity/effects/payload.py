@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.tree import Tree, build_tree
 from dvrk_gravity.effects import rigid_body, site
 from dvrk_gravity.effects.effect import Hypothesis, Setting
 from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.gravity import link_beta, with_beta
-from dvrk_gravity.effects.link_inertia import with_inertia
+from dvrk_gravity.effects.link_change import with_link
 from dvrk_gravity.effects.links import (
     AXES,
     joints_with_weight,
@@ -24,11 +24,11 @@ from dvrk_gravity.effects.links import (
 )
 from dvrk_gravity.effects.meaning import Meaning, meanings
 from dvrk_gravity.effects.merging import Values
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, Evaluator, State, Term, as_value
 from dvrk_gravity.effects.weight import weight_evaluator
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
-from dvrk_gravity.tree import TREE_LINKS, Tree, build_tree, link_frames
 
 _WEIGHTLESS = np.zeros(3)
 
@@ -46,9 +46,9 @@ class Payload(Term):
 
     Attributes:
         arm: The arm.
-        link: The link that carries it, ``link1`` to that of the last joint.
+        link: The link that carries it, by name.
         mass: kg.
-        first_moment: (3,) mass times its place in the link's distal DH frame, kg·m.
+        first_moment: (3,) mass times its place in the link's frame, kg·m.
         vector: (3,) gravity in the base frame, m/s^2.
         weighs: The gravity flag.
     """
@@ -111,9 +111,18 @@ class Payload(Term):
             "gravity_enabled": self.weighs,
         }
 
+    def with_gravity(self, vector: Array) -> Payload:
+        """See :meth:`Term.with_gravity`."""
+        return replace(self, vector=vector)
+
+    @property
+    def gravity_vector(self) -> Array:
+        """See :meth:`Term.gravity_vector`."""
+        return self.vector
+
     @property
     def inertia(self) -> pin.Inertia:
-        """Of the point mass, in the link's distal DH frame."""
+        """Of the point mass, in the link's frame."""
         return pin.Inertia(self.mass, self.first_moment / self.mass, np.zeros((3, 3)))
 
     @property
@@ -125,6 +134,11 @@ class Payload(Term):
     def prepare(self) -> Evaluator:
         """See :meth:`Term.prepare`: its weight alone."""
         return weight_evaluator(self.weight)
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: weight, and inertia on its link."""
+        weight = self.weight if self.weighs else None
+        return PlantPart(weight=weight, links={self.link: self.inertia})
 
     def torque(self, state: State) -> Array:
         """Return (…, n) torques of weight and inertia, N·m; at rest where no motion is known."""
@@ -150,10 +164,10 @@ class Payload(Term):
 
     @cached_property
     def _links(self) -> Array:
-        """(90,) inertial parameters of the tree's bodies."""
-        rows = np.zeros((len(TREE_LINKS), rigid_body.PER_LINK))
-        body = link_frames(self.arm)[self.link].act(self.inertia)
-        rows[TREE_LINKS.index(self.link)] = body.toDynamicParameters()
+        """(10 bodies,) inertial parameters of the arm's bodies."""
+        rows = np.zeros((len(self.arm.bodies), rigid_body.PER_LINK))
+        body = self.arm.body(self.link).frame.act(self.inertia)
+        rows[self.arm.body_names.index(self.link)] = body.toDynamicParameters()
         return rows.ravel()
 
 
@@ -190,12 +204,10 @@ class PayloadHypothesis(Hypothesis):
             moment = tuple(theta[1:].tolist())
             named = {"mass": float(theta[0]), "first_moment": moment, "link": link}
             return {**values, **{f"{name}.{key}": value for key, value in named.items()}}
-        result = with_beta(values, link_beta(link, float(theta[0]), theta[1:]))
-        if result is None:
-            return None
-        return with_inertia(result, link, self._directions(self.setting) @ theta)
+        change = self._directions(self.setting) @ theta
+        return with_link(self.arm, values, self.site.index, change)
 
 
 def _links(arm: Arm) -> tuple[str, ...]:
     """Return the links of the chain, which a thing can be fastened to."""
-    return tuple(f"link{i}" for i in range(1, arm.n + 1))
+    return tuple(link_name(arm, joint) for joint in range(arm.n))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.term import Array, as_array, as_value, joint_array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
@@ -107,6 +107,29 @@ class Range:
     def hold(self, q: Array) -> Array:
         """Return (…, n) positions with those outside the range at its edge."""
         return np.minimum(np.maximum(q, self.lower), self.upper)
+
+
+def prepare(valid: Range, *sets: Array) -> Callable[[Array], Array]:
+    """Return what evaluates some (degree + 1, n) sets of coefficients together at one pose.
+
+    Returns:
+        (n,) positions, held within the range, -> (n sets,) values, set after set.
+    """
+    lower, upper = valid.lower, valid.upper
+    powers = np.ones(sets[0].shape)
+    flat = powers.reshape(-1)
+    # One product of a vector and a sparse matrix is faster than a short sum a joint.
+    matrix = np.hstack([np.vstack([np.diag(row) for row in rows]) for rows in sets])
+
+    def values(q: Array) -> Array:
+        if len(powers) > 1:
+            held = np.maximum(q, lower)
+            np.minimum(held, upper, out=held)
+            powers[1:] = held
+            np.multiply.accumulate(powers, axis=0, out=powers)
+        return flat.dot(matrix)
+
+    return values
 
 
 def evaluate(coefficients: Array, q: Array) -> Array:

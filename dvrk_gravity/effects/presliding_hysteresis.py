@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.friction_sites import friction_sites
 from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.term import (
     Array,
@@ -164,6 +165,10 @@ class PreslidingHysteresis(LinearTerm):
                         setting={"length": length}, shortest=shortest, known=known,
                     )  # fmt: skip
 
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: elements with a state, relaxed at first."""
+        return PlantPart(memory=Elements(self))
+
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
         """See :meth:`LinearTerm.unknowns`: elements of some displacements."""
@@ -223,6 +228,43 @@ class PreslidingHysteresis(LinearTerm):
         if before is None:
             before = np.broadcast_to(np.sign(motion[0]), (count, 2, n))
         return _build_up(position, before, self.displacement)
+
+
+class Elements:
+    """The elements of a term on their way, dz = (sign(dx) - z) |dx| / displacement (Dahl 1968).
+
+    Over one step an element pushes with what it has at the step's beginning plus its present
+    stiffness times the way to come; the stiffness goes into the mass matrix, h^2 K, as an
+    implicit spring's does, so that short displacements need no short steps. Along the way that was
+    gone the states are exact.
+    """
+
+    def __init__(self, term: PreslidingHysteresis) -> None:
+        """Start relaxed."""
+        # Elements at the joints, then at the motors; those without a level are left out.
+        levels = np.hstack([term.joint, term.motor])
+        element, row = np.nonzero(levels)
+        self._level = levels[element, row]
+        self._displacement = term.displacement[element]
+        to_motor = term.arm.joint_to_actuator
+        self._rows = np.vstack([np.eye(len(to_motor)), to_motor])[row]
+        self._state = np.zeros(len(self._level))
+
+    def reset(self) -> None:
+        """Relax all elements."""
+        self._state[:] = 0.0
+
+    def torque(self, qd: Array) -> tuple[Array, Array]:
+        """Return the friction at (n,) velocities: (n,) N·m, and stiffness (n, n) N·m/rad."""
+        slope = self._level / self._displacement
+        slope = slope * (1.0 - self._state * np.sign(self._rows.dot(qd)))
+        return (self._level * self._state).dot(self._rows), (self._rows.T * slope).dot(self._rows)
+
+    def go(self, way: Array) -> None:
+        """Follow the joints along (n,) rad."""
+        step = self._rows.dot(way)
+        goal = np.sign(step)
+        self._state = goal + (self._state - goal) * np.exp(-np.abs(step) / self._displacement)
 
 
 def _build_up(position: Array, first: Array, displacement: Array) -> Array:

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.meaning import MORE, meanings, size
 from dvrk_gravity.effects.merging import added
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.site import Kind
 from dvrk_gravity.effects.term import (
@@ -70,6 +71,10 @@ class RotorInertia(LinearTerm):
         if state.qdd is None:
             return np.zeros(state.q.shape)
         return self.arm.joint_effort(self.motor * self.arm.actuator_position(state.qdd))
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: nothing; it predicts what the plant's own bodies do."""
+        return PlantPart()
 
     @property
     def theta(self) -> Array:

@@ -8,12 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.friction_sites import friction_sites
 from dvrk_gravity.effects.meaning import Meaning, meanings
 from dvrk_gravity.effects.merging import array
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import (
     Array,
     Friction,
@@ -132,6 +133,18 @@ class StribeckFriction(Friction):
                     arm=motion.arm, site=place, joints=(place.index,),
                     setting={"velocity": part * speed},
                 )  # fmt: skip
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: the levels, and what a velocity leaves of them."""
+        level = np.concatenate([self.joint, self.motor])
+        motion = np.vstack([np.eye(len(self.joint)), self.arm.joint_to_actuator])
+        motion *= np.concatenate(self._inverse)[:, None]
+
+        def left(qd: Array) -> Array:
+            ratio = motion.dot(qd)
+            return np.exp(-ratio * ratio)
+
+        return PlantPart(dry=np.array([level, level]), fade=left)
 
     def _parts(self, state: State) -> tuple[Array, Array] | None:
         """Return (…, n) torques per level at the joints and at the motors."""

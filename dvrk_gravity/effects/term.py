@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity.arguments import floats
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.effect import Effect
+from dvrk_gravity.effects.plant_part import PlantPart, secant_damping
 from dvrk_gravity.effects.site import THE_ARM, Kind
 from dvrk_gravity.effects.unknowns import Column, Unknowns, site_columns
 from dvrk_gravity.errors import ShapeError
@@ -97,12 +98,14 @@ class Term(Effect):
             :meth:`scaled`.
         COMPENSATED: The compensator applies it; off for what needs the past of the motion or
             lives in a sensor.
+        IN_EFFORT_SENSOR: It is in what the effort sensors read, and the arm does not feel it.
         AT_POSES: Static poses determine it.
         NOT_FITTED: Why trajectories are not fitted with it, for who asks for that.
     """
 
     FRICTION: ClassVar[bool] = False
     COMPENSATED: ClassVar[bool] = True
+    IN_EFFORT_SENSOR: ClassVar[bool] = False
     AT_POSES: ClassVar[bool] = False
     NOT_FITTED: ClassVar[str] = ""
 
@@ -159,6 +162,16 @@ class Term(Effect):
         """Whether it is what holds the arm itself up against gravity."""
         return False
 
+    @property
+    def gravity_vector(self) -> Array | None:
+        """(3,) gravity in the base frame that it is computed with, m/s^2; ``None``: no weight."""
+        return None
+
+    def with_gravity(self, vector: Array) -> Term:
+        """Return the term with another gravity in the base frame; what has no weight stays."""
+        del vector
+        return self
+
     def prepare(self) -> Evaluator:
         """Return an evaluator of one sample, equal to :meth:`torque` but faster.
 
@@ -169,6 +182,19 @@ class Term(Effect):
     def prepare_parts(self, part: Array) -> Evaluator | None:
         """Return an evaluator of both parts of :meth:`split`, (2, n), if the term has both."""
         return None
+
+    def plant(self) -> PlantPart:
+        """Return how a simulator integrates the effect.
+
+        Unless the effect says better: what dissipates, by :func:`secant_damping`, which is stable
+        at any step; everything else, by its torque at the step's beginning. A simulator's sensors
+        have what is in the effort sensor.
+        """
+        if self.IN_EFFORT_SENSOR:
+            return PlantPart()
+        if self.FRICTION:
+            return PlantPart(drag=secant_damping(lambda q, qd: self.torque(State(q, qd))))
+        return PlantPart(at=lambda q, qd: (self.torque(State(q, qd)), None))
 
 
 class LinearTerm(Term):

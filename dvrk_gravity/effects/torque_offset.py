@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
@@ -41,6 +41,7 @@ class TorqueOffset(LinearTerm):
     NOT_FITTED = "a constant torque is the first coefficient of elastic_cable"
     MEANINGS = meanings(offset=size("N·m", READS, "reads"))
     COMPENSATED = False
+    IN_EFFORT_SENSOR = True
 
     offset: Array
 

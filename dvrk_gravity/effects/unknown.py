@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting, spread
 from dvrk_gravity.effects.evidence import Motion

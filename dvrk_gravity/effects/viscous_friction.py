@@ -8,12 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.friction_sites import friction_sites
 from dvrk_gravity.effects.meaning import MORE, meanings, size
 from dvrk_gravity.effects.merging import array
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.term import (
     Array,
@@ -96,6 +97,10 @@ class ViscousFriction(Friction):
             return
         for place in friction_sites(motion):
             yield ViscousHypothesis(arm=motion.arm, site=place, joints=(place.index,))
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`."""
+        return PlantPart(damping=self._damping)
 
     @cached_property
     def _damping(self) -> Array:

@@ -1,11 +1,13 @@
-"""The weight of a tree of bodies at one pose, as quickly as Pinocchio has it."""
+"""What all that weighs has in common: gravity's parameters, and quick weights of one pose."""
 
 from __future__ import annotations
 
 import pinocchio as pin
 
+from dvrk_gravity.arms.arm import GRAVITY
+from dvrk_gravity.arms.tree import Tree
 from dvrk_gravity.effects.term import Array, Evaluator
-from dvrk_gravity.tree import Tree
+from dvrk_gravity.parameter import Parameter
 
 
 def weight_evaluator(tree: Tree) -> Evaluator:
@@ -16,3 +18,14 @@ def weight_evaluator(tree: Tree) -> Evaluator:
         return pin.computeGeneralizedGravity(model, data, expand.dot(q)).dot(expand)
 
     return evaluate
+
+
+def gravity_parameters() -> tuple[Parameter, ...]:
+    """Declare the gravity flag and the direction of gravity."""
+    return (
+        Parameter("gravity_enabled", True, "", "gravity flag: false leaves the gravity term out"),
+        Parameter(
+            "gravity_vector", (0.0, 0.0, -GRAVITY), "m/s^2", "gravity in the arm's base frame",
+            lower=-30.0, upper=30.0, lengths=(3,),
+        ),
+    )  # fmt: skip

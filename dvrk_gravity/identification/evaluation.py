@@ -89,7 +89,8 @@ def evaluate(
         ConfigError: A model of absurd torques.
         ArgumentError: An argument of a wrong type.
     """
-    model, recordings = TorqueModel.of(model), opened(recordings)
+    model = TorqueModel.of(model)
+    recordings = opened(recordings, arm=model.arm)
     coordinates = known_coordinates(coordinates)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")

@@ -75,7 +75,8 @@ def identify(
         ConfigError: An effect that no term has, or an option that does not go with poses.
         ArgumentError: An argument of a wrong type.
     """
-    recordings, validate, arm = opened(recordings), opened(validate), Arm.of(arm)
+    arm = Arm.of(arm)
+    recordings, validate = opened(recordings, arm=arm), opened(validate, arm=arm)
     effects = [effects] if isinstance(effects, str) else effects
     if effects is not None and not isinstance(effects, Sequence):
         raise ArgumentError("effects", effects, "names of effects")

@@ -27,8 +27,8 @@ ORDER = 4
 OWN_MEAN = (1.0, 1.0, 0.3, 0.2, 0.05)
 OWN_DIFFERENCE = (1.0, 0.2, 0.2, 0.1, 0.1)
 CONSTANT_SD = 1.0  # N·m, a constant is hardly held back
-# Joints of an MTM with a spring or counterweight, and its size in N·m. It acts like gravity, with the sine of
-# the angle, and no polynomial of order four is a sine over 250 deg.
+# Joints of an MTM with a spring or counterweight, and its size in N·m. It acts like gravity, with
+# the sine of the angle, and no polynomial of order four is a sine over 250 deg.
 SPRINGS = {4: 0.1}  # wrist_pitch
 
 Group = tuple[int, ...]  # joints on which the functions depend, all of them

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from dvrk_gravity.arms import tree
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.newton_euler.mechanism import Array, JointType, Mechanism
 
@@ -45,19 +46,11 @@ def pinocchio_model(mechanism: Mechanism) -> pin.Model:
     A rigid joint becomes a revolute one that nobody moves: Pinocchio gives reactions
     at joints only, and merging the links would lose them.
     """
-    model = pin.Model()
-    model.gravity.linear = mechanism.gravity
-    parent, end = 0, np.zeros(3)
-    for number, (link, joint) in enumerate(
-        zip(mechanism.links, mechanism.joints, strict=True), start=1
-    ):
-        prismatic = joint.type is JointType.PRISMATIC
-        kind = pin.JointModelPZ() if prismatic else pin.JointModelRZ()
-        parent = model.addJoint(parent, kind, pin.SE3(joint.rotation, end), f"joint_{number}")
-        body = pin.Inertia(link.mass, link.com, link.inertia)
-        model.appendBodyToJoint(parent, body, pin.SE3.Identity())
-        end = np.array([link.length, 0.0, 0.0])
-    return model
+    inertias = {
+        body.name: pin.Inertia(link.mass, link.com, link.inertia)
+        for body, link in zip(mechanism.bodies, mechanism.links, strict=True)
+    }
+    return tree.pinocchio_model(mechanism.bodies, inertias, mechanism.gravity)
 
 
 def inverse_dynamics(

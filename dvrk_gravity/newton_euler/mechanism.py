@@ -19,13 +19,12 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+import pinocchio as pin
+from numpy.typing import ArrayLike
 
+from dvrk_gravity.arms.arm import GRAVITY, Array, Body, JointKind
 from dvrk_gravity.errors import ConfigError
 
-Array = NDArray[np.float64]
-
-GRAVITY = 9.81  # m/s², the document's value
 # Relative to the largest entry: what rounding leaves of symmetry after a rotation.
 INERTIA_TOLERANCE = 1e-9
 
@@ -135,6 +134,19 @@ class Mechanism:
     def n(self) -> int:
         """Number of joints, rigid ones included."""
         return len(self.joints)
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """The chain as the bodies of an arm; a rigid joint is a revolute one that nobody moves."""
+        bodies: list[Body] = []
+        end = np.zeros(3)
+        for i, (link, joint) in enumerate(zip(self.links, self.joints, strict=True)):
+            kind: JointKind = "prismatic" if joint.type is JointType.PRISMATIC else "revolute"
+            placement = pin.SE3(joint.rotation, end)
+            row, frame = np.eye(self.n)[i], pin.SE3.Identity()
+            bodies.append(Body(f"link_{i + 1}", i - 1, placement, kind, row, frame))
+            end = np.array([link.length, 0.0, 0.0])
+        return tuple(bodies)
 
 
 def _check_link(name: str, link: Link) -> None:

@@ -8,6 +8,7 @@ import time
 from rclpy.node import Node
 
 from dvrk_gravity.nodes.hold import TOPIC as HOLD
+from dvrk_gravity.nodes.hold import hears
 from dvrk_gravity.nodes.others import LATELY, named, node_names
 
 MEASURED = "measured_js"
@@ -50,7 +51,8 @@ class ArmLink:
         now = time.monotonic()
         if counts != self._counts or not self._listens or now - self._looked > _LOOK:
             self._counts, self._looked = counts, now
-            listeners = node_names(node.get_subscriptions_info_by_topic(self._hold))
+            subscriptions = node.get_subscriptions_info_by_topic(self._hold)
+            listeners = node_names(info for info in subscriptions if hears(info))
             listeners.discard(node.get_fully_qualified_name())
             if self._any_subscriber:
                 arms = listeners - node_names(node.get_publishers_info_by_topic(self._hold))

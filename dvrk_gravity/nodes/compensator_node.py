@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import (
     Bool,
@@ -72,6 +72,7 @@ class Compensator(PromptNode):
         self._watchdog_timeout = math.inf
         self._watchdog_topic = self.resolve_topic_name(TIMEOUT_TOPIC)
         self._connect()
+        self.add_pre_set_parameters_callback(self._look_for_the_end)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
 
@@ -91,7 +92,12 @@ class Compensator(PromptNode):
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)
         self._state = self.create_publisher(String, "~/state", _LATCHED)
         self._diagnostics = Diagnostics(self)
-        self._rivals = Rivals(self, self._command, self._refuse_rival)
+        # Controllers of ros2_control subscribe with the middleware's defaults, which is DDS's best
+        # effort: whom they obey is not heard otherwise. An arm's console is reliable.
+        reliability = (
+            ReliabilityPolicy.BEST_EFFORT if self._as_array else ReliabilityPolicy.RELIABLE
+        )
+        self._rivals = Rivals(self, self._command, self._refuse_rival, reliability)
         self._writer = CommandWriter(
             self._supervisor.settings.model.arm.joint_names, self._rivals.mark
         )
@@ -129,7 +135,9 @@ class Compensator(PromptNode):
                 f"measured_js dropped ({error.cause}): {error}", throttle_duration_sec=5.0
             )
         else:
-            if effort is not None:
+            # This process may have stood still meanwhile: what is late by now is no answer.
+            self._supervisor.check_input(time.monotonic())
+            if effort is not None and self._supervisor.active:
                 self._publish(effort, fields.stamp)
             self._statistics.received(now)
             self._statistics.computed(time.monotonic() - now)
@@ -219,16 +227,16 @@ class Compensator(PromptNode):
 
     def _on_other(self) -> None:
         """Leave the arm, held, to whoever else commands it; it comes back when told."""
-        self._hold.drop()  # it would undo the other's command
         reason = self._others.reason()
-        not_ours_yet = self._supervisor.status in (Status.WAITING, Status.STARTING)
-        if not_ours_yet and not self._others.is_hold:
-            self._supervisor.fail(reason)
+        if not self._others.is_hold:
+            self._hold.drop()  # it would undo the other's command
+            if self._supervisor.begins_by_itself:
+                self._supervisor.fail(reason)
         self._obstruct("others", reason)
 
     def _refuse_rival(self) -> None:
         """Leave the arm to another node that commands it as we do."""
-        if self._supervisor.status not in (Status.DISABLED, Status.FAULT):
+        if self._supervisor.active or self._supervisor.begins_by_itself:
             self._supervisor.fail(self._rivals.reason())
             if self._rivals.elder:
                 self._supervisor.hold_due = False  # would take the arm out of the other's hands
@@ -259,10 +267,14 @@ class Compensator(PromptNode):
         self._supervisor.disable()
         self._settle()
 
+    def _look_for_the_end(self, changes: list[Parameter]) -> list[Parameter]:
+        """Hold the arm where a change says so, before rclpy or we refuse what is beside it."""
+        if any(change.name == "enabled" and change.value is False for change in changes):
+            self._switch_off()
+        return changes
+
     def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Check a change together with everything that it does not change."""
-        if any(change.name == "enabled" and change.value is False for change in changes):
-            self._switch_off()  # whatever becomes of the rest
         try:
             for change in changes:
                 entry = self._schema.get(change.name)

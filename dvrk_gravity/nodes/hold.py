@@ -8,6 +8,8 @@ from collections.abc import Callable
 
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Empty
 
 TOPIC = "hold"
@@ -28,6 +30,15 @@ subscribes, also for a recorder that stands still, and the arm is to obey others
 
 _PATIENCE = 1.5
 """How long a node that ends waits for the acknowledgement, s."""
+
+
+def hears(subscription: TopicEndpointInfo) -> bool:
+    """Tell whether a hold reaches a subscription of its topic.
+
+    One of another type gets nothing, nor does one that asks for what was sent before it came.
+    """
+    latched = subscription.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return subscription.topic_type == "std_msgs/msg/Empty" and not latched
 
 
 class Hold:

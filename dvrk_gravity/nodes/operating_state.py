@@ -16,14 +16,19 @@ try:
 except ImportError:
     OperatingState = None
 
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Who publishes it latched tells the present state to who comes later; who does not is heard by
+# nobody who asks for that.
+_PROFILES = tuple(
+    QoSProfile(depth=1, durability=durability)
+    for durability in (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL)
+)
 
 
 def subscribe(node: Node, report: Callable[[str], None]) -> None:
     """Call ``report`` with why the arm must not be commanded, ``""`` where it may."""
-    if OperatingState is not None:
+    for profile in () if OperatingState is None else _PROFILES:
         node.create_subscription(
-            OperatingState, "operating_state", lambda message: report(obstacle(message)), _LATCHED
+            OperatingState, "operating_state", lambda message: report(obstacle(message)), profile
         )
 
 

@@ -21,6 +21,7 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from dvrk_gravity.nodes.others import LATELY, named
 
@@ -44,8 +45,22 @@ class Rivals:
         elder: What was heard last comes from a compensator that started before us.
     """
 
-    def __init__(self, node: Node, publisher: Publisher, heard: Callable[[], None]) -> None:
-        """Listen from now on; ``heard`` is called for every command that is not ours."""
+    def __init__(
+        self,
+        node: Node,
+        publisher: Publisher,
+        heard: Callable[[], None],
+        reliability: ReliabilityPolicy,
+    ) -> None:
+        """Listen from now on.
+
+        Args:
+            node: The node.
+            publisher: Publishes our commands.
+            heard: Called for every command that is not ours.
+            reliability: That with which the arm listens.
+        """
+        self._profile = QoSProfile(depth=_DEPTH, reliability=reliability)
         self._start = time.time_ns()
         name = node.get_fully_qualified_name()
         self.mark = f"{name} {secrets.token_hex(4)} since {self._start:020d}"
@@ -76,7 +91,7 @@ class Rivals:
         wanted = others or not commanding
         if wanted and self._subscription is None:
             self._subscription = self._node.create_subscription(
-                self._publisher.msg_type, self.topic, self._on_command, _DEPTH, raw=True
+                self._publisher.msg_type, self.topic, self._on_command, self._profile, raw=True
             )
         elif not wanted and self._subscription is not None:
             self._node.destroy_subscription(self._subscription)

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
 from dvrk_gravity.recording.grid import GAP
 from dvrk_gravity.recording.signal_checks import quantisation, ripple, sampling, saturation
 from dvrk_gravity.recording.velocity import compare_velocity
 
-# Largest position (rad) and effort (N·m) of any MTM's joint, in joint or actuator coordinates.
-LARGEST_POSITION = dict(zip(JOINT_NAMES, (1.14, 1.14, 2.01, 5.4, 3.3, 0.79, 8.4), strict=True))
-LARGEST_EFFORT = dict(
-    zip(JOINT_NAMES, (1.861, 3.217, 1.960, 0.309, 0.097, 0.097, 0.023), strict=True)
-)
 POSITION_MARGIN = 2.5  # a zero may be far off, but degrees are 57 times as many
 EFFORT_MARGIN = 10.0  # a peak may exceed the limit, but mN·m are 1000 times as many
 
 TIME_JITTER = 0.05  # of the sampling interval
-STILL = 0.02  # rad; a joint that stays within this did not move
+STILL = 0.02  # rad (or 2 mm, see Arm.scale); a joint that stays within this did not move
 UNITS: tuple[Kind, ...] = ("position_unit", "effort_unit", "time_unit")
 RATES = (10.0, 5000.0)  # Hz, between which robots are recorded
 
@@ -44,7 +39,7 @@ def check(
     if any(finding.kind in UNITS for finding in signals):
         return signals
     counts = check_counts(len(recording), recording.invalid, recording.repeated)
-    motion = check_motion(recording.joints, np.ptp(recording.position, axis=0))
+    motion = check_motion(recording, np.ptp(recording.position, axis=0))
     return in_order([*counts, *motion, *signals])
 
 
@@ -87,46 +82,81 @@ def check_counts(samples: int, invalid: int, repeated: int) -> list[DataWarning]
     ]
 
 
-def check_motion(joints: Sequence[str], ranges: Array) -> list[DataWarning]:
-    """Return findings about joints that do not move; ``ranges`` (n,) rad."""
-    if np.all(ranges < STILL):
+def check_motion(recording: Recording, ranges: Array) -> list[DataWarning]:
+    """Return findings about joints that do not move; ``ranges`` (n,) rad or m."""
+    still = ranges < STILL * recording.scale
+    if np.all(still):
+        furthest = recording.joints[int(np.argmax(ranges))]
         return [
             DataWarning(
                 "nothing_moves",
                 None,
-                {"range_rad": float(ranges.max())},
-                f"no joint moves by more than {ranges.max():.2g} rad",
+                {f"range_{_unit(recording, furthest)}": float(ranges.max())},
+                f"no joint moves by more than {ranges.max():.2g} {_unit(recording, furthest)}",
                 unusable=True,
             )
         ]
     return [
-        DataWarning("no_motion", joint, {"range_rad": float(span)}, f"moves by {span:.2g} rad only")
-        for joint, span in zip(joints, ranges, strict=True)
-        if span < STILL
+        DataWarning(
+            "no_motion",
+            joint,
+            {f"range_{_unit(recording, joint)}": float(ranges[k])},
+            f"moves by {ranges[k]:.2g} {_unit(recording, joint)} only",
+        )
+        for k, joint in enumerate(recording.joints)
+        if still[k]
     ]
 
 
+def _unit(recording: Recording, joint: str) -> str:
+    """Return the unit of a joint's position; where the arm is not known, it is taken to turn."""
+    arm = recording.arm
+    return "rad" if arm is None else arm.joints[arm.joint_names.index(joint)].unit
+
+
 def _units(recording: Recording) -> list[DataWarning]:
-    tables: tuple[tuple[Kind, Array | None, dict[str, float], float, str], ...] = (
-        ("position_unit", recording.position, LARGEST_POSITION, POSITION_MARGIN, "rad, not deg"),
-        ("effort_unit", recording.effort, LARGEST_EFFORT, EFFORT_MARGIN, "N·m, not mN·m"),
-    )
+    """Return findings about numbers that no such arm can reach: they are in another unit."""
+    arm = recording.arm
+    if arm is None:
+        return []
+    reach, strength = largest(arm)
     findings = []
-    for kind, values, largest, margin, unit in tables:
-        if values is None:
+    for column, name in enumerate(recording.joints):
+        joint = arm.joints[arm.joint_names.index(name)]
+        peak = float(np.max(np.abs(recording.position[:, column])))
+        if peak > POSITION_MARGIN * reach[name]:
+            numbers = {"largest": peak, "plausible": reach[name]}
+            unit = "rad, not deg" if joint.unit == "rad" else "m, not mm"
+            text = f"position up to {peak:.4g}, an arm reaches {reach[name]:g}: expected {unit}"
+            findings.append(DataWarning("position_unit", name, numbers, text, unusable=True))
+        if recording.effort is None:
             continue
-        for joint, peak in zip(recording.joints, np.max(np.abs(values), axis=0), strict=True):
-            if peak <= margin * largest[joint]:
-                continue
-            numbers = {"largest": float(peak), "plausible": largest[joint]}
-            what = kind.split("_")[0]
-            text = f"{what} up to {peak:.4g}, an arm reaches {largest[joint]:g}: expected"
-            if kind == "effort_unit" and peak <= max(largest.values()):
-                text += " N·m, and the columns of the right joints"
-                findings.append(DataWarning("exchanged_joints", joint, numbers, text))
-            else:
-                findings.append(DataWarning(kind, joint, numbers, f"{text} {unit}", unusable=True))
+        peak = float(np.max(np.abs(recording.effort[:, column])))
+        if peak <= EFFORT_MARGIN * strength[name]:
+            continue
+        numbers = {"largest": peak, "plausible": strength[name]}
+        text = f"effort up to {peak:.4g}, an arm reaches {strength[name]:g}: expected "
+        if peak <= max(strength.values()):
+            text += f"{joint.effort_unit}, and the columns of the right joints"
+            findings.append(DataWarning("exchanged_joints", name, numbers, text))
+        else:
+            text += f"{joint.effort_unit}, not m{joint.effort_unit}"
+            findings.append(DataWarning("effort_unit", name, numbers, text, unusable=True))
     return findings
+
+
+def largest(arm: Arm) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the largest position and effort by joint, in joint or actuator coordinates."""
+    part = arm.joint_to_actuator[:, :, None]
+    # Zero times a joint that has no end is nothing, too.
+    each = part * np.where(part == 0.0, 0.0, np.stack([arm.lower, arm.upper], axis=-1))
+    motor = np.abs([each.min(axis=2).sum(axis=1), each.max(axis=2).sum(axis=1)]).max(axis=0)
+    position = np.maximum(motor, np.maximum(np.abs(arm.lower), np.abs(arm.upper)))
+    effort = np.maximum(arm.effort_limit, arm.actuator_effort_limit)
+    return (
+        dict(zip(arm.joint_names, position.tolist(), strict=True)),
+        dict(zip(arm.joint_names, effort.tolist(), strict=True)),
+    )
 
 
 def _time(recording: Recording) -> list[DataWarning]:

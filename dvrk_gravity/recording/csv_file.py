@@ -19,7 +19,7 @@ from typing import TextIO
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.samples import CHUNK, LARGEST, QUANTITIES, Array, Coordinates, Samples
 from dvrk_gravity.recording.timeline import Timeline, with_counts
@@ -38,8 +38,8 @@ class _Columns:
     quantities: dict[str, list[int]]
 
     @classmethod
-    def parse(cls, source: str, line: str) -> _Columns:
-        """Read a header line.
+    def parse(cls, source: str, line: str, known: tuple[str, ...]) -> _Columns:
+        """Read a header line with the joints of an arm, or any if none are known.
 
         Raises:
             RecordingError: If columns are unknown, twice, or missing.
@@ -51,20 +51,21 @@ class _Columns:
         place: dict[str, int] = {}
         for column, name in enumerate(header):
             joint, _, quantity = name.rpartition(".")
-            known = name in ("time", "direction") or (
-                joint in JOINT_NAMES and quantity in (*QUANTITIES, "direction")
-            )
-            if not known:
+            a_joint = joint in known if known else joint != ""
+            if name not in ("time", "direction") and not (
+                a_joint and quantity in (*QUANTITIES, "direction")
+            ):
                 raise RecordingError(
                     where,
                     f"column {column + 1} is {name[:40]!r}, expected time, direction or "
-                    f"<joint>.position/velocity/effort/direction, joints: {', '.join(JOINT_NAMES)}",
+                    "<joint>.position/velocity/effort/direction"
+                    + (f", joints: {', '.join(known)}" if known else ""),
                 )
             if name in place:
                 raise RecordingError(where, f"column {name!r} appears twice")
             place[name] = column
-        named = {name.rpartition(".")[0] for name in place}
-        joints = tuple(joint for joint in JOINT_NAMES if joint in named)
+        named = dict.fromkeys(name.rpartition(".")[0] for name in place if "." in name)
+        joints = tuple(joint for joint in known or named if joint in named)
         if not joints:
             raise RecordingError(where, "no <joint>.position column")
         quantities = {}
@@ -132,7 +133,10 @@ def _to_nanoseconds(source: str, seconds: Array) -> np.ndarray:
 
 
 def iterate_csv(
-    path: str | Path, coordinates: Coordinates = "joint", chunk: int = CHUNK
+    path: str | Path,
+    coordinates: Coordinates = "joint",
+    chunk: int = CHUNK,
+    arm: Arm | None = None,
 ) -> Iterator[Samples]:
     """Yield a CSV file as recordings of at most ``chunk`` samples, times relative to its first row.
 
@@ -144,7 +148,7 @@ def iterate_csv(
     source = str(path)
     try:
         with Path(path).open(encoding="utf-8-sig", newline="") as file:
-            yield from with_counts(_iterate(source, file, coordinates, chunk))
+            yield from with_counts(_iterate(source, file, coordinates, chunk, arm))
     except UnicodeDecodeError as error:
         raise RecordingError(source, "is not a text file, expected CSV") from error
     except OSError as error:
@@ -165,12 +169,12 @@ def _lines(source: str, file: TextIO, rows_from: int) -> Iterator[str]:
 
 
 def _iterate(
-    source: str, file: TextIO, coordinates: Coordinates, chunk: int
+    source: str, file: TextIO, coordinates: Coordinates, chunk: int, arm: Arm | None
 ) -> Iterator[tuple[Samples | None, int, int]]:
     header = file.readline(LINE_LIMIT)
     if not header.strip():
         raise RecordingError(source, "is empty, expected a CSV header")
-    columns = _Columns.parse(source, header)
+    columns = _Columns.parse(source, header, arm.joint_names if arm else ())
     timeline = Timeline()
     begin, rows_read = 2, 0
     while lines := list(islice(_lines(source, file, rows_from=begin), chunk)):
@@ -200,6 +204,7 @@ def _iterate(
             coordinates,
             source,
             timeline.start_ns or 0,
+            arm=arm,
         )
         yield samples, 0, rows - len(table)
     if not rows_read:

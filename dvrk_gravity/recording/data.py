@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arguments import floats
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ArgumentError, RecordingError, ShapeError
 from dvrk_gravity.recording import files
 from dvrk_gravity.recording.samples import (
@@ -52,8 +52,8 @@ class Recording(Samples):
 
     Raises:
         ShapeError: If an array does not fit ``position``.
-        RecordingError: If there is no sample or joint, a joint is unknown, out of order or
-            twice, a value is not finite or beyond 1e12, time does not increase, or a direction
+        RecordingError: If there is no sample or joint, a joint is twice, or not the arm's or out of
+            its order, a value is not finite or beyond 1e12, time does not increase, or a direction
             is not +1 or -1.
     """
 
@@ -62,12 +62,7 @@ class Recording(Samples):
         if isinstance(self.joints, str) or not isinstance(self.joints, Iterable):
             raise ArgumentError("joints", self.joints, "the names of joints")
         object.__setattr__(self, "joints", tuple(self.joints))
-        if not self.joints or self.joints != tuple(j for j in JOINT_NAMES if j in self.joints):
-            raise RecordingError(
-                self.source,
-                f"joints are {', '.join(map(str, self.joints)) or 'missing'}, "
-                f"expected some of, in this order: {', '.join(JOINT_NAMES)}",
-            )
+        self._check_joints()
         if self.coordinates not in ("joint", "actuator"):
             raise RecordingError(
                 self.source, f"coordinates {self.coordinates!r}, expected 'joint' or 'actuator'"
@@ -93,6 +88,19 @@ class Recording(Samples):
                 f"{self.direction[row, column]:g}, expected +1 or -1",
             )
         self._check_time(shape[0])
+
+    def _check_joints(self) -> None:
+        given = ", ".join(map(str, self.joints)) or "missing"
+        if self.arm is not None:
+            known = self.arm.joint_names
+            if not self.joints or self.joints != tuple(j for j in known if j in self.joints):
+                raise RecordingError(
+                    self.source,
+                    f"joints are {given}, expected some of, in this order: {', '.join(known)}",
+                )
+        named = all(isinstance(joint, str) and joint for joint in self.joints)
+        if not self.joints or not named or len(set(self.joints)) < len(self.joints):
+            raise RecordingError(self.source, f"joints are {given}, expected names, each once")
 
     def _require_finite(self, name: str, array: Array) -> None:
         usable = np.abs(array) < LARGEST
@@ -141,6 +149,7 @@ class Recording(Samples):
         topic: str | None = None,
         coordinates: Coordinates = "joint",
         time_base: TimeBase = "stamp",
+        arm: Arm | None = None,
     ) -> Recording:
         """Read a whole recording.
 
@@ -151,11 +160,14 @@ class Recording(Samples):
             topic: JointState topic of a bag; found if there is one candidate.
             coordinates: What the file's columns are; files do not tell.
             time_base: For bags: the header's stamp, or the time at which the bag received it.
+            arm: Whose joints are read, in its order; ``None``: those that the file names, in its.
 
         Raises:
             RecordingError: If the file cannot be used; the text says where and why.
         """
-        return cls.checked(files.join(list(files.read(path, topic, coordinates, time_base))))
+        return cls.checked(
+            files.join(list(files.read(path, topic, coordinates, time_base, arm=arm)))
+        )
 
     def save(
         self, path: str | Path, storage: Storage = "sqlite3", topic: str = "/measured_js"
@@ -201,6 +213,45 @@ class Recording(Samples):
                 self.source, f"has no joint {name!r}, expected one of: {', '.join(self.joints)}"
             )
         return self.joints.index(name)
+
+    def of(self, arm: Arm) -> Recording:
+        """Return what an arm's joints did, in its order; other joints are left out.
+
+        Raises:
+            RecordingError: If no joint is the arm's.
+        """
+        if self.arm is arm:
+            return self
+        joints = tuple(joint for joint in arm.joint_names if joint in self.joints)
+        if not joints:
+            raise RecordingError(
+                self.source,
+                f"joints are {', '.join(self.joints)}, "
+                f"expected some of: {', '.join(arm.joint_names)}",
+            )
+        if joints == self.joints:
+            return replace(self, arm=arm)
+        columns = [self.joints.index(joint) for joint in joints]
+
+        def pick(array: Array | None) -> Array | None:
+            return None if array is None else array[:, columns]
+
+        return replace(
+            self,
+            joints=joints,
+            position=self.position[:, columns],
+            velocity=pick(self.velocity),
+            effort=pick(self.effort),
+            direction=pick(self.direction),
+            arm=arm,
+        )
+
+    @property
+    def scale(self) -> Array:
+        """(n,) rad or m that count as much as a rad; see ``Arm.scale``."""
+        if self.arm is None:
+            return np.ones(len(self.joints))
+        return self.arm.scale[[self.arm.joint_names.index(joint) for joint in self.joints]]
 
     def rows(self, selection: slice | Sequence[int] | NDArray[np.bool_ | np.integer]) -> Recording:
         """Return the samples that a slice, index array or mask of length N selects."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from dvrk_gravity import text_file
 from dvrk_gravity.arguments import path_of
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import SUFFIXES
 from dvrk_gravity.recording.bag_writer import write_bag
@@ -31,6 +32,7 @@ def read(
     coordinates: Coordinates = "joint",
     time_base: TimeBase = "stamp",
     chunk: int = CHUNK,
+    arm: Arm | None = None,
 ) -> Iterator[Samples]:
     """Yield what a file holds in consecutive parts of at most ``chunk`` samples.
 
@@ -46,9 +48,9 @@ def read(
     if not text_file.is_file(path):
         raise RecordingError(path, "is a pipe or device, expected a file or a folder")
     if path.is_dir() or path.suffix in SUFFIXES:
-        return iterate_bag(path, topic, coordinates, time_base, chunk)
+        return iterate_bag(path, topic, coordinates, time_base, chunk, arm)
     if path.suffix.lower() == ".csv":
-        return iterate_csv(path, coordinates, chunk)
+        return iterate_csv(path, coordinates, chunk, arm)
     raise RecordingError(path, "expected a .csv file, a rosbag2 folder, or a .db3 or .mcap file")
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import BagReader
 from dvrk_gravity.recording.cdr import CdrError, JointStateLayout
@@ -86,15 +86,21 @@ def read_joint_states(
             yield from samples
 
 
-def _columns(source: str, number: int, batch: _Batch) -> tuple[tuple[str, ...], list[int]]:
-    """Return the known joints of a message in the arm's order, and where they are in it."""
+def _columns(
+    source: str, number: int, batch: _Batch, known: tuple[str, ...]
+) -> tuple[tuple[str, ...], list[int]]:
+    """Return the known joints of a message in their order, and where they are in it.
+
+    Where none are known, they are those that the message names.
+    """
     names = batch.names
-    joints = tuple(joint for joint in JOINT_NAMES if joint in names)
+    joints = tuple(joint for joint in known or names if joint in names)
     if not joints:
+        expected = f"some of: {', '.join(known)}" if known else "names of joints"
         raise RecordingError(
             source,
             f"message {number} names joints {', '.join(names)[:200] or '(none)'}, "
-            f"expected some of: {', '.join(JOINT_NAMES)}",
+            f"expected {expected}",
         )
     for joint in joints:
         if names.count(joint) > 1:
@@ -114,24 +120,31 @@ def iterate_bag(
     coordinates: Coordinates = "joint",
     time_base: TimeBase = "stamp",
     chunk: int = CHUNK,
+    arm: Arm | None = None,
 ) -> Iterator[Samples]:
     """Yield a bag's JointStates as recordings of at most ``chunk`` samples.
 
     Joints are matched by name, in any order; names that are not the arm's (a gripper) are left
-    out. Times are relative to the first sample. Messages with stamp 0 are left out and counted
+    out. Without an arm, they are those of the first message. Times are relative to the first
+    sample. Messages with stamp 0 are left out and counted
     (``invalid``), and so are those with the time of the message before (``repeated``).
 
     Raises:
         RecordingError: If the bag cannot be read, or joints, lengths or times do not fit together.
     """
-    return with_counts(_iterate(Path(path), topic, coordinates, time_base, chunk))
+    return with_counts(_iterate(Path(path), topic, coordinates, time_base, chunk, arm))
 
 
 def _iterate(
-    path: Path, topic: str | None, coordinates: Coordinates, time_base: TimeBase, chunk: int
+    path: Path,
+    topic: str | None,
+    coordinates: Coordinates,
+    time_base: TimeBase,
+    chunk: int,
+    arm: Arm | None,
 ) -> Iterator[tuple[Samples | None, int, int]]:
     source = str(path)
-    table = _Table(source)
+    table = _Table(source, arm.joint_names if arm else ())
     timeline = Timeline()
     first = 0
     with BagReader(path) as bag:
@@ -159,6 +172,7 @@ def _iterate(
                 coordinates=coordinates,
                 source=source,
                 start_ns=timeline.start_ns or 0,
+                arm=arm,
                 **fields,
             )
             yield samples, invalid, repeated
@@ -168,14 +182,15 @@ def _iterate(
 
 
 class _Table:
-    """Puts the numbers of JointStates into arrays of the arm's joints.
+    """Puts the numbers of JointStates into arrays of the arm's joints, or of the first message's.
 
     Attributes:
         joints: Known joints of the messages, in the arm's order; empty before the first message.
     """
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, known: tuple[str, ...]) -> None:
         self.joints: tuple[str, ...] = ()
+        self._known = known
         self._source = source
         self._quantities: tuple[str, ...] = ()
 
@@ -189,11 +204,13 @@ class _Table:
         arrays: dict[str, Array] = {}
         for batch in _decode(self._source, first, raws):
             number = first + int(batch.places[0])
-            joints, columns = _columns(self._source, number, batch)
+            joints, columns = _columns(self._source, number, batch, self._known or self.joints)
             sent = {q: v for q, v in zip(QUANTITIES, batch.values, strict=True) if v.shape[1]}
             if not self.joints:
                 self.joints, self._quantities = joints, tuple(sent)
-            elif (joints, tuple(sent)) != (self.joints, self._quantities):
+            elif (joints, tuple(sent)) != (self.joints, self._quantities) or (
+                not self._known and len(batch.names) != len(joints)
+            ):
                 raise RecordingError(
                     self._source,
                     f"message {number} holds other joints or fields than the ones before: "

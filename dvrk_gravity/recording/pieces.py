@@ -118,11 +118,11 @@ class Findings:
         whole = ranges[:, 1].max(axis=0) - ranges[:, 0].min(axis=0)
         samples = np.array(self._samples)
         invalid, repeated = self._left_out.tolist()
-        motion = check_motion(recording.joints, whole)
+        motion = check_motion(recording, whole)
         for warning in motion:
             if warning.unusable:
                 raise RecordingError(recording.source, str(warning))
-        moved = ranges[:, 1] - ranges[:, 0] > STILL
+        moved = ranges[:, 1] - ranges[:, 0] > STILL * recording.scale
         found = [*check_counts(int(samples.sum()), invalid, repeated), *motion]
         for (kind, joint), holders in self._by_kind().items():
             counts = moved[:, recording.joint(joint)] if joint else moved.any(axis=1)

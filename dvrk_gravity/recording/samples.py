@@ -8,6 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms import Arm
+
 Coordinates = Literal["joint", "actuator"]
 TimeBase = Literal["stamp", "receive"]
 Storage = Literal["sqlite3", "mcap"]
@@ -23,13 +25,13 @@ class Samples:
     """N samples of n joints: what readers of files return and writers take.
 
     Attributes:
-        joints: Names of the n columns, in the order of ``JOINT_NAMES``; joints that were not
-            recorded are left out.
+        joints: Names of the n columns; joints that were not recorded are left out. Of an arm, they
+            are in its order.
         time: ``(N,)`` s, strictly increasing, relative to ``start_ns`` (so the first sample
             of a file is at 0; a slice keeps its own times). ``None``: static poses.
-        position: ``(N, n)`` rad.
-        velocity: ``(N, n)`` rad/s, or ``None`` where not recorded.
-        effort: ``(N, n)`` N·m that the actuators apply, or ``None`` where not recorded.
+        position: ``(N, n)`` rad or m.
+        velocity: ``(N, n)`` rad/s or m/s, or ``None`` where not recorded.
+        effort: ``(N, n)`` N·m or N that the actuators apply, or ``None`` where not recorded.
         direction: ``(N, n)``, +1 or -1: how a static pose was approached, or ``None``.
         coordinates: ``"joint"`` (what measured_js publishes) or ``"actuator"`` (motors).
         source: File or folder that it came from.
@@ -37,6 +39,7 @@ class Samples:
         invalid: Number of messages left out because they carried stamp 0, which is how the
             dVRK marks invalid data.
         repeated: Number of samples left out because they carried the stamp of the sample before.
+        arm: Whose joints these are; ``None`` where it is not known: then nothing tells units apart.
     """
 
     joints: tuple[str, ...]
@@ -50,6 +53,7 @@ class Samples:
     start_ns: int = 0
     invalid: int = 0
     repeated: int = 0
+    arm: Arm | None = None
 
     def __len__(self) -> int:
         """Return the number of samples N."""

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from dvrk_gravity.arguments import path_of
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ArgumentError
 from dvrk_gravity.recording import files
 from dvrk_gravity.recording.data import Recording
@@ -20,6 +21,7 @@ def iterate_recording(
     coordinates: Coordinates = "joint",
     time_base: TimeBase = "stamp",
     chunk: int = CHUNK,
+    arm: Arm | None = None,
 ) -> Iterator[Recording]:
     """Yield a recording in consecutive parts of at most ``chunk`` samples.
 
@@ -29,7 +31,7 @@ def iterate_recording(
     Raises:
         RecordingError: When the part that cannot be used is reached.
     """
-    return map(Recording.checked, files.read(path, topic, coordinates, time_base, chunk))
+    return map(Recording.checked, files.read(path, topic, coordinates, time_base, chunk, arm))
 
 
 class RecordingFile:
@@ -48,19 +50,28 @@ class RecordingFile:
         topic: str | None = None,
         time_base: TimeBase = "stamp",
         coordinates: Coordinates = "joint",
+        arm: Arm | None = None,
     ) -> None:
         """Read the first part; arguments are those of ``Recording.load``."""
         self._path, self._topic, self._time_base = path, topic, time_base
-        self._coordinates = coordinates
+        self._coordinates, self._arm = coordinates, arm
         self.head = next(self.parts())
 
     def __repr__(self) -> str:
         """Say which file it is."""
         return f"<RecordingFile {self._path}>"
 
+    def of(self, arm: Arm) -> RecordingFile:
+        """Return the same file read as an arm's; see ``Recording.of``."""
+        if self._arm is arm:
+            return self
+        return RecordingFile(self._path, self._topic, self._time_base, self._coordinates, arm)
+
     def parts(self) -> Iterator[Recording]:
         """Yield consecutive parts."""
-        return iterate_recording(self._path, self._topic, self._coordinates, self._time_base)
+        return iterate_recording(
+            self._path, self._topic, self._coordinates, self._time_base, arm=self._arm
+        )
 
     def load(self) -> Recording:
         """Return the whole."""
@@ -71,27 +82,28 @@ Given = Recording | RecordingFile | str | os.PathLike[str]
 
 
 def opened(
-    given: Given | Iterable[Given], coordinates: Coordinates = "joint"
+    given: Given | Iterable[Given], coordinates: Coordinates = "joint", arm: Arm | None = None
 ) -> list[Recording | RecordingFile]:
     """Return one or several recordings as a list, paths as the files that they name.
 
     Args:
         given: One or several.
         coordinates: Of the files that are given as paths, which do not tell.
+        arm: Whose joints they are to be; see ``Recording.of``.
 
     Raises:
         ArgumentError: What is neither a recording nor a path.
-        RecordingError: A file that cannot be used.
+        RecordingError: A file that cannot be used, or joints that are not the arm's.
     """
     if isinstance(given, Recording | RecordingFile | str | os.PathLike):
         given = [given]
     elif not isinstance(given, Iterable):
         raise ArgumentError("recordings", given, f"a Recording, {A_PATH}, or several of them")
-    return [
-        one
-        if isinstance(one, Recording | RecordingFile)
-        else RecordingFile(
-            path_of("recordings", one, f"a Recording or {A_PATH}"), coordinates=coordinates
-        )
-        for one in given
-    ]
+
+    def opened_one(one: Given) -> Recording | RecordingFile:
+        if isinstance(one, Recording | RecordingFile):
+            return one if arm is None else one.of(arm)
+        path = path_of("recordings", one, f"a Recording or {A_PATH}")
+        return RecordingFile(path, coordinates=coordinates, arm=arm)
+
+    return [opened_one(one) for one in given]

@@ -8,7 +8,6 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.diagnosis.in_simulation import DURATION, WINDOW, Drift, InSimulation
 from dvrk_gravity.report.html import data_url, png, table
 
@@ -28,7 +27,7 @@ def section(result: InSimulation) -> str:
             f"({result.windows} pieces of held-out motion). RMS error of the position at the end, "
             "mrad:</p>"
         )
-        parts.append(table(("", *JOINT_NAMES), _rows(1e3 * result.before, 1e3 * result.after)))
+        parts.append(table(("", *result.joints), _rows(1e3 * result.before, 1e3 * result.after)))
     if result.drifts:
         first = result.drifts[0]
         parts.append(
@@ -41,8 +40,8 @@ def section(result: InSimulation) -> str:
             for one in result.drifts
             for name, *figures in _rows(_largest(one.before), _largest(one.after))
         ]
-        parts.append(table(("", *JOINT_NAMES), rows))
-        parts.append(f'<img alt="drift over time" src="{_picture(result.drifts)}">')
+        parts.append(table(("", *result.joints), rows))
+        parts.append(f'<img alt="drift over time" src="{_picture(result.drifts, result.joints)}">')
     parts += [f"<p>{escape(note)}.</p>" for note in result.notes]
     return "\n".join(parts)
 
@@ -53,7 +52,7 @@ def line(result: InSimulation) -> str:
     if result.before is not None and result.after is not None:
         joint = int(np.argmin(result.after / np.maximum(result.before, 1e-12)))
         said.append(
-            f"{JOINT_NAMES[joint]}'s position after {WINDOW:g} s is off by "
+            f"{result.joints[joint]}'s position after {WINDOW:g} s is off by "
             f"{1e3 * result.after[joint]:.1f} instead of {1e3 * result.before[joint]:.1f} mrad"
         )
     for drift in result.drifts:
@@ -65,7 +64,7 @@ def line(result: InSimulation) -> str:
         with_friction = f"with {100 * drift.friction:.0f} % of its friction"
         if gain[joint] > _LEAST_DRIFT:
             said.append(
-                f"{with_friction} {JOINT_NAMES[joint]} drifts {after[joint]:.1f} "
+                f"{with_friction} {result.joints[joint]} drifts {after[joint]:.1f} "
                 f"instead of {before[joint]:.1f} deg in {DURATION:g} s"
             )
         else:
@@ -84,7 +83,7 @@ def _rows(before: Array, after: Array) -> list[tuple[str, ...]]:
     ]
 
 
-def _picture(drifts: Sequence[Drift]) -> str:
+def _picture(drifts: Sequence[Drift], names: Sequence[str]) -> str:
     """Return the joints that drift most over time as a data URL: a row for each friction."""
     from matplotlib.figure import Figure
 
@@ -102,7 +101,7 @@ def _picture(drifts: Sequence[Drift]) -> str:
                     label = name if k == 0 else None
                     cell.plot(one.time, way, color=color, linewidth=1.3, label=label)
             cell.grid(alpha=0.3)
-            cell.set_title(f"{JOINT_NAMES[joint]}, {100 * one.friction:.0f} % friction", fontsize=9)
+            cell.set_title(f"{names[joint]}, {100 * one.friction:.0f} % friction", fontsize=9)
         row[0].set_ylabel("way [deg]")
     for cell in axes[-1]:
         cell.set_xlabel("time [s]")

@@ -8,13 +8,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity.arm import N_JOINTS
-from dvrk_gravity.effects import Payload, PreslidingHysteresis
+from dvrk_gravity.effects import PlantPart
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.effects import Effects
 from dvrk_gravity.simulate.friction import FrictionSolver
-from dvrk_gravity.simulate.presliding import Presliding
 from dvrk_gravity.tree import LINKS, build_tree
 
 Array = NDArray[np.float64]
@@ -24,21 +22,24 @@ _STOP = 1e6
 
 
 class Plant:
-    """A simulated arm with seven joints, at a position and a velocity.
+    """A simulated arm, at a position and a velocity.
 
     A step is semi-implicit Euler: the acceleration from the forces at (q, v), viscous and dry
     friction at the end of the step, and the position from the new velocity,
 
-        (M + h D) v+ = M v + h (tau - tau_smooth(q, v) - c(q, v)) + J^T lambda,   q+ = q + h v+.
+        (M + h D + h^2 K) v+ = M v + h (tau - tau_smooth(q, v) - c(q, v)) + J^T lambda,
+        q+ = q + h v+,
 
-    M and c come from the inertia of links, rotors and payload with zero gravity: gravity is a
-    term of the model, so that a beta identified on a real arm can meet inertia from CAD. Inertia
-    terms of the model are predictions and move nothing. Position limits are stops without rebound.
+    with the damping D and the stiffness K of friction with a memory. What each term has a part
+    in, its :meth:`dvrk_gravity.effects.Term.plant` says. M and c come from the inertia of links,
+    of what they carry and of rotors, with zero gravity: gravity is a term of the model, so that a
+    beta identified on a real arm can meet inertia from CAD. Position limits are stops without
+    rebound.
 
     Attributes:
         model: The true terms; their torques are those that the actuators apply.
-        q: (7,) position, rad.
-        v: (7,) velocity, rad/s.
+        q: (n,) position, rad.
+        v: (n,) velocity, rad/s.
         time: Since the beginning, s.
     """
 
@@ -55,26 +56,25 @@ class Plant:
             model: The arm's true terms.
             links: Inertia of each of :data:`dvrk_gravity.tree.LINKS`, in its distal DH frame;
                 those absent weigh nothing.
-            rotor_inertia: (7,) reflected inertia at the actuators, kg·m^2.
+            rotor_inertia: (n,) reflected inertia at the actuators, kg·m^2.
             friction_scale: Factor on every friction, dry and viscous.
 
         Raises:
             ConfigError: An unknown link, or a mass matrix that is not positive definite.
-            ShapeError: ``rotor_inertia`` is not (7,).
+            ShapeError: ``rotor_inertia`` is not (n,).
         """
         rotors = np.asarray(rotor_inertia, dtype=float)
-        if rotors.shape != (N_JOINTS,):
-            raise ShapeError("rotor_inertia", rotors.shape, f"({N_JOINTS},)")
+        arm = model.arm
+        n = len(arm.joints)
+        if rotors.shape != (n,):
+            raise ShapeError("rotor_inertia", rotors.shape, f"({n},)")
+        self.model = model
+        parts = self._parts()
+        links = _carried(links, parts)
         for name in links:
             if name not in LINKS:
                 raise ConfigError(f"links.{name}", name, f"one of {', '.join(LINKS)}")
-        payload = model.term(Payload.NAME)
-        if isinstance(payload, Payload):
-            known = links.get(payload.link, pin.Inertia.Zero())
-            links = {**links, payload.link: known + payload.inertia}
-        self.model = model
         self.time = 0.0
-        arm = model.arm
         self._lower, self._upper = arm.lower, arm.upper
         self._middle, self._half = (
             0.5 * (arm.lower + arm.upper),
@@ -85,19 +85,13 @@ class Plant:
         self._gather = np.ascontiguousarray(self._expand.T)
         to_motor = arm.joint_to_actuator
         self._rotors = to_motor.T @ np.diag(rotors) @ to_motor
-        self._effects = Effects(model, friction_scale)
+        self._effects = Effects(arm, parts, friction_scale)
         self._damping = self._effects.damping if self._effects.damping.any() else None
-        self._dt, self._implicit = 0.0, np.zeros((N_JOINTS, N_JOINTS))
+        self._dt, self._implicit = 0.0, np.zeros((n, n))
         self._friction = FrictionSolver(self._effects.rows)
-        presliding = model.term(PreslidingHysteresis.NAME)
-        self._presliding = (
-            Presliding(presliding, friction_scale)
-            if isinstance(presliding, PreslidingHysteresis)
-            else None
-        )
         self._evaluated: tuple[Array, Array, Array, Array] | None = None
-        self.q = np.clip(np.zeros(N_JOINTS), self._lower, self._upper)
-        self.v = np.zeros(N_JOINTS)
+        self.q = np.clip(np.zeros(n), self._lower, self._upper)
+        self.v = np.zeros(n)
         self._at_stops = self._reaches_stops()
         least = np.linalg.eigvalsh(self.mass_matrix()).min()
         if not least > 0:
@@ -107,18 +101,18 @@ class Plant:
         """Put the arm somewhere, at rest if no velocity is given.
 
         Args:
-            q: (7,) position, rad.
-            v: (7,) velocity, rad/s.
+            q: (n,) position, rad.
+            v: (n,) velocity, rad/s.
 
         Raises:
-            ShapeError: Not (7,).
+            ShapeError: Not (n,).
             ConfigError: Not finite, or a position beyond the joint's limits.
         """
         position = np.array(q, dtype=float)
-        velocity = np.zeros(N_JOINTS) if v is None else np.array(v, dtype=float)
+        velocity = np.zeros(len(self.q)) if v is None else np.array(v, dtype=float)
         for name, array in (("q", position), ("v", velocity)):
-            if array.shape != (N_JOINTS,):
-                raise ShapeError(name, array.shape, f"({N_JOINTS},)")
+            if array.shape != self.q.shape:
+                raise ShapeError(name, array.shape, f"({len(self.q)},)")
             if not np.isfinite(array).all():
                 raise ConfigError(name, array.tolist(), "finite numbers")
         for joint, value in zip(self.model.arm.joints, position.tolist(), strict=True):
@@ -131,24 +125,23 @@ class Plant:
         self.q, self.v = position, velocity
         self._at_stops = self._reaches_stops()
         self._friction.reset()
-        if self._presliding is not None:
-            self._presliding.reset()
+        self._effects.reset()
         self._evaluated = None
 
     def mass_matrix(self) -> Array:
-        """Return the (7, 7) inertia at the present position, rotors included, kg·m^2."""
+        """Return the (n, n) inertia at the present position, rotors included, kg·m^2."""
         return self._at_present()[0]
 
     def smooth_torque(self) -> Array:
-        """Return the (7,) torque that balances the arm at rest but for friction, N·m."""
+        """Return the (n,) torque that balances the arm at rest but for friction, N·m."""
         return self._at_present()[1]
 
     def step(self, effort: Array, push: Array | None = None, dt: float = 1e-3) -> None:
         """Go one step on.
 
         Args:
-            effort: (7,) torque of the actuators in joint space, N·m.
-            push: (7,) torque from outside, N·m.
+            effort: (n,) torque of the actuators in joint space, N·m.
+            push: (n,) torque from outside, N·m.
             dt: Length of the step, s.
         """
         mass, smooth, bounds, tree_q = self._at_present()
@@ -156,8 +149,8 @@ class Plant:
         force = effort - smooth
         if push is not None:
             force += push
-        if self._presliding is not None:
-            friction, stiffness = self._presliding.torque(v)
+        if self._effects.steps:
+            friction, added = self._effects.implicit(q, v, dt)
             force -= friction
         force *= dt
         if np.count_nonzero(v):
@@ -168,22 +161,26 @@ class Plant:
             if dt != self._dt:
                 self._dt, self._implicit = dt, dt * self._damping
             mass = mass + self._implicit
-        if self._presliding is not None:
-            mass = mass + dt**2 * stiffness
+        if self._effects.steps:
+            mass = mass + added
         impulse = dt * bounds
         if self._at_stops:
-            impulse[0, :N_JOINTS][q >= self._upper] = -_STOP
-            impulse[1, :N_JOINTS][q <= self._lower] = _STOP
+            impulse[0, : len(q)][q >= self._upper] = -_STOP
+            impulse[1, : len(q)][q <= self._lower] = _STOP
         self.v = self._friction.solve(mass, force, impulse)
         self.q = dt * self.v
         self.q += q
         self._at_stops = self._reaches_stops()
         if self._at_stops:
             self.q = np.minimum(np.maximum(self.q, self._lower), self._upper)
-        if self._presliding is not None:
-            self._presliding.go(self.q - q)
+        if self._effects.steps:
+            self._effects.go(self.q - q)
         self.time += dt
         self._evaluated = None
+
+    def _parts(self) -> tuple[PlantPart, ...]:
+        """Return what acts on the arm."""
+        return tuple(term.plant() for term in self.model.terms)
 
     def _reaches_stops(self) -> bool:
         away = self.q - self._middle
@@ -200,3 +197,14 @@ class Plant:
             mass += self._rotors
             self._evaluated = (mass, *self._effects.smooth(self.q, self.v), tree_q)
         return self._evaluated
+
+
+def _carried(
+    links: Mapping[str, pin.Inertia], parts: tuple[PlantPart, ...]
+) -> Mapping[str, pin.Inertia]:
+    """Return the links with what they carry."""
+    result = dict(links)
+    for part in parts:
+        for name, body in part.links.items():
+            result[name] = result.get(name, pin.Inertia.Zero()) + body
+    return result

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.console import N_GRAVITY, N_POLYNOMIALS, N_POWERS
+from dvrk_gravity.console.file import N_GRAVITY, N_POLYNOMIALS, N_POWERS
 from dvrk_gravity.effects import (
     CoulombFriction,
     DirectionalCable,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.simulate.hidden_plant import Torque
+from testing.hidden_plant import Torque
 
 Array = NDArray[np.float64]
 Random = np.random.Generator

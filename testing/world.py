@@ -26,11 +26,11 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.excitation import record_motion, record_poses
-from dvrk_gravity.simulate.hidden_plant import HiddenPlant, Torque
 from dvrk_gravity.simulate.plant_file import PlantFile
 from dvrk_gravity.simulate.sensors import Sensors
 from dvrk_gravity.simulate.simulated_arm import SimulatedArm
 from dvrk_gravity.tree import TREE_LINKS, link_frames
+from testing.hidden_plant import HiddenPlant, Torque
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate.hidden_parts import (
+from testing.hidden_parts import (
     LEVEL,
     LOADED,
     Array,
@@ -19,7 +19,7 @@ from dvrk_gravity.simulate.hidden_parts import (
     sign,
     size,
 )
-from dvrk_gravity.simulate.world import World
+from testing.world import World
 
 
 def _joint_offset(world: World, random: Random) -> tuple[World, Hidden]:

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arm import JOINT_NAMES
-from dvrk_gravity.console import N_POLYNOMIALS, ConsoleFile
-from dvrk_gravity.console_check import check
-from dvrk_gravity.console_export import Export, FormError, export
-from dvrk_gravity.console_finding import Finding, Severity
-from dvrk_gravity.console_projection import (
+from dvrk_gravity.console.check import check
+from dvrk_gravity.console.export import Export, FormError, export
+from dvrk_gravity.console.file import N_POLYNOMIALS, ConsoleFile
+from dvrk_gravity.console.finding import Finding, Severity
+from dvrk_gravity.console.projection import (
     calibrated_range,
     left_out,
     project,

@@ -11,13 +11,13 @@ import numpy as np
 
 from dvrk_gravity import json_file
 from dvrk_gravity.arm import GRAVITY, JOINT_NAMES, Arm
-from dvrk_gravity.console import (
+from dvrk_gravity.console.file import (
     SECTION,
     ConsoleFile,
     field_problems,
 )
-from dvrk_gravity.console_finding import Finding, Severity
-from dvrk_gravity.console_model_check import check_model
+from dvrk_gravity.console.finding import Finding, Severity
+from dvrk_gravity.console.model_check import check_model
 from dvrk_gravity.errors import ConfigError
 
 # beta6, the platform's moment across the arm: +0.020 on right arms, -0.020 on left ones, kg·m.

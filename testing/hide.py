@@ -15,7 +15,7 @@ import pinocchio as pin
 from dvrk_gravity.arm import N_JOINTS, gravity_in_base
 from dvrk_gravity.effects import StribeckFriction
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.simulate.hidden_parts import (
+from testing.hidden_parts import (
     INERTIA,
     LEVEL,
     RANGE,
@@ -28,9 +28,9 @@ from dvrk_gravity.simulate.hidden_parts import (
     sign,
     size,
 )
-from dvrk_gravity.simulate.hidden_plant import Dahl
-from dvrk_gravity.simulate.hidden_readings import READINGS
-from dvrk_gravity.simulate.world import World
+from testing.hidden_plant import Dahl
+from testing.hidden_readings import READINGS
+from testing.world import World
 
 
 def hide(world: World, effect: str, random: Random) -> tuple[World, Hidden]:

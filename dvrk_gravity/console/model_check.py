@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from dvrk_gravity.arm import GRAVITY, JOINT_NAMES
-from dvrk_gravity.console import Array, ConsoleFile, sample_torques
-from dvrk_gravity.console_finding import Finding, Severity
+from dvrk_gravity.console.file import Array, ConsoleFile, sample_torques
+from dvrk_gravity.console.finding import Finding, Severity
 from dvrk_gravity.effects import DirectionalCable
 from dvrk_gravity.effects.polynomial import evaluate
 from dvrk_gravity.model import TorqueModel

@@ -12,7 +12,7 @@ import numpy as np
 
 from dvrk_gravity import json_file
 from dvrk_gravity.arm import GRAVITY, JOINT_NAMES, N_JOINTS
-from dvrk_gravity.console import (
+from dvrk_gravity.console.file import (
     ARMS,
     BLEND_FIELDS,
     N_GRAVITY,

@@ -1,0 +1,173 @@
+"""Weight of an arm's links, from their masses and first moments: any arm but the MTM."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import is_mtm
+from dvrk_gravity.arms.tree import Tree, build_tree
+from dvrk_gravity.effects import rigid_body
+from dvrk_gravity.effects.merging import Values
+from dvrk_gravity.effects.plant_part import PlantPart
+from dvrk_gravity.effects.term import Array, Evaluator, LinearTerm, State, as_value
+from dvrk_gravity.effects.weight import gravity_parameters, weight_evaluator
+from dvrk_gravity.errors import ShapeError
+from dvrk_gravity.parameter import Parameter, Value
+
+_OF_WEIGHT = 4  # of a body's ten parameters: m, m c (3)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkWeight(LinearTerm):
+    """tau = g(q) of the links; their inertia is ``link_inertia``'s.
+
+    An MTM has ``gravity`` in its place, whose beta are the combinations that act. Here each body
+    has its own parameters, of which only combinations act, too: identified ones need not be those
+    of a body that can exist.
+
+    Attributes:
+        arm: The arm.
+        links: (bodies, 4), one row a body of the arm, in its joint's frame: m kg, m c (3) kg·m.
+        vector: (3,) gravity in the base frame, m/s^2.
+        enabled: The gravity flag; off means that this term is zero.
+    """
+
+    NAME = "link_weight"
+
+    arm: Arm
+    links: Array
+    vector: Array
+    enabled: bool = True
+
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        if is_mtm(arm):
+            return ()
+        weights = (
+            Parameter(
+                f"{cls.NAME}.{body}", (), "kg, kg·m",
+                f"weight of {body}, in its joint's frame: m, m c (3)", lengths=(_OF_WEIGHT,),
+            )
+            for body in arm.body_names
+        )  # fmt: skip
+        return (*weights, *gravity_parameters())
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> LinkWeight | None:
+        """See :meth:`Term.from_parameters`; a body that is not given has no weight."""
+        given = [values.get(f"{cls.NAME}.{body}") for body in arm.body_names]
+        if not any(given):
+            return None
+        nothing = np.zeros(_OF_WEIGHT)
+        vector = values.get("gravity_vector")
+        return cls(
+            arm,
+            np.array([np.array(row) if row else nothing for row in given]),
+            arm.gravity if vector is None else np.array(vector),
+            bool(values.get("gravity_enabled", True)),
+        )
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        rows = zip(self.arm.body_names, self.links, strict=True)
+        return {
+            **{f"{self.NAME}.{body}": as_value(row) for body, row in rows},
+            "gravity_enabled": self.enabled,
+            "gravity_vector": as_value(self.vector),
+        }
+
+    def with_gravity(self, vector: Array) -> LinkWeight:
+        """See :meth:`Term.with_gravity`."""
+        return replace(self, vector=vector)
+
+    @property
+    def gravity_vector(self) -> Array:
+        """See :meth:`Term.gravity_vector`."""
+        return self.vector
+
+    @property
+    def carries_arm(self) -> bool:
+        """See :meth:`Term.carries_arm`."""
+        return self.enabled and bool(self.links.any())
+
+    def torque(self, state: State) -> Array:
+        """Return (…, n) torques that hold the links up, N·m or N."""
+        if not self.enabled:
+            return np.zeros(state.q.shape)
+        q = state.q.reshape(-1, state.q.shape[-1])
+        links = np.zeros((len(self.links), rigid_body.PER_LINK))
+        links[:, :_OF_WEIGHT] = self.links
+        torque = rigid_body.torque(self.arm, links.ravel(), q, None, None, self.vector)
+        return torque.reshape(state.q.shape)
+
+    def prepare(self) -> Evaluator:
+        """See :meth:`Term.prepare`."""
+        if not self.enabled:
+            return super().prepare()
+        whole, ballast = (weight_evaluator(tree) for tree in self._trees)
+        return lambda q, qd: whole(q, qd) - ballast(q, qd)
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`."""
+        weight = self.prepare()
+        return PlantPart(at=lambda q, qd: (weight(q, qd), None))
+
+    @cached_property
+    def _trees(self) -> tuple[Tree, Tree]:
+        """The links with ballast at their joints, and the ballast alone.
+
+        Pinocchio has a body's centre of mass and not its first moment, and identified masses may
+        be zero or less; torque is linear in both.
+        """
+        ballast = 1.0 + float(np.abs(self.links[:, 0]).max())
+        trees = []
+        for links in (self.links, np.zeros(self.links.shape)):
+            inertias = {}
+            for body, (mass, *moment) in zip(self.arm.bodies, links.tolist(), strict=True):
+                whole = mass + ballast
+                point = pin.Inertia(whole, np.array(moment) / whole, np.zeros((3, 3)))
+                inertias[body.name] = body.frame.actInv(point)
+            trees.append(build_tree(self.arm, inertias, self.vector))
+        return trees[0], trees[1]
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`."""
+        return self.links.ravel()
+
+    def with_theta(self, theta: Array) -> LinkWeight:
+        """See :meth:`LinearTerm.with_theta`."""
+        return replace(self, links=np.reshape(theta, self.links.shape))
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        if state.q.ndim != 2:
+            raise ShapeError("q", state.q.shape, "(N, n)")
+        return weight_regressor(self.arm, state.q, self.vector)
+
+
+def weight_regressor(arm: Arm, q: Array, vector: Array) -> Array:
+    """Return (N, n, 4 bodies) torques of each body's mass and first moment at (N, n) positions."""
+    whole = rigid_body.regressor(arm, q, None, None, vector)
+    by_body = whole.reshape(*q.shape, len(arm.bodies), rigid_body.PER_LINK)
+    return by_body[..., :_OF_WEIGHT].reshape(*q.shape, -1)
+
+
+def with_weight(arm: Arm, values: Values, change: Array) -> Values | None:
+    """Return a model's parameters with (bodies, 4) added to the links' weights.
+
+    ``None`` if the model has no weights.
+    """
+    names = [f"{LinkWeight.NAME}.{body}" for body in arm.body_names]
+    if not any(values.get(name) for name in names):
+        return None
+    rows = [np.array(values.get(name) or np.zeros(_OF_WEIGHT)) for name in names]
+    total = np.array(rows) + change
+    return {**values, **{name: as_value(row) for name, row in zip(names, total, strict=True)}}

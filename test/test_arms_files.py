@@ -1,0 +1,288 @@
+"""Arms from files: what YAML and URDF hold, and what is said of files that are wrong."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+from made_up_arm import FILE, made_up_arm, write
+from test_arms_dynamics import PANDA, UR5
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import is_mtm
+from dvrk_gravity.errors import ConfigError
+
+
+def test_a_chain_of_both_kinds_has_units_by_kind(tmp_path):
+    arm = made_up_arm(tmp_path)
+    assert arm.n == 4
+    assert [joint.kind for joint in arm.joints] == ["revolute"] * 2 + ["prismatic", "revolute"]
+    assert [joint.unit for joint in arm.joints] == ["rad", "rad", "m", "rad"]
+    assert [joint.effort_unit for joint in arm.joints] == ["N·m", "N·m", "N", "N·m"]
+    np.testing.assert_allclose(arm.lower, [*np.radians([-120, -80]), 0.02, np.radians(-170)])
+    np.testing.assert_array_equal(arm.effort_limit, [40, 35, 60, 5])
+    assert not is_mtm(arm)
+    assert is_mtm(Arm.load("mtml"))
+
+
+def test_bodies_are_listed_depth_first_each_after_its_parent(tmp_path):
+    arm = made_up_arm(tmp_path)
+    assert arm.body_names == (
+        "link1", "link2", "counterweight", "lever", "wheel", "link3", "link4"
+    )  # fmt: skip
+    parents = {
+        body.name: arm.body_names[body.parent] if body.parent >= 0 else "" for body in arm.bodies
+    }
+    assert parents == {
+        "link1": "", "link2": "link1", "counterweight": "link2", "lever": "link2",
+        "wheel": "lever", "link3": "link2", "link4": "link3",
+    }  # fmt: skip
+    np.testing.assert_array_equal(arm.body("counterweight").row, [0.02, 0, -0.5, 0])
+
+
+def test_a_transmission_carries_power_whole(tmp_path):
+    arm = made_up_arm(tmp_path)
+    rng = np.random.default_rng(0)
+    velocity, effort = rng.normal(size=(2, 20, arm.n))
+    np.testing.assert_allclose(
+        np.sum(arm.joint_position(velocity) * arm.joint_effort(effort), axis=1),
+        np.sum(velocity * effort, axis=1),
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(arm.joint_position(velocity)[:, 2], velocity @ [0, 0.1, 0.02, 0])
+
+
+def test_an_arm_without_a_transmission_is_driven_at_its_joints(tmp_path):
+    content = {key: FILE[key] for key in ("name", "joints")}
+    path = tmp_path / "plain.yaml"
+    path.write_text(yaml.safe_dump(content))
+    arm = Arm.load(path)
+    np.testing.assert_array_equal(arm.actuator_to_joint, np.eye(4))
+    np.testing.assert_array_equal(arm.actuator_effort_limit, arm.effort_limit)
+    np.testing.assert_array_equal(arm.gravity, [0, 0, -9.81])
+
+
+def joint(index: int, **changes) -> dict:
+    """The file's joints, one of them changed."""
+    rows = [dict(row) for row in FILE["joints"]]
+    rows[index] |= changes
+    return {"joints": rows}
+
+
+def follower(index: int, **changes) -> dict:
+    rows = [dict(row) for row in FILE["followers"]]
+    rows[index] |= changes
+    return {"followers": rows}
+
+
+WRONG_YAML = {
+    "kind": (joint(2, type="screw"), "joints.insertion.type: got 'screw', expected one of rev"),
+    "range": (joint(2, lower=0.5), "joints.insertion.lower: got 0.5, expected less than upper"),
+    "force": (joint(2, effort_limit=0), "joints.insertion.effort_limit: got 0, expected more tha"),
+    "convention": ({"convention": "other"}, "convention: got 'other', expected one of standard"),
+    "parent": (follower(0, parent="link9"), "followers.counterweight.parent: got 'link9'"),
+    "later parent": (follower(1, parent="wheel"), "followers.lever.parent: got 'wheel'"),
+    "same name": (follower(1, name="link1"), "followers[1].name: got 'link1', expected a name"),
+    "no master": (follower(1, follows={}), "followers.lever.follows: got {}"),
+    "strange master": (follower(1, follows={"jaw": 1}), "followers.lever.follows: got 'jaw'"),
+    "factor": (follower(1, follows={"yaw": "x"}), "followers.lever.follows.yaw: got 'x'"),
+    "motors without limits": ({"actuator_effort_limit": None}, "actuator_effort_limit: got None"),
+    "parallelogram": ({"parallelogram": 0.1}, "followers: got"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WRONG_YAML)
+def test_what_is_wrong_in_a_chain_s_file_is_told_in_one_line(case, tmp_path):
+    changes, told = WRONG_YAML[case]
+    path = write(tmp_path, changes)
+    with pytest.raises(ConfigError) as caught:
+        Arm.load(path)
+    assert str(caught.value).startswith(f"{path}: {told}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_urdf_brings_joints_limits_and_inertia():
+    arm = Arm.load(str(UR5))
+    assert arm.name == "ur5"
+    assert arm.joint_names[:2] == ("shoulder_pan_joint", "shoulder_lift_joint")
+    assert arm.body_names[0] == "shoulder_link"
+    np.testing.assert_array_equal(arm.effort_limit, [150, 150, 150, 28, 28, 28])
+    np.testing.assert_allclose(arm.upper[2], np.pi)
+    np.testing.assert_array_equal(arm.actuator_to_joint, np.eye(6))
+    assert arm.inertial_parameters.shape == (6, 10)
+    robot = ElementTree.parse(UR5).getroot()
+    forearm = robot.find("link[@name='forearm_link']/inertial/mass").get("value")
+    assert arm.inertial_parameters[2, 0] == float(forearm)
+    assert Arm.of(Arm.load(arm.source).source).joint_names == arm.joint_names
+
+
+def test_mimic_joints_are_bodies_that_follow():
+    arm = Arm.from_urdf(PANDA)
+    assert arm.joint_names[-1] == "panda_finger_joint1"
+    assert (arm.joints[-1].kind, arm.joints[-1].effort_unit) == ("prismatic", "N")
+    assert arm.body_names[-2:] == ("panda_leftfinger", "panda_rightfinger")
+    np.testing.assert_array_equal(arm.expand[-2:, -1], [1, 1])
+    assert Arm.from_urdf(PANDA, "panda_hand").n == 7
+
+
+LINK = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'  # noqa: E501
+LIMIT = '<limit lower="-1" upper="2" effort="3" velocity="4"/>'
+
+
+def a_joint(name, parent, child, kind="revolute", inner=LIMIT, axis="0 0 1") -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0.1 0 0.2" rpy="0.3 0 0"/><axis xyz="{axis}"/>{inner}</joint>'
+    )
+
+
+def urdf(folder, *joints: str, links: str = "abcd", head: str = '<robot name="r">'):
+    path = folder / "robot.urdf"
+    whole = head + "".join(LINK.format(link) for link in links) + "".join(joints) + "</robot>"
+    path.write_text(whole)
+    return path
+
+
+def mimic(master: str, factor: float = 1.0, offset: float = 0.0) -> str:
+    return f'{LIMIT}<mimic joint="{master}" multiplier="{factor}" offset="{offset}"/>'
+
+
+def test_a_continuous_joint_has_no_end_and_fixed_ones_are_merged(tmp_path):
+    path = urdf(
+        tmp_path,
+        a_joint("one", "a", "b", "continuous", axis="0 -1 0"),
+        a_joint("glue", "b", "c", "fixed", ""),
+        a_joint("two", "c", "d"),
+    )
+    arm = Arm.from_urdf(path)
+    assert arm.joint_names == ("one", "two")
+    np.testing.assert_array_equal([arm.lower[0], arm.upper[0]], [-np.inf, np.inf])
+    np.testing.assert_array_equal(arm.range, [[-np.pi, -1], [np.pi, 2]])
+    np.testing.assert_array_equal(arm.inertial_parameters[:, 0], [2, 1])
+
+
+def test_a_mimic_of_a_mimic_follows_by_the_product_and_the_offset_moves_its_zero(tmp_path):
+    path = urdf(
+        tmp_path,
+        a_joint("one", "a", "b"),
+        a_joint("two", "b", "c", inner=mimic("one", -2.0, 0.25)),
+        a_joint("three", "c", "d", inner=mimic("two", 3.0, 0.5)),
+    )
+    arm = Arm.from_urdf(path)
+    np.testing.assert_array_equal(arm.expand[:, 0], [1.0, -2.0, -6.0])
+    plain = Arm.from_urdf(urdf(tmp_path, a_joint("one", "a", "b"), a_joint("two", "b", "c"),
+                               a_joint("three", "c", "d")))  # fmt: skip
+    for body, other, angle in zip(arm.bodies, plain.bodies, (0, 0.25, 3 * 0.25 + 0.5), strict=True):
+        turned = other.placement.rotation.T @ body.placement.rotation
+        expected = [np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)]
+        np.testing.assert_allclose(turned[:2, :2].ravel(), expected, atol=1e-12)
+
+
+ONE, TWO = a_joint("one", "a", "b"), a_joint("two", "b", "c")
+WRONG_URDF = {
+    "joint type": (
+        (a_joint("one", "a", "b", "screw"), TWO), "abc", "joint one: type: got 'screw', expected",
+    ),
+    "floating": (
+        (a_joint("one", "a", "b", "floating"), TWO), "abc", "joint one: type: got 'floating'",
+    ),
+    "no limit": (
+        (a_joint("one", "a", "b", inner=""), TWO), "abc", "joint one: limit effort: got None",
+    ),
+    "no effort": (
+        (a_joint("one", "a", "b", inner='<limit lower="0" upper="1" velocity="1"/>'),), "ab",
+        "joint one: limit effort: got None",
+    ),
+    "no effort allowed": (
+        (a_joint("one", "a", "b", inner='<limit lower="0" upper="1" effort="0" velocity="1"/>'),),
+        "ab", "joint one: limit effort: got 0.0, expected more than 0",
+    ),
+    "no way": (
+        (a_joint("one", "a", "b", inner='<limit effort="2" velocity="1"/>'),), "ab",
+        "joint one: limit lower: got 0.0, expected less than upper",
+    ),
+    "limit as text": (
+        (a_joint("one", "a", "b", inner='<limit lower="x" upper="1" effort="1" velocity="1"/>'),),
+        "ab", "joint one: limit lower: got 'x', expected a finite number",
+    ),
+    "endless continuous without effort": (
+        (a_joint("one", "a", "b", "continuous", ""),), "ab", "joint one: limit effort: got None",
+    ),
+    "mimic loop": (
+        (a_joint("one", "a", "b", inner=mimic("two")), a_joint("two", "b", "c", inner=mimic("one")),
+         a_joint("three", "c", "d")), "abcd", "joint one: mimic: got 'a loop: one, two, one'",
+    ),
+    "mimic of itself": (
+        (a_joint("one", "a", "b", inner=mimic("one")), TWO), "abc",
+        "joint one: mimic: got 'a loop: one, one'",
+    ),
+    "mimic of nothing": (
+        (a_joint("one", "a", "b", inner=mimic("jaw")), TWO), "abc", "joint one: mimic: got 'jaw'",
+    ),
+    "strange link": ((ONE, a_joint("two", "b", "z")), "ab", "joint two: child: got 'z'"),
+    "two parents": ((ONE, a_joint("two", "a", "b")), "ab", "link b: got 'the child of two joints'"),
+    "loop": ((ONE, a_joint("two", "b", "a")), "ab", "link: got [], expected one link"),
+    "two trees": ((ONE,), "abc", "link: got ['a', 'c'], expected one link"),
+    "name twice": ((ONE, a_joint("one", "b", "c")), "abc", "joint: got 'one', expected a name"),
+    "nothing moves": ((a_joint("one", "a", "b", "fixed", ""),), "ab", "joint: got 'none of 1"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WRONG_URDF)
+def test_what_a_urdf_holds_that_no_arm_can_have_is_told_in_one_line(case, tmp_path):
+    joints, links, told = WRONG_URDF[case]
+    path = urdf(tmp_path, *joints, links=links)
+    with pytest.raises(ConfigError) as caught:
+        Arm.load(path)
+    assert str(caught.value).startswith(f"{path}: {told}"), caught.value
+    assert "\n" not in str(caught.value)
+
+
+NOT_URDF = {
+    "text": ("hello", "not well-formed|syntax error"),
+    "empty": ("", "no element found"),
+    "other XML": ("<mujoco/>", "got '<mujoco>', expected a URDF"),
+    "no name": ("<robot/>", "got '<robot>', expected a URDF"),
+    "entities": ('<!DOCTYPE r [<!ENTITY x "y">]><robot name="r"/>', "a document type"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", NOT_URDF)
+def test_a_file_that_is_no_urdf_is_refused(case, tmp_path):
+    content, told = NOT_URDF[case]
+    path = tmp_path / "robot.urdf"
+    path.write_text(content)
+    with pytest.raises(ConfigError, match=told) as caught:
+        Arm.load(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "told"),
+    [
+        ('mass value="1"', 'mass value="x"', "link a: inertial mass value: got 'x'"),
+        ('mass value="1"', 'mass value="-1"', "link a: inertial mass: got -1.0"),
+        ('ixx="1" ', "", "link a: inertial inertia ixx: got None, expected a finite number"),
+        ('xyz="0.1 0 0.2"', 'xyz="0.1 0"', "joint one origin xyz: got '0.1 0', expected 3"),
+        ('xyz="0 0 1"', 'xyz="0 0 0"', "joint one: axis: got '0 0 0', expected a direction"),
+    ],
+)
+def test_a_number_of_a_urdf_that_is_none_is_told(was, now, told, tmp_path):
+    """The URDF's reader drops an inertia that it cannot read, and goes on."""
+    path = urdf(tmp_path, ONE, links="ab")
+    path.write_text(path.read_text().replace(was, now, 1))
+    with pytest.raises(ConfigError) as caught:
+        Arm.load(path)
+    assert str(caught.value).startswith(f"{path}: {told}")
+
+
+def test_a_tip_that_is_no_link_and_a_file_that_is_not_there_are_told(tmp_path):
+    with pytest.raises(ConfigError, match="tip: got 'jaw', expected a link: "):
+        Arm.from_urdf(UR5, "jaw")
+    with pytest.raises(ConfigError, match="no such file"):
+        Arm.load(tmp_path / "nowhere.urdf")
+    with pytest.raises(ConfigError, match="link: got 'jaw', expected one of"):
+        Arm.from_urdf(UR5).body("jaw")

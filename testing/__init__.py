@@ -1,0 +1,1 @@
+"""Worlds to test against: simulated arms in which effects are hidden. Not installed."""
