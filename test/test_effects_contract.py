@@ -7,22 +7,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from made_up_arm import made_up_arm
 
 from dvrk_gravity import TorqueModel, effects
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import LinearTerm, State, Term
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.term import as_array, as_value, diagonal_columns, joint_array
 from dvrk_gravity.effects.unknowns import PART
 
 ARM = Arm.load("mtmr")
-ONES = np.ones(ARM.n)
 LEVELS = [0.01 * (j + 1) for j in range(ARM.n)]
 BETA = {"beta": [0.3, -0.2, 0.4, 0.1, 0.05, 0.02, -0.03, 0.01, 0.02, 0.04]}
 EDGES = {"valid_lower": [-0.8] * ARM.n, "valid_upper": [0.9] * ARM.n}
-# Plausible parameters of each term on the MTM; a new term needs an entry.
+# Plausible parameters of each term, on the MTM or, of a term that an MTM has not, on a chain
+# R-R-P-R; a new term needs an entry.
 PARAMETERS: Mapping[str, Mapping[str, object]] = {
     "gravity": BETA,
+    "link_weight": {
+        "link_weight.link2": [0.6, -0.1, 0.01, 0.02],
+        "link_weight.counterweight": [0.3, 0.0, 0.01, 0.0],
+    },
     "coulomb_friction": {
         "coulomb_friction.joint_positive": LEVELS,
         "coulomb_friction.joint_negative": LEVELS[::-1],
@@ -85,22 +90,35 @@ LINEAR = [effect for effect in effects.terms() if issubclass(effect, LinearTerm)
 WHOLE_RANGE = Range(ARM.lower, ARM.upper)
 
 
-def model_of(effect: type[Term]) -> TorqueModel:
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory) -> Arm:
+    return made_up_arm(tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture
+def model(effect, chain) -> TorqueModel:
     """The model with a term's parameters; of some terms there are others' in it."""
     if effect.NAME not in PARAMETERS:
         pytest.fail(f"{effect.NAME} has no plausible parameters in this file: add an entry")
-    return TorqueModel.from_parameters({"arm": "mtmr", **PARAMETERS[effect.NAME]})
+    arm = ARM if effect.schema(ARM) else chain
+    return TorqueModel.from_parameters({"arm": arm.source, **PARAMETERS[effect.NAME]})
 
 
-def built(effect: type[Term]) -> Term:
-    term = model_of(effect).term(effect.NAME)
-    assert term is not None
-    return term
+@pytest.fixture
+def term(effect, model) -> Term:
+    found = model.term(effect.NAME)
+    assert found is not None
+    return found
 
 
-def motion(count: int = 40) -> State:
+@pytest.fixture
+def state(model) -> State:
+    return motion(model.arm)
+
+
+def motion(arm: Arm, count: int = 40) -> State:
     random = np.random.default_rng(1)
-    q, qd, qdd = random.normal(size=(3, count, ARM.n))
+    q, qd, qdd = random.normal(size=(3, count, arm.n))
     return State(np.cumsum(0.1 * q, axis=0), qd, qdd)
 
 
@@ -109,10 +127,10 @@ def test_no_entry_of_this_file_is_of_a_term_that_there_is_not():
 
 
 @EVERY
-def test_it_is_named_and_documented_and_its_parameters_have_units(effect):
+def test_it_is_named_and_documented_and_its_parameters_have_units(effect, model):
     assert effect.__doc__
     assert effect.NAME.isidentifier()
-    declared = effect.schema(ARM)
+    declared = effect.schema(model.arm)
     assert declared
     for entry in declared:
         assert entry.meaning
@@ -121,13 +139,12 @@ def test_it_is_named_and_documented_and_its_parameters_have_units(effect):
 
 
 @EVERY
-def test_it_is_absent_where_nothing_mentions_it(effect):
-    assert effect.from_parameters(ARM, {}) is None
+def test_it_is_absent_where_nothing_mentions_it(effect, model):
+    assert effect.from_parameters(model.arm, {}) is None
 
 
 @EVERY
-def test_its_torque_is_finite_and_there(effect):
-    term, state = built(effect), motion()
+def test_its_torque_is_finite_and_there(term, state):
     directed = State(state.q, direction=np.sign(state.qd))
     shown = [term.torque(one) for one in (state, State(state.q), directed)]
     for torque in shown:
@@ -137,8 +154,7 @@ def test_its_torque_is_finite_and_there(effect):
 
 
 @EVERY
-def test_a_saved_and_loaded_model_has_the_same_torque(effect, tmp_path):
-    model, state = model_of(effect), motion()
+def test_a_saved_and_loaded_model_has_the_same_torque(effect, model, state, tmp_path):
     model.save(tmp_path / "model.yaml")
     loaded = TorqueModel.load(tmp_path / "model.yaml")
     np.testing.assert_allclose(
@@ -148,8 +164,7 @@ def test_a_saved_and_loaded_model_has_the_same_torque(effect, tmp_path):
 
 
 @each(LINEAR)
-def test_its_columns_times_its_coefficients_are_its_torque(effect):
-    term, state = built(effect), motion()
+def test_its_columns_times_its_coefficients_are_its_torque(term, state):
     expected = term.torque(state)
     np.testing.assert_allclose(term.regressor(state) @ term.theta, expected, atol=1e-11)
     same = term.with_theta(term.theta)
@@ -158,10 +173,9 @@ def test_its_columns_times_its_coefficients_are_its_torque(effect):
 
 
 @EVERY
-def test_its_evaluator_of_one_sample_is_its_torque(effect):
-    term, state = built(effect), motion()
+def test_its_evaluator_of_one_sample_is_its_torque(term, state):
     evaluate = term.prepare()
-    rubs = term.friction_part(ONES).any()
+    rubs = term.friction_part(np.ones(state.q.shape[1])).any()
     for q, qd in zip(state.q, state.qd, strict=True):
         np.testing.assert_allclose(evaluate(q, None), term.torque(State(q)), atol=1e-12)
         if rubs:  # of others a compensator asks for no more than what holds them at rest
@@ -169,13 +183,13 @@ def test_its_evaluator_of_one_sample_is_its_torque(effect):
 
 
 @EVERY
-def test_its_parts_with_and_without_friction_make_up_the_whole(effect):
-    term, state = built(effect), motion()
+def test_its_parts_with_and_without_friction_make_up_the_whole(term, state):
+    all_of_it = np.ones(state.q.shape[1])
     moving = State(state.q, state.qd)
-    parts = [part for part in term.split(ONES) if part is not None]
+    parts = [part for part in term.split(all_of_it) if part is not None]
     total = sum(part.torque(moving) for part in parts)
     np.testing.assert_allclose(total, term.torque(moving), atol=1e-12)
-    fused = term.prepare_parts(ONES)
+    fused = term.prepare_parts(all_of_it)
     assert (fused is None) == (len(parts) == 1)
     if fused is not None:
         one, two = fused(state.q[0], state.qd[0])
@@ -184,17 +198,17 @@ def test_its_parts_with_and_without_friction_make_up_the_whole(effect):
 
 
 @each([effect for effect in effects.terms() if effect.FRICTION])
-def test_its_friction_scales_with_the_part_and_never_drives(effect):
-    term, state = built(effect), motion()
+def test_its_friction_scales_with_the_part_and_never_drives(effect, term, state):
     whole = term.torque(state)
-    np.testing.assert_allclose(term.scaled(0.3 * ONES).torque(state), 0.3 * whole, atol=1e-12)
+    part = np.full(state.q.shape[1], 0.3)
+    np.testing.assert_allclose(term.scaled(part).torque(state), 0.3 * whole, atol=1e-12)
     if effect.COMPENSATED:  # what remembers the past may give back what it has stored
         assert ((whole * state.qd).sum(axis=1) >= -1e-12).all()
 
 
 @each([effect for effect in LINEAR if effect.unknowns(ARM, WHOLE_RANGE)])
-def test_what_a_fit_finds_of_it_is_what_its_columns_make(effect):
-    unknowns, state = effect.unknowns(ARM, WHOLE_RANGE), motion()
+def test_what_a_fit_finds_of_it_is_what_its_columns_make(effect, state):
+    unknowns = effect.unknowns(ARM, WHOLE_RANGE)
     scale = np.array([column.scale for column in unknowns.columns])
     coefficients = scale * np.random.default_rng(2).uniform(0.1, 1.0, len(scale))
     memory = unknowns.term.memory(state)
@@ -268,7 +282,7 @@ def test_a_term_from_outside_is_in_model_files_and_compensated(known, tmp_path):
     TorqueModel.from_parameters(values).save(tmp_path / "model.yaml")
     loaded = TorqueModel.load(tmp_path / "model.yaml")
     settings = Settings.from_parameters(loaded.parameters())
-    q, qd = motion().q[0], 2.0 * ONES
+    q, qd = motion(ARM).q[0], np.full(ARM.n, 2.0)
     friction = settings.parts(q, qd)[1]
     np.testing.assert_allclose(friction, 0.7 * 4.0 * np.array(LEVELS))
 

@@ -17,7 +17,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.motion import read_motions
-from dvrk_gravity.identification.posture import OFFSETS, Posture
+from dvrk_gravity.identification.posture import Posture, offset_joints
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.tree import TREE_LINKS, build_tree, link_frames
 
@@ -58,7 +58,7 @@ def test_slopes_are_those_of_pinocchios_torques():
 
     slopes = posture.slopes(ARM, State(q, qd, qdd))
 
-    for column, joint in enumerate(OFFSETS):
+    for column, joint in enumerate(offset_joints(ARM)):
         step = 1e-5 * np.eye(N_JOINTS)[joint]
         up, down = (torque(posture.offset + s, posture.tilt) for s in (step, -step))
         assert slopes[..., column] == pytest.approx((up - down) / 2e-5, rel=1e-4, abs=1e-4)

@@ -56,7 +56,7 @@ class Posture:
             return ()
         tilt, offset = POSTURE
         return (
-            *(Column(offset, site.joint(j), 0, MISPLACED) for j in _offset_joints(arm)),
+            *(Column(offset, site.joint(j), 0, MISPLACED) for j in offset_joints(arm)),
             *(Column(tilt, site.THE_BASE, axis, MISPLACED) for axis in range(2)),
         )
 
@@ -98,7 +98,7 @@ class Posture:
         vector = self.mounted(arm).gravity
         here = self._torque(arm, self.true(state), vector)
         columns = []
-        for joint in _offset_joints(arm):
+        for joint in offset_joints(arm):
             step = _STEP * (np.arange(arm.n) == joint)
             there = replace(self, offset=self.offset + step).true(state)
             columns.append((self._torque(arm, there, vector) - here) / _STEP)
@@ -117,7 +117,7 @@ class Posture:
         return torque + columns @ self.springs
 
 
-def _offset_joints(arm: Arm) -> range:
+def offset_joints(arm: Arm) -> range:
     """Return the joints whose zeros torque can tell.
 
     The first one's turns everything about the vertical, the last one's turns the parameters of its

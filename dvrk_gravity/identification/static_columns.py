@@ -11,7 +11,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.console import N_POLYNOMIALS
 from dvrk_gravity.effects.held_load import pose_functions
 from dvrk_gravity.effects.polynomial import MAX_DEGREE, Range
@@ -27,9 +27,9 @@ ORDER = 4
 OWN_MEAN = (1.0, 1.0, 0.3, 0.2, 0.05)
 OWN_DIFFERENCE = (1.0, 0.2, 0.2, 0.1, 0.1)
 CONSTANT_SD = 1.0  # N·m, a constant is hardly held back
-# Joints with a spring or counterweight, and its size in N·m. It acts like gravity, with the sine of
-# the angle, and no polynomial of order four is a sine over 250 deg.
-SPRINGS = {JOINT_NAMES.index("wrist_pitch"): 0.1}
+# Joints of an MTM with a spring or counterweight, and its size in N·m. It acts like gravity, with
+# the sine of the angle, and no polynomial of order four is a sine over 250 deg.
+SPRINGS = {4: 0.1}  # wrist_pitch
 
 Group = tuple[int, ...]  # joints on which the functions depend, all of them
 
@@ -62,7 +62,7 @@ class JointColumns:
     def matrix(self, poses: Poses, valid: Range) -> Array:
         """Return the (N, p) columns at some poses."""
         count = len(self.own)
-        single = np.zeros((1 + MAX_DEGREE, N_JOINTS), dtype=np.int64)
+        single = np.zeros((1 + MAX_DEGREE, poses.q.shape[1]), dtype=np.int64)
         single[:, self.joint] = np.arange(1 + MAX_DEGREE)
         values = np.concatenate(
             [
@@ -96,12 +96,12 @@ def joint_columns(joint: int, poses: Poses, for_console: bool = False) -> JointC
         for_console: Only what the dVRK console has as well: polynomials of degree four of the own
             position (of sine and cosine what these can follow), nothing for joint 7.
     """
-    moving, directed = poses.moving, poses.directed[joint]
+    moving, directed, n = poses.moving, poses.directed[joint], poses.q.shape[1]
     groups: list[Group] = [(joint,)]
     if for_console and joint >= N_POLYNOMIALS:
         none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
         return JointColumns(
-            joint, tuple(groups), none, none.reshape(0, N_JOINTS),
+            joint, tuple(groups), none, none.reshape(0, n),
             nothing.reshape(0, 1 + MAX_DEGREE), none.astype(bool), nothing, nothing,
         )  # fmt: skip
     series, rows = _own_columns(joint, poses, ORDER if for_console else MAX_DEGREE)
@@ -111,7 +111,7 @@ def joint_columns(joint: int, poses: Poses, for_console: bool = False) -> JointC
     for number, group in enumerate(groups[1:], start=1):
         for orders in product(range(1, ORDER + 1), repeat=len(group)):
             if sum(orders) <= ORDER:
-                row = np.zeros(N_JOINTS, dtype=np.int64)
+                row = np.zeros(n, dtype=np.int64)
                 row[list(group)] = orders
                 size = float(sum(orders)) ** -2
                 rows += [
@@ -133,7 +133,7 @@ def _own_columns(
     Sine and cosine are followed to a degree.
     """
     directed = poses.directed[joint]
-    none = np.zeros(N_JOINTS, dtype=np.int64)
+    none = np.zeros(poses.q.shape[1], dtype=np.int64)
     unit = np.eye(1 + MAX_DEGREE)
     series = [unit[0]] * (1 + directed)
     rows = [(0, none, along, 1.0, CONSTANT_SD) for along in (False, True)[: 1 + directed]]
@@ -160,6 +160,6 @@ def gravity_rows(poses: Poses, arm: Arm) -> Array:
     return gravity.regressor(poses.q, arm.gravity, N_BETA)
 
 
-def describe(group: Group) -> str:
+def describe(group: Group, names: Sequence[str]) -> str:
     """Return the names of a group's joints."""
-    return " x ".join(JOINT_NAMES[joint] for joint in group)
+    return " x ".join(names[joint] for joint in group)

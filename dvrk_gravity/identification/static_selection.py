@@ -74,7 +74,7 @@ class JointSearch:
     Attributes:
         table: All columns.
         joint: The joint.
-        name: Its name.
+        names: Names of all joints.
         beta: (10,) of all joints, N·m, about which this joint's own may vary.
         train: Sums over what each held-out slab leaves.
         test: Sums over each slab.
@@ -87,7 +87,7 @@ class JointSearch:
 
     table: Table
     joint: int
-    name: str
+    names: Sequence[str]
     beta: Array
     train: tuple[NormalEquations, ...]
     test: tuple[NormalEquations, ...]
@@ -165,7 +165,7 @@ class JointSearch:
             float(np.sqrt(max(made.errors.sum(), 0.0) / total)) for made in (before, trial.after)
         )
         return Choice(
-            f"held_load {self.name}: function of {describe(trial.move)}",
+            f"held_load {self.names[self.joint]}: function of {describe(trial.move, self.names)}",
             kept,
             old,
             new,
@@ -203,14 +203,14 @@ def choose(
     share = sum(map(np.sum, of_slabs)) / len(poses)
     factor = np.array([1.0] * len(of_slabs) + [max(share, 1.0)] * len(of_order))
     chosen = []
-    for joint, name in enumerate(names):
+    for joint in joints:
         x = np.concatenate([table.gravity[:, joint], table.matrices[joint]], axis=1)[:, None]
         y, w = poses.effort[:, [joint]], weight[:, [joint]]
         total = NormalEquations.of(x, y, w)
         tested = (*of_slabs, *of_order)
         test = tuple(NormalEquations.of(x[mask], y[mask], w[mask]) for mask in tested)
         search = JointSearch(
-            table, joint, name, solution.beta, tuple(total - part for part in test), test, factor,
+            table, joint, names, solution.beta, tuple(total - part for part in test), test, factor,
             float(own[joint]), float(rest[joint]), note, settings,
         )  # fmt: skip
         chosen.append(search.run())
