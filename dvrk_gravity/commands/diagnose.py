@@ -50,10 +50,11 @@ def run(args: argparse.Namespace) -> int:
     from dvrk_gravity.report.diagnosis import render
 
     outputs.check_folder("--out", args.out, WRITTEN, [*args.recordings, args.model])
-    still = still_joints(args.at)
     model = TorqueModel.load(args.model)
+    still = still_joints(args.at, model.arm)
     recordings = [
-        RecordingFile(path, args.topic, coordinates=args.coordinates) for path in args.recordings
+        RecordingFile(path, args.topic, coordinates=args.coordinates, arm=model.arm)
+        for path in args.recordings
     ]
     shown = sys.stderr.isatty()
 

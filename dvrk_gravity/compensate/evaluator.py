@@ -16,7 +16,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.arms.mtm import beta_tree
+from dvrk_gravity.arms.tree import Tree
 from dvrk_gravity.terms import (
     CoulombFriction,
     DirectionalCable,
@@ -28,13 +29,12 @@ from dvrk_gravity.terms import (
     ViscousFriction,
 )
 from dvrk_gravity.terms.polynomial import Range
-from dvrk_gravity.tree import Tree, beta_tree
 
 Array = NDArray[np.float64]
 Evaluator = Callable[[Array, "Array | None"], Array]
-"""Torque (7,) from positions (7,) and velocities (7,), ``None`` where these are unknown."""
+"""Torque (n,) from positions (n,) and velocities (n,), ``None`` where these are unknown."""
 Parts = Callable[[Array, "Array | None", "Array | None"], tuple[Array, Array]]
-"""Torque without friction and friction, (7,) each, from positions, velocities, and the velocities
+"""Torque without friction and friction, (n,) each, from positions, velocities, and the velocities
 at which friction is taken."""
 
 
@@ -43,7 +43,7 @@ def prepare_parts(terms: Iterable[Term], part: Array) -> Parts:
 
     Args:
         terms: The terms, friction whole.
-        part: (7,) part of friction to take, at each joint and motor.
+        part: (n,) part of friction to take, at each joint and motor.
     """
     terms = list(terms)
     cables = [term for term in terms if isinstance(term, DirectionalCable)]
@@ -120,7 +120,7 @@ def _(term: DirectionalCable) -> Evaluator:
 
 
 def _cable_parts(elastic: ElasticCable, friction: DirectionalCable) -> Evaluator:
-    """Return the evaluator of a directional cable's two parts, (2, 7): they share their powers."""
+    """Return the evaluator of a directional cable's two parts, (2, n): they share their powers."""
     if friction.shape != "linear":
         return lambda q, qd: np.stack([elastic.torque(State(q)), friction.torque(State(q, qd))])
     count = len(elastic.coefficients)
@@ -130,7 +130,7 @@ def _cable_parts(elastic: ElasticCable, friction: DirectionalCable) -> Evaluator
     edges = np.array([friction.saturation_velocity, friction.dead_band])
     lowest, full_less_dead = -edges, np.array([1.0, -1.0]).dot
     powers, sum_up = _powers(elastic.valid, count), np.repeat(np.eye(2), count, axis=1).dot
-    factors = np.zeros((2 * count, N_JOINTS))
+    factors = np.zeros((2 * count, len(friction.ratio)))
     plain, blended = factors[:count], factors[count:]
 
     def evaluate(q: Array, qd: Array | None) -> Array:
@@ -146,15 +146,16 @@ def _cable_parts(elastic: ElasticCable, friction: DirectionalCable) -> Evaluator
 def _(term: CoulombFriction) -> Evaluator:
     # Joints and motors side by side, motion upwards and downwards one above the other.
     to_motor = term.arm.joint_to_actuator
-    motion = np.vstack([np.eye(N_JOINTS), to_motor])
+    n = len(to_motor)
+    motion = np.vstack([np.eye(n), to_motor])
     slope = np.tile(1.0 / np.maximum(term.transition_velocity, 1e-9), 2)
-    lower = np.repeat([[0.0], [-1.0]], 2 * N_JOINTS, axis=1)
+    lower = np.repeat([[0.0], [-1.0]], 2 * n, axis=1)
     levels = (term.joint_positive, term.motor_positive, term.joint_negative, term.motor_negative)
     spread = np.diag(np.concatenate(levels)) @ np.vstack([motion, motion])
 
     def evaluate(q: Array, qd: Array | None) -> Array:
         if qd is None:
-            return np.zeros(N_JOINTS)
+            return np.zeros(n)
         part = np.minimum(np.maximum(motion.dot(qd) * slope, lower), lower + 1.0)
         return part.ravel().dot(spread)
 
@@ -163,19 +164,19 @@ def _(term: CoulombFriction) -> Evaluator:
 
 @prepare.register
 def _(term: ViscousFriction) -> Evaluator:
-    unit = np.eye(N_JOINTS)
+    unit = np.eye(len(term.joint))
     damping = term.torque(State(unit, unit))  # linear: row j is what joint j's unit speed makes
-    return lambda q, qd: np.zeros(N_JOINTS) if qd is None else qd.dot(damping)
+    return lambda q, qd: np.zeros(len(q)) if qd is None else qd.dot(damping)
 
 
 def _zeros(q: Array, qd: Array | None) -> Array:
-    return np.zeros(N_JOINTS)
+    return np.zeros(len(q))
 
 
 def _powers(valid: Range, count: int) -> Callable[..., Array]:
-    """Return what makes (count, 7) powers 0, 1, … of positions held within a range."""
+    """Return what makes (count, n) powers 0, 1, … of positions held within a range."""
     lower, upper = valid.lower, valid.upper
-    steps = np.ones((count, N_JOINTS))
+    steps = np.ones((count, len(lower)))
 
     def powers(q: Array, out: Array | None = None) -> Array:
         steps[1:] = np.minimum(np.maximum(q, lower), upper)

@@ -10,17 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.evaluator import Parts, prepare_parts
 from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
-    ALL_PARAMETERS,
+    ARM_PARAMETER,
     MODEL_PARAMETERS,
     VERDICT_PARAMETER,
     VERDICTS,
     TorqueModel,
 )
-from dvrk_gravity.parameter import Value, check_all
+from dvrk_gravity.node_parameters import node_parameters
+from dvrk_gravity.parameter import Parameter, Value, check_all
 from dvrk_gravity.terms import DirectionalCable, Gravity
 
 Array = NDArray[np.float64]
@@ -46,17 +48,17 @@ class Settings:
     Attributes:
         model: The torque model.
         limits: Effort limits in both spaces, never above the arm's own.
-        slew_limit: (7,) fastest change of a joint's command, N·m/s.
+        slew_limit: (n,) fastest change of a joint's command, N·m/s.
         ramp_time: Time of the blend from the effort that is there to the model's, s.
         timeout: Longest time without valid input, s.
         position_margin: Positions further outside the arm's limits than this are refused, rad.
         start_tolerance: Part of the effort limits by which measured and modelled effort may
             differ at a start.
         max_stamp_age: Farthest stamp from the node's clock, s; 0 if not checked.
-        friction_ratio: (7,) part of friction that is compensated, at each joint and motor.
-        friction_dead_band: (7,) rad/s below which it is not.
-        allowance: (7,) speed up to which a motion may grow by friction compensation, rad/s.
-        speed_limit: (7,) speed beyond which a joint must not be driven, rad/s.
+        friction_ratio: (n,) part of friction that is compensated, at each joint and motor.
+        friction_dead_band: (n,) rad/s below which it is not.
+        allowance: (n,) speed up to which a motion may grow by friction compensation, rad/s.
+        speed_limit: (n,) speed beyond which a joint must not be driven, rad/s.
         enabled: Whether to command at all.
         resume_automatically: Go on by itself after a fault of the input.
         disable_builtin: Switch the arm's own compensation off when it is on.
@@ -92,23 +94,24 @@ class Settings:
             ConfigError: An unknown name, a value that fails its check, no beta: an arm that is
                 commanded zero torque falls; or a model that was found not fit to compensate with.
         """
-        checked = check_all(ALL_PARAMETERS, values)
-        defaults = {name: entry.default for name, entry in ALL_PARAMETERS.items()}
+        arm = before.model.arm if before else arm_of(values)
+        table = parameters_of(arm)
+        checked = check_all(table, values)
+        defaults = {name: entry.default for name, entry in table.items()}
         value: dict[str, Any] = defaults | checked
         if not value["beta"]:
             raise ConfigError("beta", [], "10 gravity parameters, from --params-file for instance")
         if before is None:
-            model = TorqueModel.from_parameters(checked)
+            model = TorqueModel.from_parameters(checked, arm)
         elif _of_model(checked) == before._given:
             model = before.model
         else:
-            model = TorqueModel.from_parameters(checked, before.model.arm)
+            model = TorqueModel.from_parameters(checked, arm)
         if model.verdict == VERDICTS[-1] and not value["allow_poor_model"]:
             first, *more = model.reason.split("; ")  # joint by joint
             why = f"{first}; …" if more else first
             expected = f"a model to compensate with, or allow_poor_model: true ({why})"
             raise ConfigError(VERDICT_PARAMETER.name, model.verdict, expected)
-        arm = model.arm
         limits = EffortLimits(
             arm,
             np.minimum(value["effort_limit"] or np.inf, arm.effort_limit),
@@ -151,7 +154,7 @@ class Settings:
         return not (isinstance(gravity, Gravity) and gravity.enabled and gravity.beta.any())
 
     def torque(self, q: Array, qd: Array | None) -> Array:
-        """Return the (7,) torque to apply at (7,) positions and velocities, before limits, N·m.
+        """Return the (n,) torque to apply at (n,) positions and velocities, before limits, N·m.
 
         It is the model's torque but for friction, of which only the asked part
         is compensated: pushing the whole of it makes an arm run away on its own.
@@ -160,7 +163,7 @@ class Settings:
         return conservative + friction
 
     def parts(self, q: Array, qd: Array | None) -> tuple[Array, Array]:
-        """Return :meth:`torque` as its two parts, (7,) each: without friction, and friction."""
+        """Return :meth:`torque` as its two parts, (n,) each: without friction, and friction."""
         if self._offset is not None:
             q = q - self._offset  # what the terms are functions of
         moving = None if qd is None else qd * (np.abs(qd) >= self.friction_dead_band)
@@ -168,7 +171,7 @@ class Settings:
 
     @cached_property
     def friction_part(self) -> Array:
-        """(7,) largest part of any friction that is compensated at a joint, 0 to 1."""
+        """(n,) largest part of any friction that is compensated at a joint, 0 to 1."""
         part = np.zeros(len(self.friction_ratio))
         for term in self.model.terms:
             if isinstance(term, DirectionalCable):
@@ -187,6 +190,16 @@ class Settings:
     def _parts(self) -> Parts:
         terms = (term for term in self.model.terms if term.COMPENSATED)
         return prepare_parts(terms, self.friction_ratio)
+
+
+def arm_of(values: Mapping[str, Any]) -> Arm:
+    """Return the arm that parameters name."""
+    return Arm.load(str(ARM_PARAMETER.check(values.get(ARM_PARAMETER.name, ARM_PARAMETER.default))))
+
+
+def parameters_of(arm: Arm) -> dict[str, Parameter]:
+    """Return every parameter of a compensator of this arm, by name."""
+    return MODEL_PARAMETERS | node_parameters(arm)
 
 
 def _of_model(checked: Mapping[str, Value]) -> dict[str, Value]:

@@ -21,7 +21,7 @@ from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.console.file import N_GRAVITY, N_POLYNOMIALS, N_POWERS
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.node_parameters import NODE_PARAMETERS
+from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.terms import (
     CoulombFriction,
     DirectionalCable,
@@ -151,7 +151,7 @@ def uniform_poses(lower: Array, upper: Array, count: int, seed: int) -> Array:
 
 
 def _setting(model: TorqueModel, name: str) -> tuple[float, ...]:
-    value = model.node.get(name, NODE_PARAMETERS[name].default)
+    value = model.node.get(name, node_parameters(model.arm)[name].default)
     assert isinstance(value, tuple)
     return value
 

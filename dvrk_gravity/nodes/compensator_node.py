@@ -22,12 +22,11 @@ from std_msgs.msg import (
 from std_srvs.srv import SetBool
 
 from dvrk_gravity.compensate.sample import DroppedSampleError, SampleReader
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.compensate.settings import Settings, parameters_of
 from dvrk_gravity.compensate.statistics import Statistics
 from dvrk_gravity.compensate.supervisor import Status, Supervisor
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import ALL_PARAMETERS
-from dvrk_gravity.node_parameters import NODE_PARAMETERS
+from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.nodes import operating_state, runtime
 from dvrk_gravity.nodes.arm_link import MEASURED, ArmLink
 from dvrk_gravity.nodes.diagnostics import Diagnostics
@@ -59,12 +58,15 @@ class Compensator(PromptNode):
         )
         given = runtime.given_parameters(self)
         settings = Settings.from_parameters(given)
-        runtime.declare(self, ALL_PARAMETERS, in_force(settings))
+        runtime.declare(self, parameters_of(settings.model.arm), in_force(settings))
         self._supervisor = self._supervise(settings)
         self._checked = settings
-        arm, margin = settings.model.arm, settings.position_margin
+        arm = settings.model.arm
+        margin = settings.position_margin * arm.scale
         self._unpack = JointStateReader().read
-        self._reader = SampleReader(arm.joint_names, arm.lower - margin, arm.upper + margin)
+        self._reader = SampleReader(
+            arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units
+        )
         self._statistics = Statistics()
         self._told: tuple[Status, str] | None = None
         self._told_once: set[str] = set()
@@ -264,7 +266,7 @@ class Compensator(PromptNode):
             self._switch_off()  # whatever becomes of the rest
         try:
             for change in changes:
-                entry = ALL_PARAMETERS.get(change.name)
+                entry = parameters_of(self._supervisor.settings.model.arm).get(change.name)
                 if entry is not None and entry.read_only:
                     raise ConfigError(change.name, change.value, "no change while the node runs")
             own = [change for change in changes if not change.name.startswith(runtime.OF_RCLPY)]
@@ -345,7 +347,7 @@ def in_force(settings: Settings) -> dict[str, Any]:
         "slew_limit": settings.slew_limit,
     }
     return {
-        **{name: entry.default for name, entry in NODE_PARAMETERS.items()},
+        **{name: entry.default for name, entry in node_parameters(settings.model.arm).items()},
         **settings.model.parameters(),
         **{name: tuple(value.tolist()) for name, value in limits.items()},
     }

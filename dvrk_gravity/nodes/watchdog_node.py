@@ -8,7 +8,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty, Float64, Float64MultiArray, String
 
-from dvrk_gravity.model import ALL_PARAMETERS
+from dvrk_gravity.compensate.settings import arm_of, parameters_of
 from dvrk_gravity.nodes import runtime
 from dvrk_gravity.nodes.arm_link import ArmLink
 from dvrk_gravity.nodes.executor import PromptNode
@@ -32,8 +32,9 @@ class Watchdog(PromptNode):
         """
         super().__init__("watchdog", automatically_declare_parameters_from_overrides=True)
         given = runtime.given_parameters(self)
-        values = {name: ALL_PARAMETERS[name].default for name in _PARAMETERS}
-        values |= check_all(ALL_PARAMETERS, given)
+        table = parameters_of(arm_of(given))
+        values = {name: table[name].default for name in _PARAMETERS}
+        values |= check_all(table, given)
         timeout = values["watchdog_timeout"]
         assert isinstance(timeout, float)  # check_all has seen to it
         self._timeout = timeout

@@ -8,14 +8,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.plant import Plant
 
 Array = NDArray[np.float64]
 
 Torque = Callable[[float, Array, Array], Array]
-"""(time, (7,) position, (7,) velocity) -> (7,) torque that the actuators must apply, N·m."""
+"""(time, (n,) position, (n,) velocity) -> (n,) torque that the actuators must apply, N·m."""
 
 
 class HiddenPlant(Plant):
@@ -33,7 +32,7 @@ class HiddenPlant(Plant):
         Args:
             model: The arm's terms.
             links: Inertia of the links.
-            rotor_inertia: (7,) reflected inertia at the actuators, kg·m^2.
+            rotor_inertia: (n,) reflected inertia at the actuators, kg·m^2.
             extra: Further torques.
         """
         self._extra = extra
@@ -64,14 +63,14 @@ class Dahl:
         self._last: float | None = None
 
     def __call__(self, time: float, q: Array, v: Array) -> Array:
-        """Return (7,) friction torque, N·m; goes on from the position of the last call."""
-        del time, v
+        """Return (n,) friction torque, N·m; goes on from the position of the last call."""
+        del time
         position = float(q[self._joint])
         way = 0.0 if self._last is None else position - self._last
         self._last = position
         # Exact for a way in one direction.
         goal = self._level * np.sign(way)
         self._force = goal + (self._force - goal) * np.exp(-abs(way) / self._length)
-        torque = np.zeros(N_JOINTS)
+        torque = np.zeros(len(v))
         torque[self._joint] = self._force
         return torque

@@ -8,23 +8,22 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.effects import Effects
 from dvrk_gravity.simulate.friction import FrictionSolver
 from dvrk_gravity.simulate.presliding import Presliding
 from dvrk_gravity.terms import Payload, PreslidingHysteresis
-from dvrk_gravity.tree import LINKS, build_tree
 
 Array = NDArray[np.float64]
 
-# Impulse that a stop can give, N·m·s: more than any motion of the arm can ask for.
+# Impulse that a stop can give, N·m·s or N·s: more than any motion of the arm can ask for.
 _STOP = 1e6
 
 
 class Plant:
-    """A simulated arm with seven joints, at a position and a velocity.
+    """A simulated arm at a position and a velocity.
 
     A step is semi-implicit Euler: the acceleration from the forces at (q, v), viscous and dry
     friction at the end of the step, and the position from the new velocity,
@@ -37,8 +36,8 @@ class Plant:
 
     Attributes:
         model: The true terms; their torques are those that the actuators apply.
-        q: (7,) position, rad.
-        v: (7,) velocity, rad/s.
+        q: (n,) position, rad.
+        v: (n,) velocity, rad/s.
         time: Since the beginning, s.
     """
 
@@ -53,33 +52,34 @@ class Plant:
 
         Args:
             model: The arm's true terms.
-            links: Inertia of each of :data:`dvrk_gravity.tree.LINKS`, in its distal DH frame;
+            links: Inertia of each of the arm's bodies, in its link frame (distal DH, URDF);
                 those absent weigh nothing.
-            rotor_inertia: (7,) reflected inertia at the actuators, kg·m^2.
+            rotor_inertia: (n,) reflected inertia at the actuators, kg·m^2.
             friction_scale: Factor on every friction, dry and viscous.
 
         Raises:
             ConfigError: An unknown link, or a mass matrix that is not positive definite.
-            ShapeError: ``rotor_inertia`` is not (7,).
+            ShapeError: ``rotor_inertia`` is not (n,).
         """
         rotors = np.asarray(rotor_inertia, dtype=float)
-        if rotors.shape != (N_JOINTS,):
-            raise ShapeError("rotor_inertia", rotors.shape, f"({N_JOINTS},)")
+        arm = model.arm
+        if rotors.shape != (arm.n,):
+            raise ShapeError("rotor_inertia", rotors.shape, f"({arm.n},)")
         for name in links:
-            if name not in LINKS:
-                raise ConfigError(f"links.{name}", name, f"one of {', '.join(LINKS)}")
+            if name not in arm.body_names:
+                raise ConfigError(f"links.{name}", name, f"one of {', '.join(arm.body_names)}")
         payload = model.term(Payload.NAME)
         if isinstance(payload, Payload):
             known = links.get(payload.link, pin.Inertia.Zero())
             links = {**links, payload.link: known + payload.inertia}
         self.model = model
         self.time = 0.0
-        arm = model.arm
         self._lower, self._upper = arm.lower, arm.upper
-        self._middle, self._half = (
-            0.5 * (arm.lower + arm.upper),
-            0.5 * (arm.upper - arm.lower) - 1e-9,
-        )
+        lowest, highest = arm.range
+        self._middle = 0.5 * (lowest + highest)
+        half = 0.5 * (highest - lowest) - 1e-9
+        # A joint that turns without end has no stops.
+        self._half = np.where(np.isfinite(arm.upper - arm.lower), half, np.inf)
         self._tree = build_tree(arm, links, np.zeros(3))
         self._expand = self._tree.expand
         self._gather = np.ascontiguousarray(self._expand.T)
@@ -87,7 +87,7 @@ class Plant:
         self._rotors = to_motor.T @ np.diag(rotors) @ to_motor
         self._effects = Effects(model, friction_scale)
         self._damping = self._effects.damping if self._effects.damping.any() else None
-        self._dt, self._implicit = 0.0, np.zeros((N_JOINTS, N_JOINTS))
+        self._dt, self._implicit = 0.0, np.zeros((arm.n, arm.n))
         self._friction = FrictionSolver(self._effects.rows)
         presliding = model.term(PreslidingHysteresis.NAME)
         self._presliding = (
@@ -96,8 +96,8 @@ class Plant:
             else None
         )
         self._evaluated: tuple[Array, Array, Array, Array] | None = None
-        self.q = np.clip(np.zeros(N_JOINTS), self._lower, self._upper)
-        self.v = np.zeros(N_JOINTS)
+        self.q = np.clip(np.zeros(arm.n), self._lower, self._upper)
+        self.v = np.zeros(arm.n)
         self._at_stops = self._reaches_stops()
         least = np.linalg.eigvalsh(self.mass_matrix()).min()
         if not least > 0:
@@ -107,26 +107,27 @@ class Plant:
         """Put the arm somewhere, at rest if no velocity is given.
 
         Args:
-            q: (7,) position, rad.
-            v: (7,) velocity, rad/s.
+            q: (n,) position, rad.
+            v: (n,) velocity, rad/s.
 
         Raises:
-            ShapeError: Not (7,).
+            ShapeError: Not (n,).
             ConfigError: Not finite, or a position beyond the joint's limits.
         """
+        arm = self.model.arm
         position = np.array(q, dtype=float)
-        velocity = np.zeros(N_JOINTS) if v is None else np.array(v, dtype=float)
+        velocity = np.zeros(arm.n) if v is None else np.array(v, dtype=float)
         for name, array in (("q", position), ("v", velocity)):
-            if array.shape != (N_JOINTS,):
-                raise ShapeError(name, array.shape, f"({N_JOINTS},)")
+            if array.shape != (arm.n,):
+                raise ShapeError(name, array.shape, f"({arm.n},)")
             if not np.isfinite(array).all():
                 raise ConfigError(name, array.tolist(), "finite numbers")
-        for joint, value in zip(self.model.arm.joints, position.tolist(), strict=True):
+        for joint, value in zip(arm.joints, position.tolist(), strict=True):
             if not joint.lower <= value <= joint.upper:
                 raise ConfigError(
                     f"position of {joint.name}",
                     value,
-                    f"{joint.lower:.4g} to {joint.upper:.4g} rad",
+                    f"{joint.lower:.4g} to {joint.upper:.4g} {joint.unit}",
                 )
         self.q, self.v = position, velocity
         self._at_stops = self._reaches_stops()
@@ -136,19 +137,19 @@ class Plant:
         self._evaluated = None
 
     def mass_matrix(self) -> Array:
-        """Return the (7, 7) inertia at the present position, rotors included, kg·m^2."""
+        """Return the (n, n) inertia at the present position, rotors included, kg·m^2."""
         return self._at_present()[0]
 
     def smooth_torque(self) -> Array:
-        """Return the (7,) torque that balances the arm at rest but for friction, N·m."""
+        """Return the (n,) torque that balances the arm at rest but for friction, N·m."""
         return self._at_present()[1]
 
     def step(self, effort: Array, push: Array | None = None, dt: float = 1e-3) -> None:
         """Go one step on.
 
         Args:
-            effort: (7,) torque of the actuators in joint space, N·m.
-            push: (7,) torque from outside, N·m.
+            effort: (n,) torque of the actuators in joint space, N·m.
+            push: (n,) torque from outside, N·m.
             dt: Length of the step, s.
         """
         mass, smooth, bounds, tree_q = self._at_present()
@@ -172,8 +173,8 @@ class Plant:
             mass = mass + dt**2 * stiffness
         impulse = dt * bounds
         if self._at_stops:
-            impulse[0, :N_JOINTS][q >= self._upper] = -_STOP
-            impulse[1, :N_JOINTS][q <= self._lower] = _STOP
+            impulse[0, : len(q)][q >= self._upper] = -_STOP
+            impulse[1, : len(q)][q <= self._lower] = _STOP
         self.v = self._friction.solve(mass, force, impulse)
         self.q = dt * self.v
         self.q += q

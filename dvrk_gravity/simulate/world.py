@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS, Arm
-from dvrk_gravity.gravity import LinkMass, beta_from_links
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm.gravity import LinkMass, beta_from_links
+from dvrk_gravity.arms.tree import link_frames
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
@@ -30,7 +31,6 @@ from dvrk_gravity.terms import (
     ViscousFriction,
 )
 from dvrk_gravity.terms.polynomial import Range
-from dvrk_gravity.tree import TREE_LINKS, link_frames
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ Reading = Callable[[Recording], Recording]
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """An arm with its sensors: everything that a recording depends on but motion and noise.
+    """A master arm with its sensors: everything that a recording depends on but motion and noise.
 
     Attributes:
         arm: Geometry and limits.
@@ -80,6 +80,7 @@ class World:
         """
         random = np.random.default_rng(seed)
         content = PlantFile.load(plant)
+        n = content.model.arm.n
         links = {
             name: pin.Inertia(body.mass * factor, body.lever, body.inertia * factor)
             for (name, body), factor in zip(
@@ -90,22 +91,22 @@ class World:
         # Springs and weights at the arm and the forearm, as far as they act like mass.
         counterweight[[0, 2]] = random.uniform([-1.2, -0.7], [0.2, -0.4])
         joint = np.array([0.02, 0.03, 0.02, 0.02, 0.004, 0.003, 0.001])
-        joint = joint * random.uniform(0.5, 1.5, N_JOINTS)
-        motor = np.zeros(N_JOINTS)
+        joint = joint * random.uniform(0.5, 1.5, n)
+        motor = np.zeros(n)
         motor[2] = 0.02 * random.uniform(0.5, 1.5)
         viscous = np.array([0.02, 0.02, 0.02, 0.003, 0.0005, 0.0005, 0.0001])
-        cable = np.zeros((4, N_JOINTS))
+        cable = np.zeros((4, n))
         cable[1, :6] = np.array([0.05, 0.0, 0.05, 0.015, 0.006, 0.004])
-        cable[1:] *= random.uniform(0.5, 1.5, (3, N_JOINTS))
+        cable[1:] *= random.uniform(0.5, 1.5, (3, n))
         return cls(
             arm=content.model.arm,
             links=links,
             counterweight=counterweight,
             gravity=content.model.arm.gravity,
             coulomb=np.array([joint, joint, motor, motor]),
-            viscous=viscous * random.uniform(0.5, 1.5, N_JOINTS),
+            viscous=viscous * random.uniform(0.5, 1.5, n),
             cable=cable,
-            rotors=content.rotor_inertia * random.uniform(0.8, 1.2, N_JOINTS),
+            rotors=content.rotor_inertia * random.uniform(0.8, 1.2, n),
             sensors=content.sensors,
         )
 
@@ -120,20 +121,24 @@ class World:
 
     def terms(self) -> tuple[Term, ...]:
         """Return the terms of the plant's model: all but inertia and what is hidden."""
-        free = np.full(N_JOINTS, np.inf)
+        n = self.arm.n
+        free = np.full(n, np.inf)
         up, down, motor_up, motor_down = self.coulomb
         return (
             Gravity(self.arm, self.beta, self.gravity),
             ElasticCable(self.cable, Range(-free, free)),
-            CoulombFriction(self.arm, up, down, motor_up, motor_down, np.full(N_JOINTS, 0.01)),
-            ViscousFriction(self.arm, self.viscous, np.zeros(N_JOINTS)),
+            CoulombFriction(self.arm, up, down, motor_up, motor_down, np.full(n, 0.01)),
+            ViscousFriction(self.arm, self.viscous, np.zeros(n)),
         )
 
     def model(self) -> TorqueModel:
         """Return the model that knows this world, but for ``extra``, ``stribeck`` and readings."""
         frames = link_frames(self.arm)
         links = np.array(
-            [frames[name].act(self.links[name]).toDynamicParameters() for name in TREE_LINKS]
+            [
+                frames[name].act(self.links[name]).toDynamicParameters()
+                for name in self.arm.body_names
+            ]
         )
         inertia = (LinkInertia(self.arm, links), RotorInertia(self.arm, self.rotors))
         return TorqueModel(self.arm, (*self.terms(), *inertia))
