@@ -50,7 +50,7 @@ class MotionCheck:
         limits: MotionLimits | None = None,
         scale: Array | None = None,
     ) -> None:
-        """Start with nothing known; ``scale`` (n,): what counts as much as a rad (``Arm.scale``)."""
+        """Start with nothing known; ``scale`` (n,): what counts as much as a rad, ``Arm.scale``."""
         self._names = joint_names
         self._scale = np.ones(len(joint_names)) if scale is None else scale
         self._least = float(self._scale.min())
@@ -141,8 +141,9 @@ class MotionCheck:
     def _jumped(self, change: Array, step: float) -> DroppedSampleError:
         joint = int(np.argmax(np.abs(change / self._scale)))
         unit = "rad" if self._scale[joint] == 1.0 else "m"
+        fastest = self._limits.speed * self._scale[joint]
         return DroppedSampleError(
             "position_jump",
-            f"{self._names[joint]} by {change[joint]:.3g} {unit} in {step * 1e3:.3g} ms, faster than "
-            f"{self._limits.speed * self._scale[joint]:g} {unit}/s: a broken encoder, or another arm's messages?",
+            f"{self._names[joint]} by {change[joint]:.3g} {unit} in {step * 1e3:.3g} ms, faster "
+            f"than {fastest:g} {unit}/s: a broken encoder, or another arm's messages?",
         )
