@@ -6,7 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dvrk_gravity.arm import Arm
+    from dvrk_gravity.arms import Arm
     from dvrk_gravity.diagnosis import diagnose
     from dvrk_gravity.identification import evaluate, identify
     from dvrk_gravity.model import TorqueModel

@@ -16,8 +16,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity import gravity
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS, gravity
 from dvrk_gravity.console.file import N_GRAVITY, N_POLYNOMIALS, N_POWERS
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel

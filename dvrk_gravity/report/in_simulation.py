@@ -56,7 +56,8 @@ def line(result: InSimulation, arm: Arm) -> str:
         joint = int(np.argmin(result.after / np.maximum(result.before, 1e-12)))
         said.append(
             f"{arm.joint_names[joint]}'s position after {WINDOW:g} s is off by "
-            f"{1e3 * result.after[joint]:.1f} instead of {1e3 * result.before[joint]:.1f} m{arm.units[joint]}"
+            f"{1e3 * result.after[joint]:.1f} instead of {1e3 * result.before[joint]:.1f} "
+            f"m{arm.units[joint]}"
         )
     for drift in result.drifts:
         before, after = _largest(drift.before, arm), _largest(drift.after, arm)

@@ -2,6 +2,6 @@
 
 from dvrk_gravity.arms.mtm import defaults
 from dvrk_gravity.arms.mtm.beta import beta_tree
-from dvrk_gravity.arms.mtm.parallelogram import BODIES, JOINT_NAMES, is_mtm
+from dvrk_gravity.arms.mtm.parallelogram import BODIES, JOINT_NAMES, N_JOINTS, is_mtm
 
-__all__ = ["BODIES", "JOINT_NAMES", "beta_tree", "defaults", "is_mtm"]
+__all__ = ["BODIES", "JOINT_NAMES", "N_JOINTS", "beta_tree", "defaults", "is_mtm"]
