@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["Arm", "Recording", "TorqueModel", "diagnose", "evaluate", "identify"]
 
 _HOMES = {
-    "Arm": "dvrk_gravity.arm",
+    "Arm": "dvrk_gravity.arms",
     "TorqueModel": "dvrk_gravity.model",
     "Recording": "dvrk_gravity.recording",
     "diagnose": "dvrk_gravity.diagnosis",

@@ -29,7 +29,8 @@ img{max-width:100%;display:block}
 
 <h2>Error by joint</h2>
 <table><tr><th>joint</th><th class="n">held-out RMSE, {{ effort }}</th>
-<th class="n">|e|/|&tau;|</th><th class="n">R&sup2;</th><th class="n">|e|/|&tau;| on the data fitted</th><th>verdict</th></tr>
+<th class="n">|e|/|&tau;|</th><th class="n">R&sup2;</th>
+<th class="n">|e|/|&tau;| on the data fitted</th><th>verdict</th></tr>
 {% for name, error in fit.held_out.items() %}
 <tr><td>{{ name }}</td><td class="n">{{ "%.2f"|format(1000 * error.rmse) }}</td>
 <td class="n">{{ "%.3f"|format(error.nrmse) }}</td><td class="n">{{ "%.3f"|format(error.r2) }}</td>
