@@ -33,15 +33,18 @@ import numpy as np
 
 from dvrk_gravity import text_file
 from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.limits import slew
 from dvrk_gravity.compensate.passivity import GROWTH, PassivityObserver
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.node_parameters import NODE_PARAMETERS
+from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.simulate import Plant, PlantFile, SimulatedArm
 
 TRUTH = PlantFile.load("mtmr_28002")
-ALLOWANCE = np.array(NODE_PARAMETERS["friction_compensation.allowance"].default)  # rad/s
+ALLOWANCE = np.array(
+    node_parameters(Arm.load("mtmr"))["friction_compensation.allowance"].default
+)  # rad/s
 POSE = np.array([-0.2, 0.15, 0.0, 0.5, 1.0, 0.0, 0.0])
 SPEED = np.array([0.3, 0.2, 0.2, 1.2, 1.2, 0.5, 3.0])  # rad/s, that the hand gives
 VELOCITY_STEP = 0.05  # rad/s

@@ -6,7 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dvrk_gravity.arm import Arm
+    from dvrk_gravity.arms import Arm
     from dvrk_gravity.diagnosis import diagnose
     from dvrk_gravity.identification import evaluate, identify
     from dvrk_gravity.model import TorqueModel
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["Arm", "Recording", "TorqueModel", "diagnose", "evaluate", "identify"]
 
 _HOMES = {
-    "Arm": "dvrk_gravity.arm",
+    "Arm": "dvrk_gravity.arms",
     "TorqueModel": "dvrk_gravity.model",
     "Recording": "dvrk_gravity.recording",
     "diagnose": "dvrk_gravity.diagnosis",

@@ -17,7 +17,7 @@ from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import State, Term, terms
 from dvrk_gravity.effects.term import as_array
 from dvrk_gravity.errors import ArgumentError, ConfigError
-from dvrk_gravity.node_parameters import NODE_PARAMETERS
+from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.parameter import Parameter, Value, check_all, flatten, unflatten
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ def model_parameters(arm: Arm) -> Mapping[str, Parameter]:
 
 def all_parameters(arm: Arm) -> Mapping[str, Parameter]:
     """Return those of an arm's models and those of the nodes, by name."""
-    return {**model_parameters(arm), **NODE_PARAMETERS}
+    return {**model_parameters(arm), **node_parameters(arm)}
 
 
 @lru_cache(maxsize=8)
@@ -148,7 +148,7 @@ class TorqueModel:
             arm = arm_of(values)
         checked = check_all(all_parameters(arm), values)
         built = [effect.from_parameters(arm, checked) for effect in terms()]
-        node = {name: checked[name] for name in NODE_PARAMETERS if name in checked}
+        node = {name: checked[name] for name in node_parameters(arm) if name in checked}
         document = str(checked.get(CONSOLE_PARAMETER.name, ""))
         if document:
             try:

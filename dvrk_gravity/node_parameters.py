@@ -1,29 +1,57 @@
-"""Declarations of the nodes' own parameters; the terms declare theirs."""
+"""Declarations of the nodes' own parameters; the terms declare theirs.
+
+Limits and defaults are an arm's. Those of the master arms are measured (``arms/mtm``); another
+arm's follow from its effort limits and from what its joints do, slide or turn.
+"""
 
 from __future__ import annotations
 
-from dvrk_gravity.arm import N_JOINTS
+from collections.abc import Mapping
+from functools import lru_cache
+
+from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.parameter import Parameter
 
-_SEVEN = (N_JOINTS,)
+# Of an arm of which nothing more is known: what the first three joints of an MTM have. A joint's
+# whole effort in 0.1 s; rad/s, and as much at a lever of 0.1 m (Arm.scale).
+_SLEW_TIME = 0.1
+_ALLOWANCE, _SPEED_LIMIT, _DEAD_BAND = 0.4, 4.0, 0.05
 
-NODE_PARAMETERS: dict[str, Parameter] = {
-    entry.name: entry
-    for entry in (
+
+@lru_cache(maxsize=8)
+def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
+    """Return the nodes' parameters for an arm, by name."""
+    lengths = (arm.n,)
+    units = tuple(dict.fromkeys(joint.unit for joint in arm.joints))
+    efforts = tuple(dict.fromkeys(joint.effort_unit for joint in arm.joints))
+    position, effort = " or ".join(units), " or ".join(efforts)
+    speed, slew = (" or ".join(f"{unit}/s" for unit in of) for of in (units, efforts))
+    most = max(10.0, float(arm.effort_limit.max()), float(arm.actuator_effort_limit.max()))
+    least = float(arm.scale.min())
+    if mtm.is_mtm(arm):
+        default = mtm.defaults.NODE_DEFAULTS
+    else:
+        default = {
+            "slew_limit": tuple((arm.effort_limit / _SLEW_TIME).tolist()),
+            "friction_compensation.allowance": tuple((_ALLOWANCE * arm.scale).tolist()),
+            "speed_limit": tuple((_SPEED_LIMIT * arm.scale).tolist()),
+        }
+    dead_band = tuple((_DEAD_BAND * arm.scale).tolist())
+    entries = (
         Parameter("enabled", True, "", "command the arm; ~/enable starts and stops it too"),
         Parameter(
-            "effort_limit", (), "N·m", "largest joint effort; not given, or above it: the arm's",
-            lower=0.0, upper=10.0, lengths=_SEVEN,
+            "effort_limit", (), effort, "largest joint effort; not given, or above it: the arm's",
+            lower=0.0, upper=most, lengths=lengths,
         ),
         Parameter(
-            "actuator_effort_limit", (), "N·m",
+            "actuator_effort_limit", (), effort,
             "largest actuator effort; not given, or above it: the arm's",
-            lower=0.0, upper=10.0, lengths=_SEVEN,
+            lower=0.0, upper=most, lengths=lengths,
         ),
         Parameter(
-            "slew_limit", (20.0, 20.0, 20.0, 5.0, 2.0, 2.0, 1.0), "N·m/s",
+            "slew_limit", default["slew_limit"], slew,
             "fastest change of a joint's effort; 0, or above it: the arm's effort_limit in 0.02 s",
-            lower=0.0, upper=1e4, lengths=_SEVEN,
+            lower=0.0, upper=max(1e4, most / _SLEW_TIME), lengths=lengths,
         ),
         Parameter(
             "ramp_time", 1.0, "s",
@@ -47,34 +75,29 @@ NODE_PARAMETERS: dict[str, Parameter] = {
             lower=0.0, upper=10.0,
         ),
         Parameter(
-            "position_margin", 3.14, "rad",
+            "position_margin", 3.14, position,
             "refuse input with a joint further than this outside the arm's position limits",
             lower=0.0, read_only=True,
         ),
         Parameter(
-            "friction_compensation.ratio", (0.7,) * N_JOINTS, "",
+            "friction_compensation.ratio", (0.7,) * arm.n, "",
             "part of friction that is compensated; all of it may run away",
-            lower=0.0, upper=1.0, lengths=_SEVEN,
+            lower=0.0, upper=1.0, lengths=lengths,
         ),
         Parameter(
-            "friction_compensation.dead_band", (0.05,) * N_JOINTS, "rad/s",
+            "friction_compensation.dead_band", dead_band, speed,
             "no friction is compensated below this speed",
-            lower=0.0, upper=10.0, lengths=_SEVEN,
+            lower=0.0, upper=10.0, lengths=lengths,
         ),
-        # A tenth of 1.4 times the fastest motions in a published exciting trajectory of an MTM;
-        # `benchmark/passivity.py` holds with it, and with delays not with twice as much.
         Parameter(
-            "friction_compensation.allowance", (0.4, 0.4, 0.4, 0.8, 0.8, 0.8, 2.5), "rad/s",
+            "friction_compensation.allowance", default["friction_compensation.allowance"], speed,
             "a motion that grows beyond this speed is asked whether friction compensation feeds it",
-            lower=0.05, upper=2.5, lengths=_SEVEN,
+            lower=0.05 * least, upper=2.5, lengths=lengths,
         ),
-        # 1.4 times the fastest motion of the first joints and of the roll axis in a published
-        # exciting trajectory of an MTM (2.95, 2.76, 1.07 and 17.7 rad/s), rounded; a hand leads
-        # the wrist's other joints at 10 to 15 rad/s.
         Parameter(
-            "speed_limit", (4.0, 4.0, 4.0, 15.0, 15.0, 15.0, 25.0), "rad/s",
+            "speed_limit", default["speed_limit"], speed,
             "hold where a joint is faster for 0.1 s while the command pushes it along",
-            lower=0.1, upper=25.0, lengths=_SEVEN,
+            lower=0.1 * least, upper=25.0, lengths=lengths,
         ),
         Parameter(
             "resume", "explicit", "",
@@ -111,5 +134,5 @@ NODE_PARAMETERS: dict[str, Parameter] = {
             "input_depth", 1.0, "", "depth of the measured_js queue: 1 always takes the newest",
             lower=1.0, upper=10000.0, read_only=True,
         ),
-    )
-}  # fmt: skip
+    )  # fmt: skip
+    return {entry.name: entry for entry in entries}

@@ -15,7 +15,7 @@ import pytest
 
 from dvrk_gravity.arm import JOINT_NAMES, Arm
 from dvrk_gravity.commands import excite
-from dvrk_gravity.planning import MotionLimits, Move, Multisine, exciting_motion
+from dvrk_gravity.planning import MotionLimits, Move, Multisine, careful, exciting_motion
 from dvrk_gravity.recording import Recording
 
 POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
@@ -87,7 +87,7 @@ def test_one_seed_is_one_motion() -> None:
 
 def test_a_move_keeps_the_limits_that_it_is_given() -> None:
     limits = MotionLimits.of(Arm.load("mtmr"))
-    move = Move(POSE, POSE + 0.4, 0.0, limits.velocity, limits.acceleration)
+    move = Move(POSE, POSE + 0.4, limits.velocity, limits.acceleration)
     time = np.linspace(0.0, move.duration, 2000)
     velocity = np.array([move.at(moment)[1] for moment in time])
     acceleration = np.diff(velocity, axis=0) / (time[1] - time[0])
@@ -205,7 +205,7 @@ def mover(fake: FakeArm):
 
 
 def to(goal: np.ndarray, duration: float = 1.0):
-    move = Move(POSE, goal)
+    move = Move(POSE, goal, *careful(Arm.load("mtmr")))
     return lambda time: move.at(time * move.duration / duration)
 
 

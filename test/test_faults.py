@@ -15,7 +15,8 @@ from conftest import MODEL_FILE, FakeArm
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arm import JOINT_NAMES
-from dvrk_gravity.node_parameters import NODE_PARAMETERS
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.nodes.client import Client
 from dvrk_gravity.processes import NodeProcess
 
@@ -26,7 +27,7 @@ QUICK = ("-p", f"timeout:={TIMEOUT}", "-p", "input_depth:=100")
 MODEL = TorqueModel.load(MODEL_FILE)
 ARM = MODEL.arm
 LONGEST_STEP = 0.02  # s of slew that one command may use
-SLEW = np.array(NODE_PARAMETERS["slew_limit"].default)
+SLEW = np.array(node_parameters(Arm.load("mtmr"))["slew_limit"].default)
 LATE = 1.0  # s that a loaded machine may add to a time-out
 
 

@@ -21,12 +21,13 @@ from dvrk_gravity.model import (
     all_parameters,
     model_parameters,
 )
-from dvrk_gravity.node_parameters import NODE_PARAMETERS
+from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.parameter import Parameter, check_all, flatten, unflatten
 
 ARM = Arm.load("mtmr")
 ALL_PARAMETERS = all_parameters(ARM)
 MODEL_PARAMETERS = model_parameters(ARM)
+NODE_PARAMETERS = node_parameters(ARM)
 NUMBERS = [e for e in ALL_PARAMETERS.values() if e.kind in ("double", "double[]")]
 ARRAYS = [e for e in NUMBERS if e.kind == "double[]"]
 

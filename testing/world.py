@@ -9,7 +9,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm.gravity import LinkMass, beta_from_links
+from dvrk_gravity.arms.tree import link_frames
 from dvrk_gravity.effects import (
     CoulombFriction,
     ElasticCable,
@@ -19,7 +21,6 @@ from dvrk_gravity.effects import (
     ViscousFriction,
 )
 from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.gravity import LinkMass, beta_from_links
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
@@ -27,7 +28,6 @@ from dvrk_gravity.simulate.excitation import record_motion, record_poses
 from dvrk_gravity.simulate.plant_file import PlantFile
 from dvrk_gravity.simulate.sensors import Sensors
 from dvrk_gravity.simulate.simulated_arm import SimulatedArm
-from dvrk_gravity.tree import TREE_LINKS, link_frames
 from testing import physics
 from testing.hidden_plant import HiddenPlant, Torque
 
@@ -39,7 +39,7 @@ Reading = Callable[[Recording], Recording]
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """An arm with its sensors: everything that a recording depends on but motion and noise.
+    """A master arm with its sensors: everything that a recording depends on but motion and noise.
 
     Attributes:
         arm: Geometry and limits.
@@ -80,6 +80,7 @@ class World:
         """
         random = np.random.default_rng(seed)
         content = PlantFile.load(plant)
+        n = content.model.arm.n
         links = {
             name: pin.Inertia(body.mass * factor, body.lever, body.inertia * factor)
             for (name, body), factor in zip(
@@ -131,7 +132,10 @@ class World:
         elastic = ElasticCable(self.arm, self.cable, Range(nothing - np.inf, nothing + np.inf))
         frames = link_frames(self.arm)
         links = np.array(
-            [frames[name].act(self.links[name]).toDynamicParameters() for name in TREE_LINKS]
+            [
+                frames[name].act(self.links[name]).toDynamicParameters()
+                for name in self.arm.body_names
+            ]
         )
         inertia = (LinkInertia(self.arm, links), RotorInertia(self.arm, self.rotors))
         return TorqueModel(self.arm, (self._weight(), elastic, *friction, *inertia))

@@ -59,6 +59,12 @@ class Joint:
         """Unit of its effort: N·m or N."""
         return EFFORT_UNITS[self.kind]
 
+    def shown(self, position: float, decimals: int = 0) -> str:
+        """Return a position, or a difference of two, as a person says it: in deg or mm."""
+        if self.kind == "revolute":
+            return f"{math.degrees(position):.{decimals}f} deg"
+        return f"{1e3 * position:.{decimals}f} mm"
+
 
 @dataclass(frozen=True, eq=False)
 class Body:
@@ -196,6 +202,16 @@ class Arm:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, in the order of every array."""
         return tuple(joint.name for joint in self.joints)
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Units of the joints' positions: rad or m."""
+        return tuple(joint.unit for joint in self.joints)
+
+    @cached_property
+    def effort_units(self) -> tuple[str, ...]:
+        """Units of the joints' efforts: N·m or N."""
+        return tuple(joint.effort_unit for joint in self.joints)
 
     @cached_property
     def body_names(self) -> tuple[str, ...]:

@@ -50,10 +50,11 @@ def run(args: argparse.Namespace) -> int:
     from dvrk_gravity.report.diagnosis import render
 
     outputs.check_folder("--out", args.out, WRITTEN, [*args.recordings, args.model])
-    still = still_joints(args.at)
     model = TorqueModel.load(args.model)
+    still = still_joints(args.at, model.arm)
     recordings = [
-        RecordingFile(path, args.topic, coordinates=args.coordinates) for path in args.recordings
+        RecordingFile(path, args.topic, coordinates=args.coordinates, arm=model.arm)
+        for path in args.recordings
     ]
     shown = sys.stderr.isatty()
 
@@ -102,7 +103,10 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
             f"no sign of these, but this data could not tell them apart: {'; '.join(unseen)} "
             "(numbers in the report)"
         )
-    lines.append("held-out RMSE [mN·m]      before    after    floor")
+    from dvrk_gravity.report.units import milli_effort
+
+    unit = milli_effort(diagnosis.model.arm)
+    lines.append(f"held-out RMSE [{unit}]      before    after    floor")
     lines += [
         f"  {joint:<20}  {1e3 * diagnosis.before[joint]:8.3f} {1e3 * diagnosis.after[joint]:8.3f} "
         + (f"{1e3 * floor:8.3f}" if np.isfinite(floor := diagnosis.floor[joint]) else " unknown")
@@ -112,7 +116,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     if diagnosis.in_simulation is not None:
         from dvrk_gravity.report.in_simulation import line
 
-        lines.append(line(diagnosis.in_simulation))
+        lines.append(line(diagnosis.in_simulation, diagnosis.model.arm))
     lines += [f"warning: {warning}" for warning in diagnosis.warnings]
     lines.append(f"written: {out}/findings.json, extended_model.yaml, report.html")
     return "\n".join(lines)

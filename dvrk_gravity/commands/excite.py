@@ -14,7 +14,7 @@ from dvrk_gravity import cli, outputs
 from dvrk_gravity.errors import ConfigError
 
 if TYPE_CHECKING:
-    from dvrk_gravity.arm import Arm
+    from dvrk_gravity.arms import Arm
     from dvrk_gravity.nodes.mover import Mover
 
 NAME = "excite"
@@ -29,7 +29,7 @@ _JOINT_STATE = "sensor_msgs/msg/JointState"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--arm", required=True, help="mtml, mtmr, or an arm's .yaml file")
+    parser.add_argument("--arm", required=True, help="mtml, mtmr, or an arm's .yaml or .urdf file")
     parser.add_argument("--out", type=Path, required=True, help="rosbag2 to write measured_js to")
     parser.add_argument("--namespace", help="of the arm's topics (default: its name, as /MTMR)")
     parser.add_argument("--duration", type=float, default=60.0, metavar="S",
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Approach, rehearse, move and record, hold."""
-    from dvrk_gravity.arm import Arm
+    from dvrk_gravity.arms import Arm
 
     outputs.check({}, [Arm.file(arguments.arm)], {"--out": arguments.out})
     arm = Arm.load(arguments.arm)
@@ -92,7 +92,7 @@ def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, 
     motion = exciting_motion(limits, arguments.duration, arguments.seed)
     begin, _ = motion.at(0.0)
     # Half of the limits: the way there goes through places that nobody has seen yet.
-    approach = Move(mover.connect(), begin, 0.0, 0.5 * limits.velocity, 0.5 * limits.acceleration)
+    approach = Move(mover.connect(), begin, 0.5 * limits.velocity, 0.5 * limits.acceleration)
 
     def slowly(moment: float) -> tuple[np.ndarray, np.ndarray]:
         position, velocity = motion.at(moment / REHEARSAL)

@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         0, or 1 if the model, which is written all the same, is not to be compensated with.
     """
-    from dvrk_gravity.arm import Arm
+    from dvrk_gravity.arms import Arm
     from dvrk_gravity.identification import identify
     from dvrk_gravity.identification.table import fit_text
     from dvrk_gravity.model import VERDICTS
@@ -64,9 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
     )
     arm = Arm.load(arguments.arm)
     coordinates = _coordinates(arguments.coordinates)
-    still = still_joints(arguments.at)
-    recordings = [RecordingFile(path, arguments.topic) for path in arguments.recordings]
-    validate = [RecordingFile(path, arguments.topic) for path in arguments.validate]
+    still = still_joints(arguments.at, arm)
+    recordings = [RecordingFile(path, arguments.topic, arm=arm) for path in arguments.recordings]
+    validate = [RecordingFile(path, arguments.topic, arm=arm) for path in arguments.validate]
     progress = cli.Progress("identify", 100)
     fit = identify(
         recordings,

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dvrk_gravity import cli, outputs, text_file
-from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample, SampleReader
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.processes import NodeProcess, ProcessError, private_domain
@@ -29,15 +28,18 @@ TOLERANCE = 1e-9  # N·m between the node's effort and what is due
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 # Messages on the way at once when answers set the pace: enough to keep both processes busy.
 _WINDOW = 20
-# All of friction, and no message left out; there are no limits in a replayed compensator.
-_BARE: dict[str, Any] = {
-    "allow_poor_model": True,
-    "position_margin": 1e9,
-    "friction_compensation.ratio": [1.0] * N_JOINTS,
-    "friction_compensation.dead_band": [0.0] * N_JOINTS,
-    "output": "servo_jf",
-    "input_depth": 1000,
-}
+
+
+def _bare(n: int) -> dict[str, Any]:
+    # All of friction, and no message left out; a replayed compensator has no limits.
+    return {
+        "allow_poor_model": True,
+        "position_margin": 1e9,
+        "friction_compensation.ratio": [1.0] * n,
+        "friction_compensation.dead_band": [0.0] * n,
+        "output": "servo_jf",
+        "input_depth": 1000,
+    }
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ def replay(
         messages = [(received, data) for _, received, data in reader.raw(name)]
     start = time.monotonic()
     with private_domain():
-        sent, answers = _play(messages, model_file, len(expected), recorded)
+        sent, answers = _play(messages, model_file, model.arm.n, len(expected), recorded)
     seconds = time.monotonic() - start
     if out is not None:
         _write(out, sent, answers)
@@ -135,12 +137,12 @@ def _expected(bag: Path, topic: str | None, model: TorqueModel) -> list[Sample]:
 def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
     """Return (N, 7) torques that are due, friction only where a velocity came along, N·m."""
     from dvrk_gravity.commands.replay_reference import compensation
-    from dvrk_gravity.node_parameters import NODE_PARAMETERS
+    from dvrk_gravity.node_parameters import node_parameters
 
     # As the node gets them: the model file's settings, and over them those of the replay.
-    settings = {**model.node, **_BARE}
+    settings, defaults = {**model.node, **_bare(model.arm.n)}, node_parameters(model.arm)
     ratio, dead_band = (
-        np.array(settings.get(name, NODE_PARAMETERS[name].default))
+        np.array(settings.get(name, defaults[name].default))
         for name in ("friction_compensation.ratio", "friction_compensation.dead_band")
     )
     position = np.array([sample.position for sample in samples])
@@ -153,7 +155,11 @@ def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
 
 
 def _play(
-    messages: Sequence[tuple[int, bytes]], model_file: Path, due: int, recorded: bool
+    messages: Sequence[tuple[int, bytes]],
+    model_file: Path,
+    joints: int,
+    due: int,
+    recorded: bool,
 ) -> tuple[list[tuple[int, bytes]], list[tuple[int, int, Any, bytes]]]:
     """Return what was sent and what was answered.
 
@@ -173,7 +179,7 @@ def _play(
         answers.append((time.time_ns(), stamp, np.array(message.effort), data))
 
     arguments = ["--params-file", str(model_file)]
-    for name, value in _BARE.items():
+    for name, value in _bare(joints).items():
         arguments += ["-p", f"{name}:={json.dumps(value)}"]
     program = ("-m", "dvrk_gravity.nodes.replayed")
     with Client() as client, NodeProcess(None, *arguments, program=program) as node:

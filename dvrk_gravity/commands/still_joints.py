@@ -6,41 +6,58 @@ import argparse
 import math
 from collections.abc import Sequence
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 
-_UNITS = {"deg": math.pi / 180.0, "rad": 1.0}
+# By kind of joint; the longer names first, of which the shorter are endings.
+_UNITS = {
+    "revolute": {"deg": math.pi / 180.0, "rad": 1.0},
+    "prismatic": {"mm": 1e-3, "m": 1.0},
+}
+_FARTHEST = {"revolute": (4.0 * math.pi, "two turns"), "prismatic": (10.0, "10 m")}
 
 
 def add_at(parser: argparse.ArgumentParser) -> None:
     """Declare ``--at``."""
     parser.add_argument(
-        "--at", metavar="JOINT=ANGLE,...", action="append", default=[],
+        "--at", metavar="JOINT=POSITION,...", action="append", default=[],
         help="where joints stood that a recording does not hold, joint coordinates: "
-        "shoulder_pitch=2.5deg,others=0deg",
+        "shoulder_pitch=2.5deg,others=0deg; or in mm or m where a joint slides",
     )  # fmt: skip
 
 
-def still_joints(texts: Sequence[str]) -> dict[str, float]:
-    """Return joint positions, rad, from ``JOINT=ANGLE,...``; ``others`` is for those not named."""
+def still_joints(texts: Sequence[str], arm: Arm) -> dict[str, float]:
+    """Return joint positions, rad or m, from ``JOINT=POSITION,...``; ``others``: all not named."""
+    joints = {joint.name: joint for joint in arm.joints}
     named: dict[str, float] = {}
     for entry in ",".join(texts).split(",") if texts else ():
-        joint, _, angle = entry.strip().partition("=")
-        if joint not in (*JOINT_NAMES, "others"):
-            raise ConfigError("--at", entry, f"JOINT=ANGLE of {', '.join(JOINT_NAMES)} or others")
-        if joint in named:
-            raise ConfigError("--at", entry, f"{joint} once")
-        unit = next((unit for unit in _UNITS if angle.endswith(unit)), "")
+        name, _, position = entry.strip().partition("=")
+        if name not in (*joints, "others"):
+            raise ConfigError("--at", entry, f"JOINT=ANGLE of {', '.join(joints)} or others")
+        if name in named:
+            raise ConfigError("--at", entry, f"{name} once")
+        kind = joints[name].kind if name in joints else "revolute"
+        units, (farthest, words) = _UNITS[kind], _FARTHEST[kind]
+        unit = next((unit for unit in units if position.endswith(unit)), "")
         try:
-            value = float(angle.removesuffix(unit))
+            value = float(position.removesuffix(unit))
         except ValueError:
             value = math.nan
         if not math.isfinite(value) or (not unit and value != 0.0):
-            raise ConfigError("--at", entry, "an angle with its unit, like 2.5deg or 0.04rad")
-        named[joint] = value * _UNITS.get(unit, 0.0)
-        if abs(named[joint]) > 4.0 * math.pi:
-            raise ConfigError("--at", entry, "an angle within two turns")
+            example = "an angle with its unit, like 2.5deg or 0.04rad"
+            if kind == "prismatic":
+                example = "a length with its unit, like 20mm or 0.02m"
+            raise ConfigError("--at", entry, example)
+        named[name] = value * units.get(unit, 0.0)
+        if abs(named[name]) > farthest:
+            what = "an angle" if kind == "revolute" else "a length"
+            raise ConfigError("--at", entry, f"{what} within {words}")
     if "others" in named:
         rest = named.pop("others")
-        named = dict.fromkeys(JOINT_NAMES, rest) | named
+        if rest:
+            sliding = [joint.name for joint in arm.joints if joint.kind == "prismatic"]
+            for name in sliding:
+                if name not in named:
+                    raise ConfigError("--at", f"others={rest:g}rad", f"a position of {name}, too")
+        named = dict.fromkeys(joints, rest) | named
     return named

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arms import Arm
 
 Array = NDArray[np.float64]
 
@@ -26,8 +26,8 @@ class EffortLimits:
 
     Attributes:
         arm: The arm, for its transmission.
-        joint: (7,) largest joint torques, N·m.
-        actuator: (7,) largest actuator torques, N·m.
+        joint: (n,) largest joint torques, N·m.
+        actuator: (n,) largest actuator torques, N·m.
     """
 
     arm: Arm
@@ -35,7 +35,7 @@ class EffortLimits:
     actuator: Array
 
     def clip(self, torque: Array) -> Array:
-        """Return (7,) joint torques as near as simple clipping gets, within both boxes.
+        """Return (n,) joint torques as near as simple clipping gets, within both boxes.
 
         Torques near the largest number there is are clipped like others, but numpy tells of the
         overflow on the way (``np.errstate``).
@@ -57,7 +57,7 @@ class EffortLimits:
         return np.where(self.coupled, torque / excess, torque)
 
     def widened(self, joint: Array, actuator: Array) -> EffortLimits:
-        """Return boxes that reach at least to (7,) torques of joints and of actuators, N·m."""
+        """Return boxes that reach at least to (n,) torques of joints and of actuators, N·m."""
         return replace(
             self,
             joint=np.maximum(self.joint, joint),
@@ -70,17 +70,17 @@ class EffortLimits:
 
     @cached_property
     def _to_both(self) -> Array:
-        """(14, 7) from joint torques to joint and actuator torques."""
+        """(2n, n) from joint torques to joint and actuator torques."""
         return np.vstack([np.eye(len(self.joint)), self.arm.actuator_to_joint.T])
 
     @cached_property
     def coupled(self) -> NDArray[np.bool_]:
-        """(7,) whether a joint shares a motor; the others' boxes are their own affair."""
+        """(n,) whether a joint shares a motor; the others' boxes are their own affair."""
         mixed = self.arm.actuator_to_joint != np.diag(np.diag(self.arm.actuator_to_joint))
         return mixed.any(axis=0) | mixed.any(axis=1)
 
     def contains(self, torque: Array, tolerance: float = 1e-9) -> bool:
-        """Tell whether (7,) joint torques are within both boxes."""
+        """Tell whether (n,) joint torques are within both boxes."""
         motor = self.arm.actuator_effort(torque)
         return bool(
             (np.abs(torque) <= self.joint + tolerance).all()
@@ -95,14 +95,14 @@ def slew(previous: Array, target: Array, step: Array, limits: EffortLimits) -> A
     steps as the joint with the longest way needs.
 
     Args:
-        previous: (7,) last command, N·m.
-        target: (7,) wanted command, within ``limits``.
-        step: (7,) largest change of each joint, N·m; ``inf`` where it is not limited.
+        previous: (n,) last command, N·m.
+        target: (n,) wanted command, within ``limits``.
+        step: (n,) largest change of each joint, N·m; ``inf`` where it is not limited.
         limits: Boxes that hold for the result as soon as they hold for ``previous``; outside
             them (they have been lowered) no coupled joint gets further out.
     """
     change = target - previous
-    if np.count_nonzero(np.abs(change) <= step) == N_JOINTS:
+    if np.count_nonzero(np.abs(change) <= step) == len(change):
         return target
     command = previous + np.minimum(np.maximum(change, -step), step)
     if limits.contains(command):

@@ -51,8 +51,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS
-
 Array = NDArray[np.float64]
 
 SURE = 0.5
@@ -81,36 +79,45 @@ class PassivityObserver:
     """Scales friction compensation down, joint by joint, where it may make the motion grow.
 
     Attributes:
-        factor: (7,) part of the friction torque to apply, 0 to 1.
+        factor: (n,) part of the friction torque to apply, 0 to 1.
     """
 
-    def __init__(self, part: Array, allowance: Array, coupled: NDArray[np.bool_]) -> None:
+    def __init__(
+        self,
+        part: Array,
+        allowance: Array,
+        coupled: NDArray[np.bool_],
+        scale: Array | None = None,
+    ) -> None:
         """Start with everything at rest.
 
         Args:
-            part: (7,) part of the modelled friction that is compensated at full factor.
-            allowance: (7,) speeds below which growth does no harm, rad/s.
-            coupled: (7,) whether a joint shares a motor with others.
+            part: (n,) part of the modelled friction that is compensated at full factor.
+            allowance: (n,) speeds below which growth does no harm, rad/s.
+            coupled: (n,) whether a joint shares a motor with others.
+            scale: (n,) what counts as much as a rad (``Arm.scale``); ``None``: a rad.
         """
-        self._joints = [_Joint() for _ in range(N_JOINTS)]
+        self._per_scale = 1.0 / (np.ones(len(part)) if scale is None else scale)
+        self._joints = [_Joint() for _ in part]
         self.limit(part, allowance)
         self._coupled = np.flatnonzero(coupled).tolist()
-        self._full = np.ones(N_JOINTS)
+        self._full = np.ones(len(part))
         self.factor = self._full
         self._last = -np.inf
 
     def limit(self, part: Array, allowance: Array) -> None:
-        """Take another (7,) part and allowance, as at the start; what is owed stays owed."""
+        """Take another (n,) part and allowance, as at the start; what is owed stays owed."""
         sure = SURE / np.maximum(part, 1e-9)
-        for joint, *values in zip(self._joints, sure.tolist(), allowance.tolist(), strict=True):
+        reach = (allowance * self._per_scale).tolist()
+        for joint, *values in zip(self._joints, sure.tolist(), reach, strict=True):
             joint.sure, joint.allowance = values
 
     def update(self, velocity: Array | None, friction: Array, now: float) -> Array:
-        """Take a sample; return the (7,) factor to apply to its friction torque.
+        """Take a sample; return the (n,) factor to apply to its friction torque.
 
         Args:
-            velocity: (7,) rad/s; ``None`` where unknown: then no friction is compensated either.
-            friction: (7,) torque of friction compensation at full factor, N·m.
+            velocity: (n,) rad/s; ``None`` where unknown: then no friction is compensated either.
+            friction: (n,) torque of friction compensation at full factor, N·m.
             now: Monotonic time, s.
         """
         step = now - self._last
@@ -124,7 +131,9 @@ class PassivityObserver:
         power = np.maximum(friction * velocity, 0.0).tolist()
         factors = [
             joint.go(v, p, s, step)
-            for joint, v, p, s in zip(self._joints, velocity.tolist(), power, applied, strict=True)
+            for joint, v, p, s in zip(
+                self._joints, (velocity * self._per_scale).tolist(), power, applied, strict=True
+            )
         ]
         if min(factors) == 1.0:
             self.factor = self._full

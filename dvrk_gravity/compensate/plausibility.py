@@ -46,9 +46,16 @@ class MotionCheck:
             from the positions, filtered.
     """
 
-    def __init__(self, joint_names: tuple[str, ...], limits: MotionLimits | None = None) -> None:
-        """Start with nothing known."""
+    def __init__(
+        self,
+        joint_names: tuple[str, ...],
+        limits: MotionLimits | None = None,
+        scale: Array | None = None,
+    ) -> None:
+        """Start with nothing known; ``scale`` (n,): what counts as much as a rad, ``Arm.scale``."""
         self._names = joint_names
+        self._scale = np.ones(len(joint_names)) if scale is None else scale
+        self._least = float(self._scale.min())
         self._limits = limits or MotionLimits()
         self._last: Sample | None = None  # and the monotonic time at which it came
         self._time = 0.0
@@ -80,7 +87,7 @@ class MotionCheck:
                 return sample  # out of order, or another clock: its stamp decides
             change = sample.position - last.position
             # Where the joints' way together is short, each one's is: that is quick to tell.
-            reach = self._limits.step + self._limits.speed * min(step, timeout)
+            reach = (self._limits.step + self._limits.speed * min(step, timeout)) * self._least
             near = self._dropped is None and change.dot(change) <= reach * reach
             if not near and (
                 not self._within_reach(last, sample, timeout)
@@ -107,24 +114,25 @@ class MotionCheck:
             if sample.velocity is None:
                 self._reported = self._observed
             else:
-                told = np.minimum(np.maximum(sample.velocity, -2 * limits.speed), 2 * limits.speed)
+                most = 2 * limits.speed * self._scale
+                told = np.minimum(np.maximum(sample.velocity, -most), most)
                 self._reported = self._reported + part * (told - self._reported)
             self._anchor = sample
             larger = np.maximum(np.abs(self._observed), np.abs(self._reported))
             difference = np.abs(self._observed - self._reported)
-            self.doubtful = difference > limits.slack + limits.share * larger
+            self.doubtful = difference > limits.slack * self._scale + limits.share * larger
             self._any_doubtful = bool(self.doubtful.any())
 
     def _believed(self, sample: Sample) -> Sample:
         """Return the sample without velocities that the positions, or reason, contradict."""
-        fastest, velocity = self._limits.speed, sample.velocity
+        speed, velocity = self._limits.speed, sample.velocity
         if velocity is None:
             self.velocity = self._observed
             return sample
         self.velocity = velocity
-        if not self._any_doubtful and velocity.dot(velocity) <= fastest**2:
+        if not self._any_doubtful and velocity.dot(velocity) <= (speed * self._least) ** 2:
             return sample
-        doubtful = np.abs(velocity) > fastest
+        doubtful = np.abs(velocity) > speed * self._scale
         doubtful |= self.doubtful
         if np.count_nonzero(doubtful) == 0:
             return sample
@@ -134,7 +142,7 @@ class MotionCheck:
     def _within_reach(self, last: Sample, sample: Sample, timeout: float) -> bool:
         step = min((sample.stamp - last.stamp) * 1e-9, timeout)
         farthest = self._limits.step + self._limits.speed * step
-        near = np.abs(sample.position - last.position) <= farthest
+        near = np.abs(sample.position - last.position) <= farthest * self._scale
         return np.count_nonzero(near) == len(near)
 
     def _forget(self, sample: Sample) -> None:
@@ -143,9 +151,11 @@ class MotionCheck:
         self.doubtful, self._any_doubtful = np.zeros(len(self._names), dtype=bool), False
 
     def _jumped(self, change: Array, step: float) -> DroppedSampleError:
-        joint = int(np.argmax(np.abs(change)))
+        joint = int(np.argmax(np.abs(change / self._scale)))
+        unit = "rad" if self._scale[joint] == 1.0 else "m"
+        fastest = self._limits.speed * self._scale[joint]
         return DroppedSampleError(
             "position_jump",
-            f"{self._names[joint]} by {change[joint]:.3g} rad in {step * 1e3:.3g} ms, faster than "
-            f"{self._limits.speed:g} rad/s: a broken encoder, or another arm's messages?",
+            f"{self._names[joint]} by {change[joint]:.3g} {unit} in {step * 1e3:.3g} ms, faster "
+            f"than {fastest:g} {unit}/s: a broken encoder, or another arm's messages?",
         )

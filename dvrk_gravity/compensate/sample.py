@@ -47,13 +47,13 @@ CAUSES = (
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A valid reading of the arm's seven joints.
+    """A valid reading of the arm's joints.
 
     Attributes:
         stamp: Stamp of the message, ns.
-        position: (7,) rad.
-        velocity: (7,) rad/s, ``None`` where the message has none.
-        effort: (7,) N·m, ``None`` where the message has no usable one.
+        position: (n,) rad.
+        velocity: (n,) rad/s, ``None`` where the message has none.
+        effort: (n,) N·m, ``None`` where the message has no usable one.
     """
 
     stamp: int
@@ -66,10 +66,15 @@ class SampleReader:
     """Picks the arm's joints out of messages, by name and in any order."""
 
     def __init__(
-        self, joint_names: Sequence[str], lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf
+        self,
+        joint_names: Sequence[str],
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        units: Sequence[str] = (),
     ) -> None:
-        """Read samples of these joints, in this order, between (7,) positions, rad."""
+        """Read samples of these joints, in this order, between (n,) positions, rad or m."""
         self._joints = tuple(joint_names)
+        self._units = tuple(units) or ("rad",) * len(self._joints)
         self._lower = np.broadcast_to(lower, len(self._joints)).astype(float)
         self._upper = np.broadcast_to(upper, len(self._joints)).astype(float)
         self._names: tuple[str, ...] = self._joints
@@ -138,7 +143,7 @@ class SampleReader:
     def _out_of_range(self, values: Array, joint: int) -> DroppedSampleError:
         return DroppedSampleError(
             "out_of_range",
-            f"{self._joints[joint]} at {values[joint]:.4g} rad, expected "
+            f"{self._joints[joint]} at {values[joint]:.4g} {self._units[joint]}, expected "
             f"{self._lower[joint]:.4g} to {self._upper[joint]:.4g}: "
             "the model of another arm, a wrong unit, or a broken encoder?",
         )

@@ -46,17 +46,17 @@ class Settings:
     Attributes:
         model: The torque model.
         limits: Effort limits in both spaces, never above the arm's own.
-        slew_limit: (7,) fastest change of a joint's command, N·m/s.
+        slew_limit: (n,) fastest change of a joint's command, N·m/s.
         ramp_time: Time of the blend from the effort that is there to the model's, s.
         timeout: Longest time without valid input, s.
         position_margin: Positions further outside the arm's limits than this are refused, rad.
         start_tolerance: Part of the effort limits by which measured and modelled effort may
             differ at a start.
         max_stamp_age: Farthest stamp from the node's clock, s; 0 if not checked.
-        friction_ratio: (7,) part of friction that is compensated, at each joint and motor.
-        friction_dead_band: (7,) rad/s below which it is not.
-        allowance: (7,) speed up to which a motion may grow by friction compensation, rad/s.
-        speed_limit: (7,) speed beyond which a joint must not be driven, rad/s.
+        friction_ratio: (n,) part of friction that is compensated, at each joint and motor.
+        friction_dead_band: (n,) rad/s below which it is not.
+        allowance: (n,) speed up to which a motion may grow by friction compensation, rad/s.
+        speed_limit: (n,) speed beyond which a joint must not be driven, rad/s.
         enabled: Whether to command at all.
         resume_automatically: Go on by itself after a fault of the input.
         disable_builtin: Switch the arm's own compensation off when it is on.
@@ -141,7 +141,7 @@ class Settings:
         return not any(term.carries_arm for term in self.model.terms)
 
     def torque(self, q: Array, qd: Array | None) -> Array:
-        """Return the (7,) torque to apply at (7,) positions and velocities, before limits, N·m.
+        """Return the (n,) torque to apply at (n,) positions and velocities, before limits, N·m.
 
         It is the model's torque but for friction, of which only the asked part
         is compensated: pushing the whole of it makes an arm run away on its own.
@@ -150,7 +150,7 @@ class Settings:
         return conservative + friction
 
     def parts(self, q: Array, qd: Array | None) -> tuple[Array, Array]:
-        """Return :meth:`torque` as its two parts, (7,) each: without friction, and friction."""
+        """Return :meth:`torque` as its two parts, (n,) each: without friction, and friction."""
         if self._offset is not None:
             q = q - self._offset  # what the terms are functions of
         moving = None if qd is None else qd * (np.abs(qd) >= self.friction_dead_band)
@@ -158,7 +158,7 @@ class Settings:
 
     @cached_property
     def friction_part(self) -> Array:
-        """(7,) largest part of any friction that is compensated at a joint, 0 to 1."""
+        """(n,) largest part of any friction that is compensated at a joint, 0 to 1."""
         part = np.zeros(len(self.friction_ratio))
         for term in self.model.terms:
             if term.COMPENSATED:

@@ -24,19 +24,23 @@ class SpeedGuard:
     a joint beyond its limit for as long, along with the command, is stopped as well.
     """
 
-    def __init__(self, joint_names: Sequence[str], speed_limit: Array) -> None:
+    def __init__(
+        self, joint_names: Sequence[str], speed_limit: Array, units: Sequence[str] = ()
+    ) -> None:
         """Begin to watch.
 
         Args:
             joint_names: Names of the joints, for the reason.
-            speed_limit: (7,) rad/s.
+            speed_limit: (n,) rad/s or m/s.
+            units: Of the joints' positions, for the reason; rad where they are not given.
         """
         self._names = tuple(joint_names)
+        self._units = tuple(units) or ("rad",) * len(self._names)
         self._since: dict[int, tuple[float, float]] = {}  # by joint: time and speed at first
         self.limit(speed_limit)
 
     def limit(self, speed_limit: Array) -> None:
-        """Take other (7,) limits, rad/s; a joint that is beyond them already stays noted."""
+        """Take other (n,) limits, rad/s or m/s; a joint that is beyond them already stays noted."""
         self._limit = np.array(speed_limit)
         self._least = float(np.min(self._limit)) ** 2
 
@@ -44,8 +48,8 @@ class SpeedGuard:
         """Take a sample; return why the arm must be held, ``None`` if all is well.
 
         Args:
-            velocity: (7,) rad/s.
-            command: (7,) the last command sent, N·m.
+            velocity: (n,) rad/s or m/s.
+            command: (n,) the last command sent, N·m or N.
             now: Monotonic time, s.
         """
         if not self._since and velocity.dot(velocity) <= self._least:
@@ -66,7 +70,7 @@ class SpeedGuard:
                 continue
             if speed >= first:
                 return (
-                    f"{self._names[joint]} runs away: {speed:.3g} rad/s, at most "
+                    f"{self._names[joint]} runs away: {speed:.3g} {self._units[joint]}/s, at most "
                     f"{self._limit[joint]:g}, and for {WINDOW:g} s the command has pushed along; "
                     "is the model's gravity or friction too large, or the arm another one?"
                 )

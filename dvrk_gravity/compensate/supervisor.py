@@ -79,7 +79,7 @@ class Supervisor:
         self._interruptions = 0  # by the arm's own compensation, since we were enabled
         self._obstacles: dict[str, str] = {}
         self._fresh = Freshness()
-        self._motion = MotionCheck(names)
+        self._motion = MotionCheck(names, scale=settings.model.arm.scale)
         self._start: Start | None = None
         self._ramp: Ramp | None = None
         self._command: Array | None = None
@@ -104,9 +104,10 @@ class Supervisor:
 
     @property
     def outside(self) -> NDArray[np.bool_]:
-        """(n,) joints that are further than 5 deg outside the arm's limits."""
+        """(n,) joints that are further than 5 deg (or 9 mm) outside the arm's limits."""
         arm, position = self.settings.model.arm, self._position
-        return (position < arm.lower - _OUTSIDE) | (position > arm.upper + _OUTSIDE)
+        slack = _OUTSIDE * arm.scale
+        return (position < arm.lower - slack) | (position > arm.upper + slack)
 
     @property
     def friction_held_back(self) -> NDArray[np.bool_]:
@@ -270,9 +271,9 @@ class Supervisor:
         """Know nothing of the arm's motion until now."""
         settings, arm = self.settings, self.settings.model.arm
         self._passivity = PassivityObserver(
-            settings.friction_part, settings.allowance, settings.limits.coupled
+            settings.friction_part, settings.allowance, settings.limits.coupled, arm.scale
         )
-        self._guard = SpeedGuard(arm.joint_names, settings.speed_limit)
+        self._guard = SpeedGuard(arm.joint_names, settings.speed_limit, arm.units)
 
     def _finite(self, torque: Array) -> Array:
         """Return (n,) torques of the model, N·m, if they are numbers."""

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity import json_file
-from dvrk_gravity.arm import GRAVITY, JOINT_NAMES, Arm
+from dvrk_gravity.arms import GRAVITY, Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.console.file import (
     SECTION,
     ConsoleFile,

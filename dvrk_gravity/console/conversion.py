@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.console.check import check
 from dvrk_gravity.console.export import Export, FormError, export
 from dvrk_gravity.console.file import N_POLYNOMIALS, ConsoleFile

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity import json_file
-from dvrk_gravity.arm import GRAVITY, JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms import GRAVITY
+from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.console.file import (
     ARMS,
     BLEND_FIELDS,

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import json_file
-from dvrk_gravity.arm import GRAVITY, JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms import GRAVITY
+from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.effects import DirectionalCable
 from dvrk_gravity.effects.term import as_value
 from dvrk_gravity.errors import ConfigError

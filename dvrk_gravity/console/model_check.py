@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dvrk_gravity.arm import GRAVITY, JOINT_NAMES
+from dvrk_gravity.arms import GRAVITY
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.console.file import Array, ConsoleFile, sample_torques
 from dvrk_gravity.console.finding import Finding, Severity
 from dvrk_gravity.effects import DirectionalCable

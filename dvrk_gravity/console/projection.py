@@ -16,8 +16,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity import gravity
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS, gravity
 from dvrk_gravity.console.file import N_GRAVITY, N_POLYNOMIALS, N_POWERS
 from dvrk_gravity.effects import (
     CoulombFriction,
@@ -30,7 +29,7 @@ from dvrk_gravity.effects import (
 from dvrk_gravity.effects.polynomial import Range, evaluate
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.node_parameters import NODE_PARAMETERS
+from dvrk_gravity.node_parameters import node_parameters
 
 Array = NDArray[np.float64]
 
@@ -151,7 +150,7 @@ def uniform_poses(lower: Array, upper: Array, count: int, seed: int) -> Array:
 
 
 def _setting(model: TorqueModel, name: str) -> tuple[float, ...]:
-    value = model.node.get(name, NODE_PARAMETERS[name].default)
+    value = model.node.get(name, node_parameters(model.arm)[name].default)
     assert isinstance(value, tuple)
     return value
 

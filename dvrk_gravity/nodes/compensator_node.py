@@ -27,7 +27,7 @@ from dvrk_gravity.compensate.statistics import Statistics
 from dvrk_gravity.compensate.supervisor import Status, Supervisor
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import all_parameters
-from dvrk_gravity.node_parameters import NODE_PARAMETERS
+from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.nodes import operating_state, runtime
 from dvrk_gravity.nodes.arm_link import MEASURED, ArmLink
 from dvrk_gravity.nodes.diagnostics import Diagnostics
@@ -63,9 +63,12 @@ class Compensator(PromptNode):
         runtime.declare(self, self._schema, in_force(settings))
         self._supervisor = self._supervise(settings)
         self._checked = settings
-        arm, margin = settings.model.arm, settings.position_margin
+        arm = settings.model.arm
+        margin = settings.position_margin * arm.scale
         self._unpack = JointStateReader().read
-        self._reader = SampleReader(arm.joint_names, arm.lower - margin, arm.upper + margin)
+        self._reader = SampleReader(
+            arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units
+        )
         self._statistics = Statistics()
         self._told: tuple[Status, str] | None = None
         self._told_once: set[str] = set()
@@ -358,7 +361,7 @@ def in_force(settings: Settings) -> dict[str, Any]:
         "slew_limit": settings.slew_limit,
     }
     return {
-        **{name: entry.default for name, entry in NODE_PARAMETERS.items()},
+        **{name: entry.default for name, entry in node_parameters(settings.model.arm).items()},
         **settings.model.parameters(),
         **{name: tuple(value.tolist()) for name, value in limits.items()},
     }

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.errors import DvrkGravityError
 from dvrk_gravity.nodes.arm_link import ArmLink
 from dvrk_gravity.nodes.client import Client
@@ -40,9 +40,9 @@ and what their way takes. A simulated arm whose machine is too slow has a slow c
 LISTEN = 1.0
 """How long nobody else must have been heard to command before we do, s."""
 
-FOLLOWING_ERROR = np.radians([8.0, 8.0, 8.0, 8.0, 8.0, 8.0, 12.0])
-"""(7,) how far the arm may be from where it was told to be, rad: twice the 4 and 6 deg within which
-the console takes a goal for reached (sawIntuitiveResearchKit, mtsIntuitiveResearchKitMTM.cpp)."""
+FOLLOWING_ERROR = np.radians(8.0)
+"""How far an arm that is no MTM may be from where it was told to be, rad (see Arm.scale): as the
+first joints of one."""
 
 LAG = 0.15
 """How late the arm may be there, s, beside the time for which it may be silent: servos lag by some
@@ -80,6 +80,9 @@ class Mover:
         """
         self._client, self._arm, self._rate, self._timeout = client, arm, rate, timeout
         self._delay = LAG + timeout
+        self._following_error = (
+            mtm.defaults.FOLLOWING_ERROR if mtm.is_mtm(arm) else FOLLOWING_ERROR * arm.scale
+        )
         node = client.node
         self._servo = node.create_publisher(JointState, "servo_jp", 10)
         self._link = ArmLink(node, any_subscriber=False)
@@ -158,11 +161,12 @@ class Mover:
             self._check()
         position = self._position()
         beyond = np.maximum(self._arm.lower - position, position - self._arm.upper)
-        worst = int(np.argmax(beyond))
-        if beyond[worst] > OUTSIDE:
+        worst = int(np.argmax(beyond / self._arm.scale))
+        if beyond[worst] > OUTSIDE * self._arm.scale[worst]:
+            joint = self._arm.joints[worst]
             raise MotionError(
-                f"{self.topic}: {self._arm.joint_names[worst]} is at "
-                f"{np.degrees(position[worst]):.0f} deg, {np.degrees(beyond[worst]):.0f} deg "
+                f"{self.topic}: {joint.name} is at "
+                f"{joint.shown(position[worst])}, {joint.shown(beyond[worst])} "
                 f"outside the limits of {self._arm.name}: the other hand's arm?"
             )
         return position
@@ -278,12 +282,13 @@ class Mover:
         told = np.array([position for _, position in self._told])
         position = self._position()
         error = np.maximum(told.min(axis=0) - position, position - told.max(axis=0))
-        worst = int(np.argmax(error / FOLLOWING_ERROR))
-        if error[worst] > FOLLOWING_ERROR[worst]:
+        worst = int(np.argmax(error / self._following_error))
+        if error[worst] > self._following_error[worst]:
+            joint = self._arm.joints[worst]
             raise MotionError(
-                f"{self._arm.joint_names[worst]} is {np.degrees(error[worst]):.1f} deg from where "
+                f"{joint.name} is {joint.shown(error[worst], 1)} from where "
                 f"it was told to be in the last {self._delay:g} s, at most "
-                f"{np.degrees(FOLLOWING_ERROR[worst]):.0f} allowed: something is in its way, or "
+                f"{joint.shown(self._following_error[worst])} allowed: something is in its way, or "
                 "the console does not let it move"
             )
 

@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty
 
-from dvrk_gravity.arm import N_JOINTS
+from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.errors import DvrkGravityError
 from dvrk_gravity.model import all_parameters, arm_of
 from dvrk_gravity.nodes import runtime
@@ -42,8 +42,8 @@ SIMULATOR_PARAMETERS: dict[str, Parameter] = {
         ),
         Parameter("friction_scale", 1.0, "", "factor on every friction", lower=0.0, upper=100.0),
         Parameter(
-            "initial_position", (0.0, 0.0, 0.0, 0.0, math.pi / 2, 0.0, 0.0), "rad",
-            "where the arm is at first, in hold", lengths=(N_JOINTS,),
+            "initial_position", (), "rad or m",
+            "where the arm is at first, in hold; not given: zero, or the nearest that it reaches",
         ),
         Parameter("seed", 0.0, "", "seed of the sensors' noise", lower=0.0, upper=2.0**53),
         Parameter("sensor_noise", True, "", "false: perfect sensors"),
@@ -62,6 +62,13 @@ SIMULATOR_PARAMETERS: dict[str, Parameter] = {
         ),
     )
 }  # fmt: skip
+
+
+def initial_position(arm: Arm) -> tuple[float, ...]:
+    """Return (n,) where a simulated arm is at first unless it is told."""
+    if mtm.is_mtm(arm):
+        return mtm.defaults.INITIAL_POSITION
+    return tuple(np.clip(np.zeros(arm.n), arm.lower, arm.upper).tolist())
 
 
 class Simulator(Node):
@@ -91,7 +98,7 @@ class Simulator(Node):
 
         truth = PlantFile.load(value["plant"])
         plant = truth.plant(value["friction_scale"])
-        plant.reset(value["initial_position"])
+        plant.reset(value["initial_position"] or initial_position(truth.model.arm))
         self._arm = SimulatedArm(
             plant,
             truth.sensors if value["sensor_noise"] else None,

@@ -9,7 +9,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty, Float64, Float64MultiArray, String
 
 from dvrk_gravity.model import all_parameters, arm_of
-from dvrk_gravity.node_parameters import NODE_PARAMETERS
 from dvrk_gravity.nodes import runtime
 from dvrk_gravity.nodes.arm_link import ArmLink
 from dvrk_gravity.nodes.executor import PromptNode
@@ -33,9 +32,10 @@ class Watchdog(PromptNode):
         """
         super().__init__("watchdog", automatically_declare_parameters_from_overrides=True)
         given = runtime.given_parameters(self)
-        values = {name: NODE_PARAMETERS[name].default for name in _PARAMETERS}
         # A file for all nodes (`/**`) holds the model's, too.
-        values |= check_all(all_parameters(arm_of(given)), given)
+        table = all_parameters(arm_of(given))
+        values = {name: table[name].default for name in _PARAMETERS}
+        values |= check_all(table, given)
         timeout = values["watchdog_timeout"]
         assert isinstance(timeout, float)  # check_all has seen to it
         self._timeout = timeout

@@ -7,19 +7,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS
-from dvrk_gravity.planning.limits import MotionLimits
+from dvrk_gravity.planning.limits import MotionLimits, PairLimit
 from dvrk_gravity.planning.multisine import Multisine
 
 Array = NDArray[np.float64]
 
-SHOULDER, ELBOW = 1, 2
 COUNT = 5  # sines a joint
 LOWEST, HIGHEST = 0.07, 0.6  # Hz; published exciting motions of these arms reach 0.6 Hz
 # A single sine at full range meets the limit of acceleration at some frequency. Of five sines each
 # has about a third of the range, and may be faster.
 FASTER = 1.8
-USED_RANGE = np.array([0.9, 0.9, 0.9, 0.9, 0.9, 0.9, 0.3])  # roll turns far more than it need
 RAMP = 3.0  # s
 GRID = 0.005  # s; a sine of HIGHEST is at most 5e-5 of its amplitude higher between two points
 
@@ -27,8 +24,8 @@ GRID = 0.005  # s; a sine of HIGHEST is at most 5e-5 of its amplitude higher bet
 def exciting_motion(limits: MotionLimits, duration: float, seed: int) -> Multisine:
     """Draw a motion from rest to rest that goes as far, fast and hard as the limits allow.
 
-    The elbow's sines drive its motor, q2 + q3, whose range is the narrowest: the elbow then moves
-    against the shoulder, and both go further than sines of q3 would let them.
+    The sines of a pair's second joint (an MTM's elbow) drive the sum, whose range is the narrowest:
+    it then moves against the first, and both go further than its own sines would let them.
 
     Args:
         limits: Of positions, velocities and accelerations.
@@ -36,34 +33,42 @@ def exciting_motion(limits: MotionLimits, duration: float, seed: int) -> Multisi
         seed: Seed of frequencies, phases, amplitudes and middles.
     """
     random = np.random.default_rng(seed)
-    lower, upper = limits.lower.copy(), limits.upper.copy()
-    lower[ELBOW], upper[ELBOW] = limits.elbow_motor
-    used = USED_RANGE * random.uniform(0.8, 1.0, N_JOINTS)
+    lower, upper, pair = limits.lower.copy(), limits.upper.copy(), limits.pair
+    if pair is not None:
+        lower[pair.second], upper[pair.second] = pair.lower, pair.upper
+    n = len(lower)
+    used = limits.used * random.uniform(0.8, 1.0, n)
     reach = 0.5 * used * (upper - lower)
     full = np.sqrt(limits.acceleration / reach) / (2.0 * np.pi)
     frequency = random.uniform(LOWEST, np.clip(FASTER * full, 2.0 * LOWEST, HIGHEST),
-                               (COUNT, N_JOINTS))  # fmt: skip
-    amplitude = random.uniform(0.3, 1.0, (COUNT, N_JOINTS)) / np.sqrt(frequency)
-    phase = random.uniform(0.0, 2.0 * np.pi, (COUNT, N_JOINTS))
-    drives = Multisine(np.zeros(N_JOINTS), amplitude, frequency, phase, RAMP, duration)
+                               (COUNT, n))  # fmt: skip
+    amplitude = random.uniform(0.3, 1.0, (COUNT, n)) / np.sqrt(frequency)
+    phase = random.uniform(0.0, 2.0 * np.pi, (COUNT, n))
+    drives = Multisine(np.zeros(n), amplitude, frequency, phase, RAMP, duration)
     time = np.arange(0.0, duration + GRID, GRID)
 
     ways = _signals(drives, time)
     scale = _most(ways, 2.0 * reach, limits)
-    elbow = [way[:, ELBOW] * scale[ELBOW] - way[:, SHOULDER] * scale[SHOULDER] for way in ways]
-    span = used[ELBOW] * (limits.upper - limits.lower)[ELBOW]
-    both = _most([way[:, None] for way in elbow], span, limits, slice(ELBOW, ELBOW + 1))
-    scale[[SHOULDER, ELBOW]] *= min(1.0, both.item())
+    if pair is not None:
+        i, j = pair.first, pair.second
+        second = [way[:, j] * scale[j] - way[:, i] * scale[i] for way in ways]
+        span = used[j] * (limits.upper - limits.lower)[j]
+        both = _most([way[:, None] for way in second], span, limits, slice(j, j + 1))
+        scale[[i, j]] *= min(1.0, both.item())
 
     drives = replace(drives, amplitude=amplitude * scale)
-    motor = drives.at(time)[0][:, ELBOW]
-    motion = _of_joints(drives)
+    if pair is None:
+        way = drives.at(time)[0]
+        lowest, highest = limits.lower - way.min(axis=0), limits.upper - way.max(axis=0)
+        return replace(drives, middle=random.uniform(lowest, highest))
+    motor = drives.at(time)[0][:, pair.second]
+    motion = _of_joints(drives, pair)
     way = motion.at(time)[0]
-    return replace(motion, middle=_middle(way, motor, limits, random))
+    return replace(motion, middle=_middle(way, motor, limits, pair, random))
 
 
 def _signals(motion: Multisine, time: Array) -> tuple[Array, Array, Array]:
-    """Return (N, 7) position and velocity, and (N - 1, 7) acceleration between them."""
+    """Return (N, n) position and velocity, and (N - 1, n) acceleration between them."""
     position, velocity = motion.at(time)
     return position, velocity, np.diff(velocity, axis=0) / GRID
 
@@ -85,12 +90,13 @@ def _most(
     return factors
 
 
-def _of_joints(drives: Multisine) -> Multisine:
-    """Return the motion of the joints: q3 is the motor's angle less q2."""
+def _of_joints(drives: Multisine, pair: PairLimit) -> Multisine:
+    """Return the motion of the joints: a pair's second one is its sum less the first."""
+    i, j = pair.first, pair.second
     against = np.zeros_like(drives.amplitude)
-    against[:, ELBOW] = -drives.amplitude[:, SHOULDER]
+    against[:, j] = -drives.amplitude[:, i]
     frequency, phase = drives.frequency.copy(), drives.phase.copy()
-    frequency[:, ELBOW], phase[:, ELBOW] = frequency[:, SHOULDER], phase[:, SHOULDER]
+    frequency[:, j], phase[:, j] = frequency[:, i], phase[:, i]
     return replace(
         drives,
         amplitude=np.vstack([drives.amplitude, against]),
@@ -99,17 +105,20 @@ def _of_joints(drives: Multisine) -> Multisine:
     )
 
 
-def _middle(way: Array, motor: Array, limits: MotionLimits, random: np.random.Generator) -> Array:
-    """Draw (7,) middles for a way (N, 7) of the joints and one (N,) of the elbow's motor."""
+def _middle(
+    way: Array, motor: Array, limits: MotionLimits, pair: PairLimit, random: np.random.Generator
+) -> Array:
+    """Draw (n,) middles for a way (N, n) of the joints and one (N,) of the pair's sum."""
+    i, j = pair.first, pair.second
     lowest, highest = limits.lower - way.min(axis=0), limits.upper - way.max(axis=0)
-    sum_low = limits.elbow_motor[0] - motor.min()
-    sum_high = limits.elbow_motor[1] - motor.max()
-    # Only where the elbow finds a middle, too.
-    lowest[SHOULDER] = max(lowest[SHOULDER], sum_low - highest[ELBOW])
-    highest[SHOULDER] = min(highest[SHOULDER], sum_high - lowest[ELBOW])
-    drawn = random.uniform(0.0, 1.0, N_JOINTS)
+    sum_low = pair.lower - motor.min()
+    sum_high = pair.upper - motor.max()
+    # Only where the second one finds a middle, too.
+    lowest[i] = max(lowest[i], sum_low - highest[j])
+    highest[i] = min(highest[i], sum_high - lowest[j])
+    drawn = random.uniform(0.0, 1.0, len(lowest))
     middle = lowest + drawn * (highest - lowest)
-    low = max(lowest[ELBOW], sum_low - middle[SHOULDER])
-    high = min(highest[ELBOW], sum_high - middle[SHOULDER])
-    middle[ELBOW] = low + drawn[ELBOW] * (high - low)
+    low = max(lowest[j], sum_low - middle[i])
+    high = min(highest[j], sum_high - middle[i])
+    middle[j] = low + drawn[j] * (high - low)
     return middle

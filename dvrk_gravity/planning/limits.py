@@ -1,4 +1,4 @@
-"""How far, how fast and how hard an MTM may be driven by a program."""
+"""How far, how fast and how hard an arm may be driven by a program."""
 
 from __future__ import annotations
 
@@ -7,22 +7,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm, mtm
 
 Array = NDArray[np.float64]
 
-# Way that is left to the stops of the arm's file. On an MTMR that makes -54…29, -10…57, -45…30,
-# -80…190, -85…175, -38…38, -460…430 deg: the ranges of published exciting motions of these arms and
-# of the console's own calibration (joints 4 and 5), to a few degrees.
-MARGIN = np.radians([11.0, 8.0, 5.0, 15.0, 10.0, 7.0, 20.0])
-# Published exciting motions keep elbow_pitch, and the angle q2 + q3 of its motor, within these.
-ELBOW = np.radians([-30.0, 30.0])
-ELBOW_MOTOR = np.radians([-9.0, 39.0])
-# What the console allows an MTM in motions that it plans itself (`move_jp`): 90 deg/s and
-# 90 deg/s^2, roll 360 (limits of the trajectory in sawIntuitiveResearchKit's
-# mtsIntuitiveResearchKitMTM.cpp; later versions halve the acceleration, but for roll).
-VELOCITY = np.radians([90.0, 90.0, 90.0, 90.0, 90.0, 90.0, 360.0])
-ACCELERATION = VELOCITY.copy()
+# Of an arm of which nothing more is known: rad and so on, and as much at a lever of 0.1 m where a
+# joint slides. Speed and acceleration are what Universal Robots' controllers take for a motion of
+# the joints that names none (MoveJ: 60 deg/s, 80 deg/s^2).
+_VELOCITY, _ACCELERATION = np.radians(60.0), np.radians(80.0)
+_MARGIN = np.radians(5.0)  # to the stops, and never more than a twentieth of the range
+_USED = 0.9  # of what is left, and at most a turn
+
+
+@dataclass(frozen=True)
+class PairLimit:
+    """Two joints whose sum has a range of its own, as a motor's that both of them turn.
+
+    Attributes:
+        first: Index of the joint that moves first.
+        second: Index of the one whose range the sum narrows.
+        lower: Lowest sum, rad.
+        upper: Highest sum, rad.
+    """
+
+    first: int
+    second: int
+    lower: float
+    upper: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,22 +41,41 @@ class MotionLimits:
     """Limits of a planned motion.
 
     Attributes:
-        lower: (7,) lowest joint positions, rad.
-        upper: (7,) highest joint positions, rad.
-        elbow_motor: (2,) lowest and highest q2 + q3, rad.
-        velocity: (7,) of the joints, rad/s; that of joint 3 holds for its motor, too.
-        acceleration: (7,) likewise, rad/s^2.
+        lower: (n,) lowest joint positions, rad or m.
+        upper: (n,) highest joint positions, rad or m.
+        velocity: (n,) of the joints, per s; that of a pair's second one holds for its sum, too.
+        acceleration: (n,) likewise, per s^2.
+        used: (n,) part of the range that a motion goes through.
+        pair: Two joints whose sum is limited, too; ``None``: there are none.
     """
 
     lower: Array
     upper: Array
-    elbow_motor: Array
     velocity: Array
     acceleration: Array
+    used: Array
+    pair: PairLimit | None = None
 
     @classmethod
     def of(cls, arm: Arm) -> MotionLimits:
-        """Return the limits of an MTM, left or right."""
-        lower, upper = arm.lower + MARGIN, arm.upper - MARGIN
-        lower[2], upper[2] = max(lower[2], ELBOW[0]), min(upper[2], ELBOW[1])
-        return cls(lower, upper, ELBOW_MOTOR, VELOCITY, ACCELERATION)
+        """Return the limits of an arm."""
+        if mtm.is_mtm(arm):
+            known = mtm.defaults
+            lower, upper = arm.lower + known.MARGIN, arm.upper - known.MARGIN
+            lower[2], upper[2] = max(lower[2], known.ELBOW[0]), min(upper[2], known.ELBOW[1])
+            pair = PairLimit(1, 2, *known.ELBOW_MOTOR.tolist())
+            used = np.array(known.EXCITED_RANGE)
+            return cls(lower, upper, known.VELOCITY, known.ACCELERATION, used, pair)
+        lower, upper = arm.range
+        margin = np.minimum(_MARGIN * arm.scale, 0.05 * (upper - lower))
+        lower, upper = lower + margin, upper - margin
+        used = _USED * np.minimum(1.0, 2.0 * np.pi / (upper - lower))
+        return cls(lower, upper, _VELOCITY * arm.scale, _ACCELERATION * arm.scale, used)
+
+
+def careful(arm: Arm) -> tuple[Array, Array]:
+    """Return (n,) velocities and (n,) accelerations of a simulated arm's own motions."""
+    if mtm.is_mtm(arm):
+        known = mtm.defaults
+        return np.array(known.SIMULATED_VELOCITY), np.array(known.SIMULATED_ACCELERATION)
+    return _VELOCITY * arm.scale, _ACCELERATION * arm.scale

@@ -7,12 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arms import Arm, mtm
 
 Array = NDArray[np.float64]
 
-# The part of a joint's range that a motion uses: joint 7 turns far more than it need.
-USED_RANGE = np.array([0.7, 0.8, 0.7, 0.7, 0.6, 0.7, 0.25])
+# The part of a joint's range that a motion uses, and a turn at most: some turn more than they need.
+USED, MOST = 0.7, 2.0 * np.pi
+
+
+def used_range(arm: Arm) -> Array:
+    """Return (n,) the part of each joint's range that a simulated arm's motion uses."""
+    if mtm.is_mtm(arm):
+        return np.array(mtm.defaults.USED_RANGE)
+    lowest, highest = arm.range
+    part: Array = USED * np.minimum(1.0, MOST / (highest - lowest))
+    return part
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +62,15 @@ class Multisine:
             highest: Highest frequency, Hz.
             count: Sines a joint.
         """
-        random = np.random.default_rng(seed)
-        frequency = random.uniform(lowest, highest, (count, N_JOINTS))
-        amplitude = random.uniform(0.3, 1.0, (count, N_JOINTS)) / np.sqrt(frequency)
-        phase = random.uniform(0.0, 2.0 * np.pi, (count, N_JOINTS))
-        used = 0.5 * (arm.upper - arm.lower) * USED_RANGE
-        amplitude *= used * random.uniform(0.7, 1.0, N_JOINTS) / amplitude.sum(axis=0)
-        slack = 0.5 * (arm.upper - arm.lower) - amplitude.sum(axis=0)
-        middle = 0.5 * (arm.lower + arm.upper) + random.uniform(-0.5, 0.5, N_JOINTS) * slack
+        random, n = np.random.default_rng(seed), arm.n
+        frequency = random.uniform(lowest, highest, (count, n))
+        amplitude = random.uniform(0.3, 1.0, (count, n)) / np.sqrt(frequency)
+        phase = random.uniform(0.0, 2.0 * np.pi, (count, n))
+        lower, upper = arm.range
+        used = 0.5 * (upper - lower) * used_range(arm)
+        amplitude *= used * random.uniform(0.7, 1.0, n) / amplitude.sum(axis=0)
+        slack = 0.5 * (upper - lower) - amplitude.sum(axis=0)
+        middle = 0.5 * (lower + upper) + random.uniform(-0.5, 0.5, n) * slack
         return cls(middle, amplitude, frequency, phase)
 
     def at(self, time: float | Array) -> tuple[Array, Array]:

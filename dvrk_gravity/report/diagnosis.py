@@ -8,6 +8,7 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.findings import (
     FLOORS,
     Ambiguity,
@@ -21,6 +22,7 @@ from dvrk_gravity.diagnosis.words import title as effect_title
 from dvrk_gravity.diagnosis.words import told
 from dvrk_gravity.report import html
 from dvrk_gravity.report.in_simulation import section
+from dvrk_gravity.report.units import milli, milli_effort
 
 Array = NDArray[np.float64]
 
@@ -62,12 +64,12 @@ def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
     if len(diagnosis.findings) > 1:
         parts.append(_overview(diagnosis.findings))
     for number, finding in enumerate(diagnosis.findings, start=1):
-        parts.append(_finding(number, finding))
+        parts.append(_finding(number, finding, diagnosis.model.arm))
     if diagnosis.ambiguities:
         parts.append(_ambiguities(diagnosis.ambiguities))
     parts.append(_errors(diagnosis))
     if diagnosis.in_simulation is not None:
-        parts.append(section(diagnosis.in_simulation))
+        parts.append(section(diagnosis.in_simulation, diagnosis.model.arm))
     parts.append(_list("Data", [str(warning) for warning in diagnosis.warnings], "no warnings"))
     parts.append(_list("How it was judged", diagnosis.notes, ""))
     body = "\n".join(parts)
@@ -96,7 +98,7 @@ def _overview(findings: Sequence[Finding]) -> str:
     return html.table(("", "what", "where", "form", "held-out error removed"), rows)
 
 
-def _finding(number: int, finding: Finding) -> str:
+def _finding(number: int, finding: Finding, arm: Arm) -> str:
     where = ", ".join(finding.joints) or "the arm"
     head = f"{number}. {effect_title(finding.effect)} at {where}"
     parts = [f"<h2>{escape(head)}</h2>", f"<p>{escape(finding.sentence)}.</p>"]
@@ -113,7 +115,7 @@ def _finding(number: int, finding: Finding) -> str:
     rows.append(("in the extended model", "yes" if finding.in_model else "no"))
     parts.append(html.table((), rows))
     if finding.picture is not None:
-        picture = html.data_url(png(finding.picture))
+        picture = html.data_url(png(finding.picture, milli(arm, finding.picture.joint)))
         parts.append(f'<img alt="error before and after" src="{picture}">')
     if finding.alternatives:
         parts.append("<p>This data cannot tell it from:</p>")
@@ -160,7 +162,8 @@ def _errors(diagnosis: Diagnosis) -> str:
         )
     head = ("joint", "before", "after", "noise floor", "after / floor")
     told = f"<p class=small>The noise floor is {FLOORS[diagnosis.floor_from]}.</p>"
-    return "<h2>Held-out error, mN·m RMS</h2>" + html.table(head, rows) + told
+    unit = milli_effort(diagnosis.model.arm)
+    return f"<h2>Held-out error, {unit} RMS</h2>" + html.table(head, rows) + told
 
 
 def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
@@ -198,8 +201,13 @@ def _list(title: str, items: Sequence[str], nothing: str) -> str:
     return f"<h2>{escape(title)}</h2><ul>{inside}</ul>"
 
 
-def png(picture: Picture) -> bytes:
-    """Return the error of a joint before and after, against what it depends on, as a PNG."""
+def png(picture: Picture, unit: str = "mN·m") -> bytes:
+    """Return the error of a joint before and after, against what it depends on, as a PNG.
+
+    Args:
+        picture: Errors, N·m or N, and what they depend on.
+        unit: A thousandth of theirs.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
@@ -222,10 +230,10 @@ def png(picture: Picture) -> bytes:
         for rows, pale, strong, label in groups:
             one.plot(x[rows], y[rows], ".", markersize=2.5, color=pale)
             one.plot(*_means(x[rows], y[rows]), "-", linewidth=2.0, color=strong, label=label)
-        one.set_title(f"{title}: {np.sqrt(np.mean(y**2)):.3g} mN·m RMS")
+        one.set_title(f"{title}: {np.sqrt(np.mean(y**2)):.3g} {unit} RMS")
         one.set_xlabel(picture.variable)
     axes[1].legend(frameon=False, fontsize="small")
-    axes[0].set_ylabel(f"error at {picture.joint} [mN·m]")
+    axes[0].set_ylabel(f"error at {picture.joint} [{unit}]")
     return html.png(figure)
 
 

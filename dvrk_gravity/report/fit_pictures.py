@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dvrk_gravity.arms import Joint
 from dvrk_gravity.identification.result import Trace
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.report.html import data_url, png
@@ -17,7 +18,7 @@ BINS = 25
 MEASURED, PREDICTED, LEFT = "#7f8fa6", "#c0392b", "#2c3e50"
 
 
-def torque_picture(trace: Trace, joint: int) -> str:
+def torque_picture(trace: Trace, column: int, joint: Joint) -> str:
     """Return measured and predicted torque of one joint over time, or over the pose number."""
     from matplotlib.figure import Figure
 
@@ -25,39 +26,40 @@ def torque_picture(trace: Trace, joint: int) -> str:
     axes = figure.subplots()
     if trace.time is None:
         x = np.arange(len(trace.measured), dtype=float)
-        shown = np.argsort(trace.measured[:, joint])
+        shown = np.argsort(trace.measured[:, column])
         axes.set_xlabel("pose, in the order of measured torque")
     else:
         x = trace.time
         shown = np.flatnonzero(x < x[0] + SHOWN)
         x = x[shown]
         axes.set_xlabel("time [s]")
-    measured, predicted = trace.measured[shown, joint], trace.predicted[shown, joint]
+    measured, predicted = trace.measured[shown, column], trace.predicted[shown, column]
     axes.plot(x, 1e3 * measured, color=MEASURED, linewidth=1.6, label="measured")
     word = "predicted, held out" if trace.held_out else "predicted"
     axes.plot(x, 1e3 * predicted, color=PREDICTED, linewidth=1.0, label=word)
     axes.plot(x, 1e3 * (measured - predicted), color=LEFT, linewidth=0.7, label="difference")
-    axes.set_ylabel("torque [mN·m]")
+    axes.set_ylabel(f"torque [m{joint.effort_unit}]")
     axes.legend(loc="upper right", ncols=3, fontsize=8)
     axes.grid(alpha=0.25)
     return _data_url(figure)
 
 
-def residual_picture(traces: Sequence[Trace], joint: int) -> str:
+def residual_picture(traces: Sequence[Trace], column: int, joint: Joint) -> str:
     """Return the difference of one joint over its position and its velocity."""
     from matplotlib.figure import Figure
 
-    residual = np.concatenate([t.measured[:, joint] - t.predicted[:, joint] for t in traces])
-    panels = [("position [rad]", np.concatenate([t.position[:, joint] for t in traces]))]
-    velocities = [t.velocity[:, joint] for t in traces if t.velocity is not None]
+    residual = np.concatenate([t.measured[:, column] - t.predicted[:, column] for t in traces])
+    unit = joint.unit
+    panels = [(f"position [{unit}]", np.concatenate([t.position[:, column] for t in traces]))]
+    velocities = [t.velocity[:, column] for t in traces if t.velocity is not None]
     if len(velocities) == len(traces):
-        panels.append(("velocity [rad/s]", np.concatenate(velocities)))
+        panels.append((f"velocity [{unit}/s]", np.concatenate(velocities)))
     figure = Figure(figsize=(9.0, 2.6))
     axes = np.atleast_1d(figure.subplots(1, len(panels), sharey=True))
     for one, (label, x) in zip(axes, panels, strict=True):
         _scatter(one, x, 1e3 * residual)
         one.set_xlabel(label)
-    axes[0].set_ylabel("difference [mN·m]")
+    axes[0].set_ylabel(f"difference [m{joint.effort_unit}]")
     return _data_url(figure)
 
 

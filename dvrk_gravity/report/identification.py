@@ -5,6 +5,7 @@ from __future__ import annotations
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.report.fit_pictures import residual_picture, torque_picture
+from dvrk_gravity.report.units import milli_effort
 
 _TEMPLATE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>Identification: {{ arm }}</title>
@@ -27,8 +28,9 @@ img{max-width:100%;display:block}
 {{ fit.coordinates }} coordinates. Held out: {{ fit.validation }}.</p>
 
 <h2>Error by joint</h2>
-<table><tr><th>joint</th><th class="n">held-out RMSE, mN·m</th><th class="n">|e|/|&tau;|</th>
-<th class="n">R&sup2;</th><th class="n">|e|/|&tau;| on the data fitted</th><th>verdict</th></tr>
+<table><tr><th>joint</th><th class="n">held-out RMSE, {{ effort }}</th>
+<th class="n">|e|/|&tau;|</th><th class="n">R&sup2;</th>
+<th class="n">|e|/|&tau;| on the data fitted</th><th>verdict</th></tr>
 {% for name, error in fit.held_out.items() %}
 <tr><td>{{ name }}</td><td class="n">{{ "%.2f"|format(1000 * error.rmse) }}</td>
 <td class="n">{{ "%.3f"|format(error.nrmse) }}</td><td class="n">{{ "%.3f"|format(error.r2) }}</td>
@@ -87,9 +89,14 @@ def render(fit: Fit, sources: str) -> str:
     template = Environment(autoescape=True).from_string(_TEMPLATE)
     # Of several traces, the longest is shown over time; the differences of all are.
     longest = max(fit.traces, key=lambda trace: len(trace.measured))
+    joints = {joint.name: joint for joint in fit.model.arm.joints}
     pictures = [
-        (joint, torque_picture(longest, k), residual_picture(fit.traces, k))
-        for k, joint in enumerate(longest.joints)
+        (
+            name,
+            torque_picture(longest, k, joints[name]),
+            residual_picture(fit.traces, k, joints[name]),
+        )
+        for k, name in enumerate(longest.joints)
     ]
     poor = fit.verdict.level == VERDICTS[-1]
     headline = fit.verdict.words
@@ -105,5 +112,5 @@ def render(fit: Fit, sources: str) -> str:
     ]
     return template.render(
         arm=fit.model.arm.name, fit=fit, headline=headline, poor=poor, sources=sources,
-        pictures=pictures, others=others,
+        pictures=pictures, others=others, effort=milli_effort(fit.model.arm),
     )  # fmt: skip

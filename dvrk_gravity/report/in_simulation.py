@@ -8,55 +8,59 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.in_simulation import DURATION, WINDOW, Drift, InSimulation
 from dvrk_gravity.report.html import data_url, png, table
+from dvrk_gravity.report.units import milli_position, shown_position
 
 Array = NDArray[np.float64]
 
 _BEFORE, _AFTER = "#bb3322", "#2266aa"
-_LEAST_DRIFT = 0.5  # deg, of a joint that is drawn
+_LEAST_DRIFT = 0.5  # deg (or 0.9 mm), of a joint that is drawn
 _MOST_DRAWN = 4
 
 
-def section(result: InSimulation) -> str:
+def section(result: InSimulation, arm: Arm) -> str:
     """Return the section's HTML."""
     parts = ["<h2>In the simulator</h2>"]
     if result.before is not None and result.after is not None:
         parts.append(
             f"<p>Measured efforts drive the simulated arm for {WINDOW:g} s from measured states "
             f"({result.windows} pieces of held-out motion). RMS error of the position at the end, "
-            "mrad:</p>"
+            f"{milli_position(arm)}:</p>"
         )
-        parts.append(table(("", *result.joints), _rows(1e3 * result.before, 1e3 * result.after)))
+        parts.append(table(("", *arm.joint_names), _rows(1e3 * result.before, 1e3 * result.after)))
     if result.drifts:
         first = result.drifts[0]
         parts.append(
             f"<p>If the arm is as the extended model says: largest drift in {DURATION:g} s after "
-            f"it is let go at {len(first.before)} poses, compensated as the node does, deg. Most "
+            f"it is let go at {len(first.before)} poses, compensated as the node does, "
+            f"{_units(arm)}. Most "
             "friction hides what is wrong; with a tenth of it, it shows.</p>"
         )
         rows = [
             (f"{name}, {100 * one.friction:.0f} % friction", *figures)
             for one in result.drifts
-            for name, *figures in _rows(_largest(one.before), _largest(one.after))
+            for name, *figures in _rows(_largest(one.before, arm), _largest(one.after, arm))
         ]
-        parts.append(table(("", *result.joints), rows))
-        parts.append(f'<img alt="drift over time" src="{_picture(result.drifts, result.joints)}">')
+        parts.append(table(("", *arm.joint_names), rows))
+        parts.append(f'<img alt="drift over time" src="{_picture(result.drifts, arm)}">')
     parts += [f"<p>{escape(note)}.</p>" for note in result.notes]
     return "\n".join(parts)
 
 
-def line(result: InSimulation) -> str:
+def line(result: InSimulation, arm: Arm) -> str:
     """Return the same for the terminal: the joint that gains most."""
     said, joint = [], None
     if result.before is not None and result.after is not None:
         joint = int(np.argmin(result.after / np.maximum(result.before, 1e-12)))
         said.append(
-            f"{result.joints[joint]}'s position after {WINDOW:g} s is off by "
-            f"{1e3 * result.after[joint]:.1f} instead of {1e3 * result.before[joint]:.1f} mrad"
+            f"{arm.joint_names[joint]}'s position after {WINDOW:g} s is off by "
+            f"{1e3 * result.after[joint]:.1f} instead of {1e3 * result.before[joint]:.1f} "
+            f"m{arm.units[joint]}"
         )
     for drift in result.drifts:
-        before, after = _largest(drift.before), _largest(drift.after)
+        before, after = _largest(drift.before, arm), _largest(drift.after, arm)
         gain = before - after
         # A joint that the others throw about may go farther than the one that is pulled.
         if joint is None or gain[joint] < _LEAST_DRIFT:
@@ -64,16 +68,22 @@ def line(result: InSimulation) -> str:
         with_friction = f"with {100 * drift.friction:.0f} % of its friction"
         if gain[joint] > _LEAST_DRIFT:
             said.append(
-                f"{with_friction} {result.joints[joint]} drifts {after[joint]:.1f} "
-                f"instead of {before[joint]:.1f} deg in {DURATION:g} s"
+                f"{with_friction} {arm.joint_names[joint]} drifts {after[joint]:.1f} "
+                f"instead of {before[joint]:.1f} {shown_position(arm)[joint][1]} in {DURATION:g} s"
             )
         else:
             said.append(f"{with_friction} the drift is the same")
     return "in the simulator: " + "; ".join([*said, *result.notes])
 
 
-def _largest(way: Array) -> Array:
-    return np.degrees(np.abs(way).max(axis=(0, 1)))
+def _largest(way: Array, arm: Arm) -> Array:
+    """Return (n,) the largest drift of each joint, deg or mm."""
+    factors = np.array([factor for factor, _ in shown_position(arm)])
+    return np.abs(way).max(axis=(0, 1)) * factors
+
+
+def _units(arm: Arm) -> str:
+    return " or ".join(dict.fromkeys(unit for _, unit in shown_position(arm)))
 
 
 def _rows(before: Array, after: Array) -> list[tuple[str, ...]]:
@@ -83,11 +93,11 @@ def _rows(before: Array, after: Array) -> list[tuple[str, ...]]:
     ]
 
 
-def _picture(drifts: Sequence[Drift], names: Sequence[str]) -> str:
+def _picture(drifts: Sequence[Drift], arm: Arm) -> str:
     """Return the joints that drift most over time as a data URL: a row for each friction."""
     from matplotlib.figure import Figure
 
-    gain = np.max([_largest(one.before) - _largest(one.after) for one in drifts], axis=0)
+    gain = np.max([_largest(one.before, arm) - _largest(one.after, arm) for one in drifts], axis=0)
     joints = [j for j in np.argsort(-gain).tolist() if gain[j] > _LEAST_DRIFT][:_MOST_DRAWN] or [0]
     figure = Figure(figsize=(9.0, 2.3 * len(drifts)), layout="constrained")
     axes = figure.subplots(len(drifts), len(joints), sharex=True, squeeze=False)
@@ -97,12 +107,14 @@ def _picture(drifts: Sequence[Drift], names: Sequence[str]) -> str:
                 (one.before, _BEFORE, "given model"),
                 (one.after, _AFTER, "extended"),
             ):
-                for k, way in enumerate(np.degrees(ways[:, :, joint])):
+                for k, way in enumerate(shown_position(arm)[joint][0] * ways[:, :, joint]):
                     label = name if k == 0 else None
                     cell.plot(one.time, way, color=color, linewidth=1.3, label=label)
             cell.grid(alpha=0.3)
-            cell.set_title(f"{names[joint]}, {100 * one.friction:.0f} % friction", fontsize=9)
-        row[0].set_ylabel("way [deg]")
+            cell.set_title(
+                f"{arm.joint_names[joint]}, {100 * one.friction:.0f} % friction", fontsize=9
+            )
+        row[0].set_ylabel(f"way [{_units(arm)}]")
     for cell in axes[-1]:
         cell.set_xlabel("time [s]")
     axes[0][0].legend(fontsize=8)

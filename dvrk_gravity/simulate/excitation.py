@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS
-from dvrk_gravity.planning.multisine import USED_RANGE, Multisine
+from dvrk_gravity.planning.multisine import Multisine, used_range
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.run import simulate
 from dvrk_gravity.simulate.simulated_arm import Measurement, SimulatedArm
@@ -46,7 +45,8 @@ def record_poses(
         arm: The arm.
         seed: Seed of poses and directions.
         count: Number of poses.
-        approach: Way that every joint goes to a pose in the direction of approach, rad.
+        approach: Way that every joint goes to a pose in the direction of approach, rad (a tenth of
+            it, m, where a joint slides).
         samples: Readings averaged at every pose.
 
     Returns:
@@ -54,19 +54,21 @@ def record_poses(
     """
     random = np.random.default_rng(seed)
     geometry = arm.plant.model.arm
-    used = 0.5 * (geometry.upper - geometry.lower) * USED_RANGE - 2.0 * approach
-    middle = 0.5 * (geometry.lower + geometry.upper)
+    n, way = geometry.n, approach * geometry.scale
+    lowest, highest = geometry.range
+    used = 0.5 * (highest - lowest) * used_range(geometry) - 2.0 * way
+    middle = 0.5 * (lowest + highest)
     time, settled = round(0.3 / arm.dt), round(0.15 / arm.dt)
-    position = np.empty((count, N_JOINTS))
+    position = np.empty((count, n))
     effort, direction = np.empty_like(position), np.empty_like(position)
     for pose in range(count):
         # All joints one way: then the motors that move several joints go that way too.
-        sign = np.full(N_JOINTS, -1.0 if random.random() < 0.5 else 1.0)
-        goal = middle + used * random.uniform(-1.0, 1.0, N_JOINTS)
-        speed = approach * sign / 0.3
-        arm.plant.reset(goal - approach * sign)
+        sign = np.full(n, -1.0 if random.random() < 0.5 else 1.0)
+        goal = middle + used * random.uniform(-1.0, 1.0, n)
+        speed = way * sign / 0.3
+        arm.plant.reset(goal - way * sign)
         for step in range(time):
-            arm.follow(goal - approach * sign + speed * step * arm.dt, speed)
+            arm.follow(goal - way * sign + speed * step * arm.dt, speed)
             arm.step()
         readings = []
         # Still creeping: dry friction is whole, as where a position loop has just arrived, and

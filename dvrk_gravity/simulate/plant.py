@@ -8,16 +8,16 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.effects import PlantPart
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.effects import Effects
 from dvrk_gravity.simulate.friction import FrictionSolver
-from dvrk_gravity.tree import LINKS, build_tree
 
 Array = NDArray[np.float64]
 
-# Impulse that a stop can give, N·m·s: more than any motion of the arm can ask for.
+# Impulse that a stop can give, N·m·s or N·s: more than any motion of the arm can ask for.
 _STOP = 1e6
 
 
@@ -54,7 +54,7 @@ class Plant:
 
         Args:
             model: The arm's true terms.
-            links: Inertia of each of :data:`dvrk_gravity.tree.LINKS`, in its distal DH frame;
+            links: Inertia of each of the arm's bodies, in its link frame (distal DH, URDF);
                 those absent weigh nothing.
             rotor_inertia: (n,) reflected inertia at the actuators, kg·m^2.
             friction_scale: Factor on every friction, dry and viscous.
@@ -65,21 +65,21 @@ class Plant:
         """
         rotors = np.asarray(rotor_inertia, dtype=float)
         arm = model.arm
-        n = len(arm.joints)
-        if rotors.shape != (n,):
-            raise ShapeError("rotor_inertia", rotors.shape, f"({n},)")
+        if rotors.shape != (arm.n,):
+            raise ShapeError("rotor_inertia", rotors.shape, f"({arm.n},)")
         self.model = model
         parts = self._parts()
         links = _carried(links, parts)
         for name in links:
-            if name not in LINKS:
-                raise ConfigError(f"links.{name}", name, f"one of {', '.join(LINKS)}")
+            if name not in arm.body_names:
+                raise ConfigError(f"links.{name}", name, f"one of {', '.join(arm.body_names)}")
         self.time = 0.0
         self._lower, self._upper = arm.lower, arm.upper
-        self._middle, self._half = (
-            0.5 * (arm.lower + arm.upper),
-            0.5 * (arm.upper - arm.lower) - 1e-9,
-        )
+        lowest, highest = arm.range
+        self._middle = 0.5 * (lowest + highest)
+        half = 0.5 * (highest - lowest) - 1e-9
+        # A joint that turns without end has no stops.
+        self._half = np.where(np.isfinite(arm.upper - arm.lower), half, np.inf)
         self._tree = build_tree(arm, links, np.zeros(3))
         self._expand = self._tree.expand
         self._gather = np.ascontiguousarray(self._expand.T)
@@ -87,11 +87,11 @@ class Plant:
         self._rotors = to_motor.T @ np.diag(rotors) @ to_motor
         self._effects = Effects(arm, parts, friction_scale)
         self._damping = self._effects.damping if self._effects.damping.any() else None
-        self._dt, self._implicit = 0.0, np.zeros((n, n))
+        self._dt, self._implicit = 0.0, np.zeros((arm.n, arm.n))
         self._friction = FrictionSolver(self._effects.rows)
         self._evaluated: tuple[Array, Array, Array, Array] | None = None
-        self.q = np.clip(np.zeros(n), self._lower, self._upper)
-        self.v = np.zeros(n)
+        self.q = np.clip(np.zeros(arm.n), self._lower, self._upper)
+        self.v = np.zeros(arm.n)
         self._at_stops = self._reaches_stops()
         least = np.linalg.eigvalsh(self.mass_matrix()).min()
         if not least > 0:
@@ -108,19 +108,20 @@ class Plant:
             ShapeError: Not (n,).
             ConfigError: Not finite, or a position beyond the joint's limits.
         """
+        arm = self.model.arm
         position = np.array(q, dtype=float)
-        velocity = np.zeros(len(self.q)) if v is None else np.array(v, dtype=float)
+        velocity = np.zeros(arm.n) if v is None else np.array(v, dtype=float)
         for name, array in (("q", position), ("v", velocity)):
-            if array.shape != self.q.shape:
-                raise ShapeError(name, array.shape, f"({len(self.q)},)")
+            if array.shape != (arm.n,):
+                raise ShapeError(name, array.shape, f"({arm.n},)")
             if not np.isfinite(array).all():
                 raise ConfigError(name, array.tolist(), "finite numbers")
-        for joint, value in zip(self.model.arm.joints, position.tolist(), strict=True):
+        for joint, value in zip(arm.joints, position.tolist(), strict=True):
             if not joint.lower <= value <= joint.upper:
                 raise ConfigError(
                     f"position of {joint.name}",
                     value,
-                    f"{joint.lower:.4g} to {joint.upper:.4g} rad",
+                    f"{joint.lower:.4g} to {joint.upper:.4g} {joint.unit}",
                 )
         self.q, self.v = position, velocity
         self._at_stops = self._reaches_stops()

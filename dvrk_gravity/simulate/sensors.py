@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arms import Arm
 
 Array = NDArray[np.float64]
 
@@ -17,26 +17,22 @@ Array = NDArray[np.float64]
 _DRAWN = 256
 
 
-def _none() -> Array:
-    return np.zeros(N_JOINTS)
-
-
 @dataclass(frozen=True, eq=False)
 class Sensors:
     """Encoders and current sensors sit at the motors, so all of it is in actuator space.
 
     Attributes:
-        position_step: (7,) encoder step, rad; 0: continuous.
-        velocity_noise: (7,) standard deviation of the velocity, rad/s.
-        effort_step: (7,) step of the effort measurement, N·m; 0: continuous.
-        effort_noise: (7,) standard deviation of the effort, N·m.
+        position_step: (n,) encoder step, rad or m; 0, or ``None``: continuous.
+        velocity_noise: (n,) standard deviation of the velocity, rad/s or m/s; ``None``: none.
+        effort_step: (n,) step of the effort measurement, N·m or N; 0, or ``None``: continuous.
+        effort_noise: (n,) standard deviation of the effort, N·m or N; ``None``: none.
         effort_delay: How much older than the position the effort in one message is, s.
     """
 
-    position_step: Array = field(default_factory=_none)
-    velocity_noise: Array = field(default_factory=_none)
-    effort_step: Array = field(default_factory=_none)
-    effort_noise: Array = field(default_factory=_none)
+    position_step: Array | None = None
+    velocity_noise: Array | None = None
+    effort_step: Array | None = None
+    effort_noise: Array | None = None
     effort_delay: float = 0.0
 
 
@@ -60,20 +56,26 @@ class SensorReader:
         self._to_joint = arm.actuator_to_joint
         self._effort_to_motor = np.ascontiguousarray(arm.actuator_to_joint.T)
         self._effort_to_joint = np.ascontiguousarray(arm.joint_to_actuator.T)
-        self._position = _Counter(sensors.position_step)
-        self._effort = _Counter(sensors.effort_step)
-        self._noise_levels = np.stack([sensors.velocity_noise, sensors.effort_noise])
+        steps, noises = (
+            [np.zeros(arm.n) if array is None else array for array in pair]
+            for pair in (
+                (sensors.position_step, sensors.effort_step),
+                (sensors.velocity_noise, sensors.effort_noise),
+            )
+        )
+        self._position, self._effort = (_Counter(step) for step in steps)
+        self._noise_levels = np.stack(noises)
         self._random = np.random.default_rng(seed)
         self._noise: Iterator[Array] = iter(())
         self._late: deque[Array] = deque(maxlen=1 + round(sensors.effort_delay / dt))
 
     def read(self, q: Array, v: Array, effort: Array) -> tuple[Array, Array, Array]:
-        """Return measured position, velocity and effort, (7,) each, in joint space.
+        """Return measured position, velocity and effort, (n,) each, in joint space.
 
         Args:
-            q: (7,) true position, rad.
-            v: (7,) true velocity, rad/s.
-            effort: (7,) torque of the actuators in joint space, N·m.
+            q: (n,) true position, rad.
+            v: (n,) true velocity, rad/s.
+            effort: (n,) torque of the actuators in joint space, N·m.
         """
         noise = next(self._noise, None)
         if noise is None:
@@ -85,14 +87,16 @@ class SensorReader:
         return position, v + noise[0], self._late[0]
 
     def _draw(self) -> Iterator[Array]:
-        """Return the noise of the next readings, (2, 7): joint velocity and actuator effort."""
-        noise = self._random.standard_normal((_DRAWN, 2, N_JOINTS)) * self._noise_levels
+        """Return the noise of the next readings, (2, n): joint velocity and actuator effort."""
+        noise = (
+            self._random.standard_normal((_DRAWN, *self._noise_levels.shape)) * self._noise_levels
+        )
         noise[:, 0] = noise[:, 0] @ self._to_joint.T
         return iter(noise)
 
 
 class _Counter:
-    """Rounds (7,) values to whole steps; where the step is 0, they stay as they are."""
+    """Rounds (n,) values to whole steps; where the step is 0, they stay as they are."""
 
     def __init__(self, step: Array) -> None:
         self._step = step

@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError, ShapeError
-from dvrk_gravity.planning import Move
+from dvrk_gravity.planning import Move, careful
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import SensorReader, Sensors
 from dvrk_gravity.simulate.set_point import SetPointFilter
@@ -20,9 +19,6 @@ Array = NDArray[np.float64]
 
 # The servo's closed loop is critically damped with this natural frequency, rad/s.
 _SERVO_FREQUENCY = 100.0
-
-_ZERO = np.zeros(N_JOINTS)
-_ZERO.setflags(write=False)
 
 
 class Mode(enum.Enum):
@@ -38,9 +34,9 @@ class Measurement(NamedTuple):
 
     Attributes:
         time: Simulated time, s.
-        position: (7,) rad.
-        velocity: (7,) rad/s.
-        effort: (7,) torque of the actuators in joint space, N·m.
+        position: (n,) rad.
+        velocity: (n,) rad/s.
+        effort: (n,) torque of the actuators in joint space, N·m.
     """
 
     time: float
@@ -50,7 +46,7 @@ class Measurement(NamedTuple):
 
 
 class SimulatedArm:
-    """A dVRK MTM: what one may command it, and what it does about it.
+    """An arm with its console: what one may command it, and what it does about it.
 
     Starts in hold. In effort mode the last effort stays applied for ever: nothing here watches
     how old it is. The built-in compensation adds its torque to commanded efforts while it is
@@ -63,10 +59,10 @@ class SimulatedArm:
         plant: The arm.
         mode: What drives the motors.
         dt: Length of a step, s.
-        effort: (7,) torque that the actuators applied in the last step, N·m.
-        commanded: (7,) the same before saturation, N·m.
-        compensation: (7,) part of it that the built-in compensation added; zero while off.
-        target: (7,) measured position that the servo was told to go for, rad; ``None`` in effort
+        effort: (n,) torque that the actuators applied in the last step, N·m.
+        commanded: (n,) the same before saturation, N·m.
+        compensation: (n,) part of it that the built-in compensation added; zero while off.
+        target: (n,) measured position that the servo was told to go for, rad; ``None`` in effort
             mode.
     """
 
@@ -89,21 +85,23 @@ class SimulatedArm:
         """
         self.plant = plant
         self.dt = dt
-        self.effort = np.zeros(N_JOINTS)
-        self.commanded = np.zeros(N_JOINTS)
-        self.compensation = np.zeros(N_JOINTS)
-        self._builtin = builtin_compensation
         arm = plant.model.arm
+        self._zero = np.zeros(arm.n)
+        self._zero.setflags(write=False)
+        self.effort = np.zeros(arm.n)
+        self.commanded = np.zeros(arm.n)
+        self.compensation = np.zeros(arm.n)
+        self._builtin = builtin_compensation
         self._reader = SensorReader(sensors or Sensors(), arm, seed, dt)
         self._offset = plant.model.joint_offset
         self._misread = [term for term in plant.model.terms if term.IN_EFFORT_SENSOR]
         self._limit, self._least = arm.actuator_effort_limit, -arm.actuator_effort_limit
         self._to_motor = np.ascontiguousarray(arm.actuator_to_joint.T)
         self._from_motor = np.ascontiguousarray(arm.joint_to_actuator.T)
-        self._request = np.zeros(N_JOINTS)
-        self._push = np.zeros(N_JOINTS)
+        self._request = np.zeros(arm.n)
+        self._push = np.zeros(arm.n)
         self._push_until = -np.inf
-        self._velocity = np.zeros(N_JOINTS)
+        self._velocity = np.zeros(arm.n)
         self._move: Move | None = None
         self._filter: SetPointFilter | None = None
         self.mode = Mode.HOLD
@@ -113,18 +111,18 @@ class SimulatedArm:
         """Apply joint efforts from now on, for ever.
 
         Args:
-            effort: (7,) N·m by index.
+            effort: (n,) N·m by index.
 
         Raises:
-            ShapeError: Not seven; the arm goes on as before.
+            ShapeError: Not one a joint; the arm goes on as before.
             ConfigError: Not finite; the arm goes on as before.
         """
-        self._request = _seven("effort", effort)
+        self._request = self._finite("effort", effort)
         self.mode, self.target, self._move, self._filter = Mode.EFFORT, None, None, None
 
     def free(self) -> None:
         """Command zero effort: with the compensation on the arm floats, without it falls."""
-        self.servo_jf(np.zeros(N_JOINTS))
+        self.servo_jf(self._zero)
 
     def hold(self) -> None:
         """Servo to the present position."""
@@ -136,10 +134,10 @@ class SimulatedArm:
         What the servo follows is the stream behind a :class:`SetPointFilter`.
 
         Args:
-            position: (7,) rad; held within the joints' limits.
+            position: (n,) rad; held within the joints' limits.
 
         Raises:
-            ShapeError: Not seven.
+            ShapeError: Not one a joint.
             ConfigError: Not finite.
         """
         target, stream = self._within(position), self._filter
@@ -152,14 +150,14 @@ class SimulatedArm:
         """Servo to a moving point, told anew at every step: no console offers this.
 
         Args:
-            position: (7,) rad; held within the joints' limits.
-            velocity: (7,) rad/s.
+            position: (n,) rad; held within the joints' limits.
+            velocity: (n,) rad/s.
 
         Raises:
-            ShapeError: Not seven.
+            ShapeError: Not one a joint.
             ConfigError: Not finite.
         """
-        target, speed = self._within(position), _seven("velocity", velocity)
+        target, speed = self._within(position), self._finite("velocity", velocity)
         self._servo(Mode.POSITION, target)
         self._velocity = speed
 
@@ -167,16 +165,16 @@ class SimulatedArm:
         """Go to a position on a smooth path, and stay there.
 
         Args:
-            position: (7,) rad; held within the joints' limits.
+            position: (n,) rad; held within the joints' limits.
 
         Raises:
-            ShapeError: Not seven.
+            ShapeError: Not one a joint.
             ConfigError: Not finite.
         """
         goal = self._within(position)
         start = self._present()
         self._servo(Mode.POSITION, start)
-        self._move = Move(start, goal, self.plant.time)
+        self._move = Move(start, goal, *careful(self.plant.model.arm), self.plant.time)
 
     def use_gravity_compensation(self, on: bool) -> None:
         """Switch the built-in compensation of effort commands."""
@@ -186,21 +184,21 @@ class SimulatedArm:
         """Push the arm by hand; a push replaces the one before.
 
         Args:
-            effort: (7,) N·m at the joints; no sensor sees it.
+            effort: (n,) N·m at the joints; no sensor sees it.
             duration: s.
 
         Raises:
-            ShapeError: Not seven.
+            ShapeError: Not one a joint.
             ConfigError: Not finite.
         """
-        self._push = _seven("effort", effort)
+        self._push = self._finite("effort", effort)
         self._push_until = self.plant.time + duration
 
     def step(self) -> None:
         """Go one step on."""
         plant = self.plant
         weight = plant.smooth_torque()
-        self.compensation = weight if self._builtin else _ZERO
+        self.compensation = weight if self._builtin else self._zero
         if self.target is None:
             self.commanded = self._request + self.compensation
         else:
@@ -241,24 +239,24 @@ class SimulatedArm:
         return plant.mass_matrix().dot(error)
 
     def _present(self) -> Array:
-        """Return the (7,) measured position that the servo is at, or the arm without one."""
+        """Return the (n,) measured position that the servo is at, or the arm without one."""
         if self._filter is not None:
             return self._filter.position
         return self.plant.q + self._offset if self.target is None else self.target
 
     def _servo(self, mode: Mode, target: Array) -> None:
         self.mode, self.target, self._move, self._filter = mode, target, None, None
-        self._velocity = np.zeros(N_JOINTS)
+        self._velocity = np.zeros(len(target))
 
     def _within(self, position: ArrayLike) -> Array:
         arm = self.plant.model.arm
-        return np.minimum(np.maximum(_seven("position", position), arm.lower), arm.upper)
+        return np.minimum(np.maximum(self._finite("position", position), arm.lower), arm.upper)
 
-
-def _seven(name: str, values: ArrayLike) -> Array:
-    array = np.array(values, dtype=float)
-    if array.shape != (N_JOINTS,):
-        raise ShapeError(name, array.shape, f"({N_JOINTS},)")
-    if np.count_nonzero(np.isfinite(array)) < N_JOINTS:
-        raise ConfigError(name, array.tolist(), "finite numbers")
-    return array
+    def _finite(self, name: str, values: ArrayLike) -> Array:
+        """Return (n,) numbers that are finite."""
+        array = np.array(values, dtype=float)
+        if array.shape != self._zero.shape:
+            raise ShapeError(name, array.shape, f"({len(self._zero)},)")
+        if np.count_nonzero(np.isfinite(array)) < len(array):
+            raise ConfigError(name, array.tolist(), "finite numbers")
+        return array

@@ -23,6 +23,7 @@ JOINT_NAMES = (
     "wrist_yaw",
     "wrist_roll",
 )
+N_JOINTS = len(JOINT_NAMES)
 BODIES = ("link1", "link2", "crank", "link3", "bar", "link4", "link5", "link6", "link7")
 ANGLES = (  # alpha, offset of each joint, deg: what makes a chain an MTM, whatever its lengths
     (90, -90), (0, -90), (-90, 90), (90, 0), (-90, 0), (90, -90), (0, 90),

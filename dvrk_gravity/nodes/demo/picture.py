@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.nodes.demo.scenario import Kill, Phase
 
 matplotlib.use("Agg")

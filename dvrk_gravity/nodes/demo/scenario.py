@@ -15,7 +15,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.nodes.client import Client
 from dvrk_gravity.processes import NodeProcess, ProcessError
 from dvrk_gravity.recording import BagWriter
