@@ -20,7 +20,7 @@ from dvrk_gravity.effects.weight import gravity_parameters, weight_evaluator
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
 
-_OF_WEIGHT = 4  # of a body's ten parameters: m, m c (3)
+OF_WEIGHT = 4  # of a body's ten parameters: m, m c (3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class LinkWeight(LinearTerm):
         weights = (
             Parameter(
                 f"{cls.NAME}.{body}", (), "kg, kg·m",
-                f"weight of {body}, in its joint's frame: m, m c (3)", lengths=(_OF_WEIGHT,),
+                f"weight of {body}, in its joint's frame: m, m c (3)", lengths=(OF_WEIGHT,),
             )
             for body in arm.body_names
         )  # fmt: skip
@@ -65,7 +65,7 @@ class LinkWeight(LinearTerm):
         given = [values.get(f"{cls.NAME}.{body}") for body in arm.body_names]
         if not any(given):
             return None
-        nothing = np.zeros(_OF_WEIGHT)
+        nothing = np.zeros(OF_WEIGHT)
         vector = values.get("gravity_vector")
         return cls(
             arm,
@@ -103,7 +103,7 @@ class LinkWeight(LinearTerm):
             return np.zeros(state.q.shape)
         q = state.q.reshape(-1, state.q.shape[-1])
         links = np.zeros((len(self.links), rigid_body.PER_LINK))
-        links[:, :_OF_WEIGHT] = self.links
+        links[:, :OF_WEIGHT] = self.links
         torque = rigid_body.torque(self.arm, links.ravel(), q, None, None, self.vector)
         return torque.reshape(state.q.shape)
 
@@ -157,7 +157,7 @@ def weight_regressor(arm: Arm, q: Array, vector: Array) -> Array:
     """Return (N, n, 4 bodies) torques of each body's mass and first moment at (N, n) positions."""
     whole = rigid_body.regressor(arm, q, None, None, vector)
     by_body = whole.reshape(*q.shape, len(arm.bodies), rigid_body.PER_LINK)
-    return by_body[..., :_OF_WEIGHT].reshape(*q.shape, -1)
+    return by_body[..., :OF_WEIGHT].reshape(*q.shape, -1)
 
 
 def with_weight(arm: Arm, values: Values, change: Array) -> Values | None:
@@ -168,6 +168,6 @@ def with_weight(arm: Arm, values: Values, change: Array) -> Values | None:
     names = [f"{LinkWeight.NAME}.{body}" for body in arm.body_names]
     if not any(values.get(name) for name in names):
         return None
-    rows = [np.array(values.get(name) or np.zeros(_OF_WEIGHT)) for name in names]
+    rows = [np.array(values.get(name) or np.zeros(OF_WEIGHT)) for name in names]
     total = np.array(rows) + change
     return {**values, **{name: as_value(row) for name, row in zip(names, total, strict=True)}}

@@ -1,8 +1,8 @@
 """The rigid body's columns: combinations of its links' parameters that torque can show.
 
-Gravity and link_inertia are solved for together, for the same parameters of links make both: what
-is identified is a set of base parameters, and beta is a function of them. A spring that balances
-arm or forearm pulls like a mass and has no inertia; it is a column of gravity alone.
+Weight and inertia are solved for together, for the same parameters of links make both: what is
+identified is a set of base parameters. An MTM's weight is beta, a function of them; a spring that
+balances its arm or forearm pulls like a mass and has no inertia: it is a column of gravity alone.
 """
 
 from __future__ import annotations
@@ -12,15 +12,17 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arm import Arm
-from dvrk_gravity.effects import Gravity, LinkInertia, State, Term, rigid_body
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import is_mtm
+from dvrk_gravity.effects import Gravity, LinkInertia, LinkWeight, State, Term, rigid_body
 from dvrk_gravity.effects.link_prior import base_directions, beta_map
+from dvrk_gravity.effects.link_weight import OF_WEIGHT
 from dvrk_gravity.effects.site import THE_ARM
 from dvrk_gravity.effects.unknowns import PART, Column
 from dvrk_gravity.recording.data import Array
 
-SPRINGS = 4  # entries of beta, arm and forearm, that a balancing spring can add to
-RIGID = (LinkInertia.NAME, Gravity.NAME)  # effects that are always fitted
+SPRINGS = 4  # entries of an MTM's beta, arm and forearm, that a balancing spring can add to
+RIGID = (LinkInertia.NAME, Gravity.NAME, LinkWeight.NAME)  # effects that are always fitted
 
 
 class RigidColumns:
@@ -35,27 +37,31 @@ class RigidColumns:
         """Find the combinations, with the ``absent`` of the links' parameters zero."""
         self.arm = arm
         self.base = base_directions(arm, absent)
+        self._springs = SPRINGS if is_mtm(arm) else 0
 
     @cached_property
     def columns(self) -> tuple[Column, ...]:
         """What they are, in order."""
-        inertia, weight = RIGID
-        spring = PART * float(self.arm.actuator_effort_limit[1])
+        inertia, weight, _ = RIGID
+        spring = PART * float(self.arm.actuator_effort_limit[1]) if self._springs else 0.0
         return (
             *(Column(inertia, THE_ARM, index, 1.0) for index in range(self.base.shape[1])),
-            *(Column(weight, THE_ARM, index, spring) for index in range(SPRINGS)),
+            *(Column(weight, THE_ARM, index, spring) for index in range(self._springs)),
         )
 
     def regressor(self, state: State) -> Array:
         """Return (N, n, p) joint torques of all columns at (N, n) true states."""
         arm = self.arm
         links = rigid_body.regressor(arm, state.q, state.qd, state.qdd, arm.gravity)
-        springs = gravity.regressor(state.q, arm.gravity)[..., :SPRINGS]
+        if not self._springs:
+            return links @ self.base
+        springs = gravity.regressor(state.q, arm.gravity)[..., : self._springs]
         return np.concatenate([links @ self.base, springs], axis=-1)
 
     def bodies(self, theta: Array) -> tuple[Array, Array]:
         """Return (10 bodies,) link parameters and springs, N·m, of (p,) coefficients."""
-        return self.base @ theta[:-SPRINGS], theta[-SPRINGS:]
+        own, springs = np.split(theta, [self.base.shape[1]])
+        return self.base @ own, springs
 
     def terms(self, arm: Arm, theta: Array, links: Array | None = None) -> list[Term]:
         """Return the model's terms.
@@ -69,7 +75,10 @@ class RigidColumns:
         links = own if links is None else links
         if not links.any() and not springs.any():
             return []
+        bodies = links.reshape(-1, rigid_body.PER_LINK)
+        inertia = LinkInertia(arm, bodies)
+        if not self._springs:
+            return [LinkWeight(arm, bodies[:, :OF_WEIGHT].copy(), self.arm.gravity), inertia]
         beta = beta_map(self.arm) @ links
-        beta[:SPRINGS] += springs
-        inertia = LinkInertia(arm, links.reshape(-1, rigid_body.PER_LINK))
+        beta[: self._springs] += springs
         return [Gravity(arm, beta, self.arm.gravity), inertia]
