@@ -83,14 +83,12 @@ class Term(ABC):
             :meth:`scaled`.
         COMPENSATED: The compensator applies it; off for what needs the past of the motion or
             lives in a sensor.
-        IN_EFFORT_SENSOR: It is in what the effort sensors read, and the arm does not feel it.
     """
 
     NAME: ClassVar[str]
     PARAMETERS: ClassVar[tuple[Parameter, ...]]
     FRICTION: ClassVar[bool] = False
     COMPENSATED: ClassVar[bool] = True
-    IN_EFFORT_SENSOR: ClassVar[bool] = False
 
     @classmethod
     @abstractmethod
@@ -117,11 +115,8 @@ class Term(ABC):
         """Return how a simulator integrates the effect.
 
         Unless the effect says better: what dissipates, by :func:`secant_damping`, which is stable
-        at any step; everything else, by its torque at the step's beginning. A simulator's sensors
-        have what is in the effort sensor.
+        at any step; everything else, by its torque at the step's beginning.
         """
-        if self.IN_EFFORT_SENSOR:
-            return PlantPart()
         if self.FRICTION:
             return PlantPart(drag=secant_damping(lambda q, qd: self.torque(State(q, qd))))
         return PlantPart(at=lambda q, qd: (self.torque(State(q, qd)), None))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import (
     Array,
     LinearTerm,
@@ -35,7 +36,6 @@ class TorqueOffset(LinearTerm):
     NAME = "torque_offset"
     PARAMETERS = (joint_array("torque_offset", "N·m", "measured minus applied effort"),)
     COMPENSATED = False
-    IN_EFFORT_SENSOR = True
 
     offset: Array
 
@@ -52,6 +52,10 @@ class TorqueOffset(LinearTerm):
     def torque(self, state: State) -> Array:
         """Return (…, 7) the offset, N·m."""
         return np.broadcast_to(self.offset, state.q.shape).copy()
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: read, and not felt."""
+        return PlantPart(reading=lambda q, qd: self.offset)
 
     @property
     def theta(self) -> Array:
