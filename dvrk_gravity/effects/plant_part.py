@@ -43,7 +43,7 @@ class PlantPart:
 
     Attributes:
         at: (q, v), each (n,), -> smooth torque (n,) at the step's beginning, N·m, and a level of
-            dry friction at the joints (n,) or ``None``, N·m, the same both ways.
+            dry friction at the joints (n,), not negative, N·m, the same both ways, or ``None``.
         weight: Tree whose gravity torques are a smooth torque at q.
         links: Bodies that links carry, by link, each in the link's frame.
         damping: (n, n) symmetric, without negative eigenvalues, N·m·s/rad: torque damping v+.
