@@ -49,7 +49,8 @@ class OutsideFriction(Outside):
 
 
 class OutsideReading(Outside):
-    IN_EFFORT_SENSOR = True
+    def plant(self) -> PlantPart:
+        return PlantPart(reading=self._of)
 
 
 def moving(*terms: Term, friction_scale: float = 1.0) -> Plant:
@@ -237,7 +238,7 @@ def test_the_simulator_names_no_effect():
     paths = (REPOSITORY / "dvrk_gravity" / "simulate").glob("*.py")
     known = {path.name: effects_imported_by(path) for path in paths}
     assert known.pop("model_plant.py") == {"LinkInertia", "RotorInertia", "State"}
-    assert set().union(*known.values()) == {"PlantPart", "State"}
+    assert set().union(*known.values()) == {"PlantPart"}
 
 
 def test_what_hides_effects_has_its_physics_from_none_of_them():

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import polynomial
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import Array, State, Term, as_value
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
@@ -130,6 +131,10 @@ class HeldLoad(Term):
         if state.direction is not None:
             torque += state.direction * (functions @ self.difference)
         return torque
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: nothing; the plant's own stiction holds what it holds."""
+        return PlantPart()
 
 
 def pose_functions(q: Array, orders: NDArray[np.int64], valid: polynomial.Range) -> Array:

@@ -43,7 +43,7 @@ class PlantPart:
 
     Attributes:
         at: (q, v), each (n,), -> smooth torque (n,) at the step's beginning, N·m, and a level of
-            dry friction at the joints (n,) or ``None``, N·m, the same both ways.
+            dry friction at the joints (n,), not negative, N·m, the same both ways, or ``None``.
         weight: Tree whose gravity torques are a smooth torque at q.
         links: Bodies that links carry, by link, each in the link's frame.
         damping: (n, n) symmetric, without negative eigenvalues, N·m·s/rad: torque damping v+.
@@ -54,6 +54,8 @@ class PlantPart:
             without negative eigenvalues: torque damping v+ beside it.
         memory: Friction that depends on the way; in the step it is torque + h stiffness v+. A new
             one with every call of :meth:`dvrk_gravity.effects.Term.plant`.
+        reading: (q, v), each (n,), -> (n,) N·m by which the measured effort is more than the
+            applied one: the arm does not feel it.
     """
 
     at: Callable[[Array, Array], tuple[Array, Array | None]] | None = None
@@ -64,6 +66,7 @@ class PlantPart:
     fade: Callable[[Array], Array] | None = None
     drag: Callable[[Array, Array], tuple[Array, Array]] | None = None
     memory: FrictionWithMemory | None = None
+    reading: Callable[[Array, Array], Array] | None = None
 
 
 def secant_damping(

@@ -98,14 +98,12 @@ class Term(Effect):
             :meth:`scaled`.
         COMPENSATED: The compensator applies it; off for what needs the past of the motion or
             lives in a sensor.
-        IN_EFFORT_SENSOR: It is in what the effort sensors read, and the arm does not feel it.
         AT_POSES: Static poses determine it.
         NOT_FITTED: Why trajectories are not fitted with it, for who asks for that.
     """
 
     FRICTION: ClassVar[bool] = False
     COMPENSATED: ClassVar[bool] = True
-    IN_EFFORT_SENSOR: ClassVar[bool] = False
     AT_POSES: ClassVar[bool] = False
     NOT_FITTED: ClassVar[str] = ""
 
@@ -187,11 +185,8 @@ class Term(Effect):
         """Return how a simulator integrates the effect.
 
         Unless the effect says better: what dissipates, by :func:`secant_damping`, which is stable
-        at any step; everything else, by its torque at the step's beginning. A simulator's sensors
-        have what is in the effort sensor.
+        at any step; everything else, by its torque at the step's beginning.
         """
-        if self.IN_EFFORT_SENSOR:
-            return PlantPart()
         if self.FRICTION:
             return PlantPart(drag=secant_damping(lambda q, qd: self.torque(State(q, qd))))
         return PlantPart(at=lambda q, qd: (self.torque(State(q, qd)), None))

@@ -13,6 +13,7 @@ from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.meaning import READS, meanings, size
 from dvrk_gravity.effects.merging import added
+from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.term import (
     Array,
     LinearTerm,
@@ -41,7 +42,6 @@ class TorqueOffset(LinearTerm):
     NOT_FITTED = "a constant torque is the first coefficient of elastic_cable"
     MEANINGS = meanings(offset=size("N·m", READS, "reads"))
     COMPENSATED = False
-    IN_EFFORT_SENSOR = True
 
     offset: Array
 
@@ -63,6 +63,10 @@ class TorqueOffset(LinearTerm):
     def torque(self, state: State) -> Array:
         """Return (…, n) the offset, N·m."""
         return np.broadcast_to(self.offset, state.q.shape).copy()
+
+    def plant(self) -> PlantPart:
+        """See :meth:`Term.plant`: read, and not felt."""
+        return PlantPart(reading=lambda q, qd: self.offset)
 
     @property
     def theta(self) -> Array:

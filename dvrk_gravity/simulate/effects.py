@@ -27,7 +27,7 @@ class Effects:
     Attributes:
         damping: (n, n) viscous friction in joint space, N·m·s/rad.
         rows: (m, n) joint velocities -> velocities of what rubs.
-        steps: Whether :meth:`implicit` has anything to say.
+        partly_implicit: Whether :meth:`implicit` has anything to say.
     """
 
     def __init__(self, arm: Arm, parts: Sequence[PlantPart], friction_scale: float = 1.0) -> None:
@@ -45,7 +45,8 @@ class Effects:
         self._at = [part.at for part in parts if part.at is not None]
         self._drag = [part.drag for part in parts if part.drag is not None]
         self._memory = [part.memory for part in parts if part.memory is not None]
-        self.steps = bool(self._drag or self._memory)
+        self.partly_implicit = bool(self._drag or self._memory)
+        self._nothing = np.zeros(n), np.zeros((n, n))
         self.damping = np.zeros((n, n))
         for part in parts:
             if part.damping is not None:
@@ -58,16 +59,17 @@ class Effects:
         for levels, _ in dry:
             rubs |= (np.abs(levels) @ place).any(axis=0)
         self.rows = np.ascontiguousarray(np.vstack([np.eye(n), to_motor])[rubs])
-        self._place = np.ascontiguousarray(place[:, rubs])
+        place = place[:, rubs]
         self._joints = np.s_[:n]
         self._bounds = np.zeros((2, len(self.rows)))
         self._fading = []
         for levels, fade in dry:
             signed = _SIGNS * friction_scale * levels
             if fade is None:
-                self._bounds += signed.dot(self._place)
+                self._bounds += signed.dot(place)
             else:
-                self._fading.append((signed, fade))
+                # What is left of each level -> both bounds of every row, by one product.
+                self._fading.append((fade, np.hstack([row[:, None] * place for row in signed])))
 
     def smooth(self, q: Array, qd: Array) -> tuple[Array, Array]:
         """Evaluate what is taken at the step's beginning.
@@ -95,8 +97,8 @@ class Effects:
                 bounds = bounds.copy()
                 bounds[0, self._joints] -= level
                 bounds[1, self._joints] += level
-        for levels, fade in self._fading:
-            bounds = bounds + (levels * fade(qd)).dot(self._place)
+        for fade, matrix in self._fading:
+            bounds = bounds + fade(qd).dot(matrix).reshape(bounds.shape)
         return torque, bounds
 
     def implicit(self, q: Array, qd: Array, dt: float) -> tuple[Array, Array]:
@@ -111,16 +113,16 @@ class Effects:
             Torque (n,) N·m at the step's beginning, and what it adds to the mass matrix (n, n),
             kg·m^2, for the rest.
         """
-        torque, mass = np.zeros(len(q)), np.zeros((len(q), len(q)))
-        for drag in self._drag:
-            value, damping = drag(q, qd)
-            torque += value
-            mass += dt * damping
+        torque, mass = self._nothing
         for memory in self._memory:
             value, stiffness = memory.torque(qd)
-            torque += value
-            mass += dt**2 * stiffness
-        return self._scale * torque, self._scale * mass
+            torque = torque + self._scale * value
+            mass = mass + (self._scale * dt**2) * stiffness
+        for drag in self._drag:
+            value, damping = drag(q, qd)
+            torque = torque + self._scale * value
+            mass = mass + (self._scale * dt) * damping
+        return torque, mass
 
     def go(self, way: Array) -> None:
         """Tell friction that has a memory of the (n,) way of a step, rad."""

@@ -37,15 +37,15 @@ class _States:
 
     Attributes:
         states: (m,) 1 up, -1 down, 0 stuck.
-        to_momentum: (2 m, 7) bounds of the impulses, lower then upper -> generalised impulse of
+        to_momentum: (2 m, n) bounds of the impulses, lower then upper -> generalised impulse of
             the sliding rows, which are at one of their bounds.
         stuck: (2, m) 1 where stuck, in both rows.
         any_stuck: Whether any is.
         freedom: k, how many motions the stuck rows leave.
-        free: (7, k) basis of the motions that the stuck rows leave.
-        free_transposed: (k, 7) the same, transposed.
-        to_impulse: (m, 7) generalised impulse -> impulses of the stuck rows, least norm.
-        sliding: (m, 7) J with the stuck rows zeroed.
+        free: (n, k) basis of the motions that the stuck rows leave.
+        free_transposed: (k, n) the same, transposed.
+        to_impulse: (m, n) generalised impulse -> impulses of the stuck rows, least norm.
+        sliding: (m, n) J with the stuck rows zeroed.
         limits: (2, m) least and greatest speed of a sliding row; of a stuck row's impulse, what
             is added to its bounds.
     """

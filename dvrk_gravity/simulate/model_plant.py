@@ -1,4 +1,8 @@
-"""The arm that a torque model describes, as a plant that moves."""
+"""The arm that a torque model describes, as a plant that moves.
+
+The model's two effects of inertia are known here by class: it is not their torques but their
+parameters that are sought after, as bodies and rotors that can exist.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import N_JOINTS, Arm
+from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import LinkInertia, RotorInertia, State
 from dvrk_gravity.effects.link_prior import prior_scale
 from dvrk_gravity.errors import ConfigError
@@ -24,7 +28,7 @@ Array = NDArray[np.float64]
 STAND_IN = "mtmr_28002"
 """Plant file whose inertia stands in where a model has none."""
 
-_STATES = 60  # 7 torques each, for the 42 combinations of parameters that act
+_STATES = 60  # a torque a joint each; of an MTM for the 42 combinations of parameters that act
 _FASTEST = 2.0  # rad/s and rad/s^2 of these states
 _HOLD = 1e-4  # how firmly what no torque shows is held at the known arm's: enough to decide
 _EVALUATIONS = 120  # half a second; models of real arms end within a hundredth of where 500 do
@@ -39,8 +43,8 @@ class ModelArm:
     Attributes:
         model: The terms that act on the arm, inertia apart.
         links: Inertia of the links, each in its distal DH frame.
-        rotors: (7,) reflected inertia at the motors, kg·m^2.
-        off: (7,) RMS torque by which this inertia differs from the model's, as a part of the RMS
+        rotors: (n,) reflected inertia at the motors, kg·m^2.
+        off: (n,) RMS torque by which this inertia differs from the model's, as a part of the RMS
             torque that a known arm's inertia takes in the same motion; ``None`` of a model that
             has no inertia.
     """
@@ -69,7 +73,7 @@ class ModelArm:
         known = PlantFile.load(STAND_IN)
         if not isinstance(links, LinkInertia):
             return cls(still, known.links, known.rotor_inertia, None)
-        motor = rotors.motor if isinstance(rotors, RotorInertia) else np.zeros(N_JOINTS)
+        motor = rotors.motor if isinstance(rotors, RotorInertia) else 0.0 * known.rotor_inertia
         return cls(still, *_completed(links, motor, known))
 
     def plant(self, friction_scale: float = 1.0) -> Plant:
@@ -94,7 +98,7 @@ def _completed(
     usual = np.sqrt(np.mean((of_links @ middle + of_rotors.sum(axis=2)) ** 2, axis=0))
     per_row = 1.0 / (usual[:, None] * np.sqrt(_STATES))
     of_links, of_rotors = (
-        (columns * per_row).reshape(_STATES * N_JOINTS, -1) for columns in (of_links, of_rotors)
+        (columns * per_row).reshape(_STATES * len(motor), -1) for columns in (of_links, of_rotors)
     )
     right = of_links @ links.theta + of_rotors @ (motor / size)
     if not np.abs(right).max() < _ABSURD:
@@ -110,17 +114,17 @@ def _completed(
     bodies = len(scale)
     found, rotors = nearest_bodies(
         seen[:, :bodies], seen[:, bodies:], goal, middle, _HOLD / scale, motor / size,
-        np.zeros(N_JOINTS), _EVALUATIONS,
+        np.zeros_like(motor), _EVALUATIONS,
     )  # fmt: skip
     theta = np.concatenate([found, rotors])
     # What the search leaves, exactly, where bodies and rotors can have it.
-    unit = np.concatenate([scale, np.ones(N_JOINTS)])
+    unit = np.concatenate([scale, np.ones_like(motor)])
     left = goal - seen @ theta
     exact = theta + unit * (np.linalg.pinv(seen * unit, rcond=_RANK) @ left)
     if min(certificate(exact[:bodies]).values()) > 0.0 and exact[bodies:].min() >= 0.0:
         theta = exact
     missed = orthogonal @ (seen @ theta - goal)
-    off = np.sqrt(np.sum(missed.reshape(_STATES, N_JOINTS) ** 2, axis=0))
+    off = np.sqrt(np.sum(missed.reshape(_STATES, -1) ** 2, axis=0))
     rows = theta[:bodies].reshape(len(TREE_LINKS), -1)
     inertia = {
         name: frames[name].actInv(pin.Inertia.FromDynamicParameters(row))
@@ -132,7 +136,6 @@ def _completed(
 def _states(arm: Arm) -> State:
     """Return states all over the joints' range, moving."""
     random = np.random.default_rng(0)
-    q = random.uniform(
-        np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (_STATES, N_JOINTS)
-    )
-    return State(q, *random.uniform(-_FASTEST, _FASTEST, (2, _STATES, N_JOINTS)))
+    shape = (_STATES, len(arm.joints))
+    q = random.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), shape)
+    return State(q, *random.uniform(-_FASTEST, _FASTEST, (2, *shape)))

@@ -38,6 +38,7 @@ class Plant:
 
     Attributes:
         model: The true terms; their torques are those that the actuators apply.
+        parts: What each of them does to the arm and to what its sensors read.
         q: (n,) position, rad.
         v: (n,) velocity, rad/s.
         time: Since the beginning, s.
@@ -68,8 +69,8 @@ class Plant:
         if rotors.shape != (arm.n,):
             raise ShapeError("rotor_inertia", rotors.shape, f"({arm.n},)")
         self.model = model
-        parts = self._parts()
-        links = _carried(links, parts)
+        self.parts = self._parts()
+        links = _carried(links, self.parts)
         for name in links:
             if name not in arm.body_names:
                 raise ConfigError(f"links.{name}", name, f"one of {', '.join(arm.body_names)}")
@@ -85,7 +86,7 @@ class Plant:
         self._gather = np.ascontiguousarray(self._expand.T)
         to_motor = arm.joint_to_actuator
         self._rotors = to_motor.T @ np.diag(rotors) @ to_motor
-        self._effects = Effects(arm, parts, friction_scale)
+        self._effects = Effects(arm, self.parts, friction_scale)
         self._damping = self._effects.damping if self._effects.damping.any() else None
         self._dt, self._implicit = 0.0, np.zeros((arm.n, arm.n))
         self._friction = FrictionSolver(self._effects.rows)
@@ -150,7 +151,7 @@ class Plant:
         force = effort - smooth
         if push is not None:
             force += push
-        if self._effects.steps:
+        if self._effects.partly_implicit:
             friction, added = self._effects.implicit(q, v, dt)
             force -= friction
         force *= dt
@@ -162,7 +163,7 @@ class Plant:
             if dt != self._dt:
                 self._dt, self._implicit = dt, dt * self._damping
             mass = mass + self._implicit
-        if self._effects.steps:
+        if self._effects.partly_implicit:
             mass = mass + added
         impulse = dt * bounds
         if self._at_stops:
@@ -174,7 +175,7 @@ class Plant:
         self._at_stops = self._reaches_stops()
         if self._at_stops:
             self.q = np.minimum(np.maximum(self.q, self._lower), self._upper)
-        if self._effects.steps:
+        if self._effects.partly_implicit:
             self._effects.go(self.q - q)
         self.time += dt
         self._evaluated = None

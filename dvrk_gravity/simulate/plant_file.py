@@ -13,7 +13,6 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity import yaml_file
-from dvrk_gravity.arm import N_JOINTS
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import flatten
@@ -37,7 +36,7 @@ class PlantFile:
     Attributes:
         model: The true terms.
         links: Inertia of the links in their distal DH frames.
-        rotor_inertia: (7,) reflected inertia at the actuators, kg·m^2.
+        rotor_inertia: (n,) reflected inertia at the actuators, kg·m^2.
         sensors: The sensors; perfect ones if the file has none.
     """
 
@@ -94,8 +93,9 @@ def _parse(content: Mapping[str, Any]) -> PlantFile:
         for name, row in _mapping("links", content["links"]).items()
     }
     _only("links", links, LINKS)
-    rotors = _numbers("rotor_inertia", content["rotor_inertia"], N_JOINTS, least=0.0)
-    return PlantFile(model, links, rotors, _sensors(content.get("sensors", {})))
+    n = len(model.arm.joints)
+    rotors = _numbers("rotor_inertia", content["rotor_inertia"], n, least=0.0)
+    return PlantFile(model, links, rotors, _sensors(content.get("sensors", {}), n))
 
 
 def _inertia(where: str, row: Any) -> pin.Inertia:
@@ -115,10 +115,10 @@ def _inertia(where: str, row: Any) -> pin.Inertia:
     return pin.Inertia(mass, com, tensor)
 
 
-def _sensors(content: Any) -> Sensors:
+def _sensors(content: Any, n: int) -> Sensors:
     _only("sensors", _mapping("sensors", content), (*_STEPS, "effort_delay"))
     arrays = {
-        key: _numbers(f"sensors.{key}", content[key], N_JOINTS, least=0.0)
+        key: _numbers(f"sensors.{key}", content[key], n, least=0.0)
         for key in _STEPS
         if key in content
     }

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.planning import Move, careful
 from dvrk_gravity.simulate.plant import Plant
@@ -53,7 +52,7 @@ class SimulatedArm:
     on. The position servo always carries the arm's weight, whether or not the compensation of
     effort commands is on. Motor torques saturate at the actuators' limits. Positions that it
     measures and is commanded are the encoders': true ones plus the model's ``joint_offset``; the
-    efforts that it measures have what the model's terms say of the effort sensors.
+    efforts that it measures are read as the plant's parts say.
 
     Attributes:
         plant: The arm.
@@ -94,7 +93,7 @@ class SimulatedArm:
         self._builtin = builtin_compensation
         self._reader = SensorReader(sensors or Sensors(), arm, seed, dt)
         self._offset = plant.model.joint_offset
-        self._misread = [term for term in plant.model.terms if term.IN_EFFORT_SENSOR]
+        self._readings = [part.reading for part in plant.parts if part.reading is not None]
         self._limit, self._least = arm.actuator_effort_limit, -arm.actuator_effort_limit
         self._to_motor = np.ascontiguousarray(arm.actuator_to_joint.T)
         self._from_motor = np.ascontiguousarray(arm.joint_to_actuator.T)
@@ -219,8 +218,8 @@ class SimulatedArm:
         plant = self.plant
         position = plant.q - (0.5 * self.dt) * plant.v
         effort = self.effort
-        for term in self._misread:
-            effort = effort + term.torque(State(position, plant.v))
+        for reading in self._readings:
+            effort = effort + reading(position, plant.v)
         position += self._offset
         return Measurement(plant.time, *self._reader.read(position, plant.v, effort))
 
