@@ -133,7 +133,7 @@ def _plain_estimate(recording: Recording):
 def test_what_does_not_pay_is_left_out_and_said(fit):
     left = [choice for choice in fit.choices if not choice.kept]
     assert any(choice.term.startswith("presliding_hysteresis wrist_pitch") for choice in left)
-    assert all("does not pay" in choice.reason for choice in left)
+    assert all("does not improve" in choice.reason for choice in left)
 
 
 def test_the_model_goes_unchanged_to_the_compensator(fit, tmp_path):

@@ -40,7 +40,7 @@ def fit_of(time) -> Fit:
             FittedParameter("mcx(<crank>)", 0.0, "kg·m", (-1.0, 1.0), False),
         ),
         identifiability=Identifiability(7, 9, 12.0, ("a and b cannot be separated",)),
-        choices=(Choice("coulomb_friction elbow_pitch", False, 0.2, 0.2, "does not pay"),),
+        choices=(Choice("coulomb_friction elbow_pitch", False, 0.2, 0.2, "does not improve"),),
         warnings=(),
         handling=("low-pass 5.65 Hz",),
         validation="12 blocks",
@@ -90,6 +90,6 @@ def test_what_is_not_known_stands_beside_what_is():
     assert "a and b cannot be separated" in text
     assert re.search(r'<tr class="open">\s*<td>mcx', text)
     assert re.search(r"<tr>\s*<td>beta\[0\]", text)
-    assert "does not pay" in text
+    assert "does not improve" in text
     for name in JOINT_NAMES:
         assert name in text

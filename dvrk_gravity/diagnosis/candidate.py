@@ -23,7 +23,7 @@ class Candidate:
     Attributes:
         hypothesis: The claim.
         joints: (m,) indices of the joints that its torque acts on.
-        values: (T, m, k) columns of torque at these, as the bench compares them. Most act on one
+        values: (T, m, k) columns of torque at these, as filtered data compare them. Most act on one
             joint, and there are thousands of them.
         width: Number of joints n.
     """

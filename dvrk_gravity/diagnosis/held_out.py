@@ -224,7 +224,9 @@ class HeldOut:
             return np.asarray(np.bincount(self._block, square.sum(axis=1))[blocks], dtype=float)
 
         def relative(new: Array, old: Array, axis: int) -> Array:
-            return 1.0 - np.sqrt(new.sum(axis=axis) / np.maximum(old.sum(axis=axis), 1e-300))
+            total = old.sum(axis=axis)  # where nothing was seen nothing is gained
+            ratio = new.sum(axis=axis) / np.where(total > 0.0, total, 1.0)
+            return np.where(total > 0.0, 1.0 - np.sqrt(ratio), 0.0)
 
         old, new = losses(before), losses(after)
         low, high = evidence.bootstrap_interval(relative, (new, old))

@@ -60,7 +60,7 @@ def term_moves(columns: Columns, inside: set[int]) -> Iterator[Move]:
                 if here[0] not in inside:
                     yield Move(tuple(here), (), f"{effect} {where}")
                 elif effect != "viscous_friction" or len(both) > 1:
-                    # Every joint has viscous friction; what is too little to pay would
+                    # Every joint has viscous friction; what is too little to show would
                     # still be in the other parameters, beyond their intervals.
                     yield Move((), tuple(here), f"without {effect} {where}")
             elements = columns.select(effect="presliding_hysteresis", place=place, joint=j)
@@ -108,7 +108,7 @@ def _elastic_moves(columns: Columns, inside: set[int]) -> Iterator[Move]:
     for j, name in enumerate(columns.arm.joint_names):
         powers = columns.select(effect="elastic_cable", joint=j)
         degree = max((k for k in range(DEGREE + 1) if powers[k] in inside), default=-1)
-        # A cubic may pay where neither a slope nor a parabola does.
+        # A cubic may help where neither a slope nor a parabola does.
         for higher in range(degree + 1, min(degree + 4, DEGREE + 1)):
             yield Move(tuple(powers[degree + 1 : higher + 1]), (),
                        f"elastic_cable {name}, degree {higher}")  # fmt: skip

@@ -1,4 +1,4 @@
-"""The search for zeros of joints and a tilt of the base that pay on held-out blocks."""
+"""The search for zeros of joints and a tilt of the base that improve the held-out error."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def around_posture(
     motions: Sequence[Motion],
     report: Callable[[str, float], None],
 ) -> tuple[Problem, list[int], tuple[str, ...]]:
-    """Return the problem around the best zeros and tilt, if any pays, and its columns.
+    """Return the problem around the best zeros and tilt, if any helps, and its columns.
 
-    The third is what can be said of zeros and tilt in these data, whether any pays or not.
+    The third is what can be said of zeros and tilt in these data, whether any helps or not.
 
     Their own columns stay in the fit, so that all parameters' intervals know of them. What was
     chosen around a wrong posture may have made up for it, so the other columns are chosen anew.

@@ -212,10 +212,11 @@ class Selection:
         joint = int(np.argmax(change))
         old, new = (float(np.sqrt(e.sum(0)[joint] / power[joint])) for e in (before, after))
         gain, uncertainty = self.compare(before, after)
-        did = "pays" if kept else "does not pay"
+        did = "improves" if kept else "does not improve"
+        name = self.columns.arm.joint_names[joint]
         reason = (
-            f"{did} on held-out blocks: {100 * gain:+.1f} ± {100 * uncertainty:.1f} % of the "
-            f"squared error, {self.columns.arm.joint_names[joint]} |e|/|tau| {old:.3f} -> {new:.3f}"
+            f"{did} the cross-validated error: {100 * gain:+.1f} ± {100 * uncertainty:.1f} % "
+            f"of the squared error, {name} |e|/|tau| {old:.3f} -> {new:.3f}"
         )
         return Choice(trial.move.text, kept, old, new, reason)
 

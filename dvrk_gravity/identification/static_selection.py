@@ -169,8 +169,8 @@ class JointSearch:
             kept,
             old,
             new,
-            f"{'pays' if kept else 'does not pay'} on held-out slabs: {100 * trial.worth:+.1f} ± "
-            f"{100 * trial.deviation:.1f} % of the squared error",
+            f"{'improves' if kept else 'does not improve'} the error on held-out slabs: "
+            f"{100 * trial.worth:+.1f} ± {100 * trial.deviation:.1f} % of the squared error",
         )
 
 

@@ -46,7 +46,7 @@ def fit_text(fit: Fit) -> Iterator[str]:
     if len(kept) > len(added):
         yield f"  taken out again of what the search started with: {len(kept) - len(added)}"
     if left:
-        yield f"  {len(left)} further changes were tried and do not pay (all in the report)"
+        yield f"  {len(left)} further changes were tried and improve nothing (all in the report)"
     found = fit.identifiability
     yield ""
     yield (

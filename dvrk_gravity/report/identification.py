@@ -108,7 +108,10 @@ def render(fit: Fit, sources: str) -> str:
         )
     others = [
         ("Taken out again", [one for one in fit.choices if one.kept and not one.added]),
-        ("Tried, and does not pay", [one for one in fit.choices if not one.kept]),
+        (
+            "Tried, and does not improve the cross-validated error",
+            [one for one in fit.choices if not one.kept],
+        ),
     ]
     return template.render(
         arm=fit.model.arm.name, fit=fit, headline=headline, poor=poor, sources=sources,

@@ -1,0 +1,86 @@
+"""What is chosen, what stays and what is confirmed pass one measure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.diagnosis.candidate import Candidate, Score
+from dvrk_gravity.diagnosis.findings import Gain
+from dvrk_gravity.diagnosis.held_out import HeldOut, JudgementSettings, Unconfirmed
+from dvrk_gravity.diagnosis.hypothesis import Hypothesis
+from dvrk_gravity.diagnosis.selection import Selection, SelectionSettings
+
+
+def claim(searched: int = 1) -> Candidate:
+    """Return a claim on joint 1 that is the best of some that were searched."""
+    hypothesis = Hypothesis(
+        "torque_offset", (0,), "joint", lambda motion, setting: np.zeros((4, 7, 1)),
+        lambda theta, setting: {"offset": float(theta[0])}, prior_count=searched,
+    )  # fmt: skip
+    columns = np.zeros((4, 7, 1))
+    columns[:, 0] = 1.0
+    return Candidate.of(hypothesis, columns)
+
+
+class Scores:
+    """A cross-validation in which every claim halves the error of its joint."""
+
+    def __init__(self, p_value: float) -> None:
+        self.weight = np.ones(7)
+        self._p_value = p_value
+
+    def score(self, candidates) -> Score:
+        rms = np.where(np.arange(7) == 0, 0.5 ** len(candidates), 1.0)
+        return Score(np.zeros((4, 7)), rms, np.zeros(3), 100.0 * len(candidates))
+
+    def parameters(self, candidates) -> np.ndarray:
+        return np.full(len(candidates), 0.1)
+
+    def p_value(self, before, after, candidate) -> float:
+        return self._p_value
+
+    def weigh(self, residual, final=False) -> None: ...
+
+    def out_of_fold(self, candidates) -> None: ...
+
+
+@pytest.mark.parametrize(("searched", "p_value", "enough"), [
+    (1, 0.9e-4, True), (1, 1.1e-4, False), (200, 0.9e-4, False), (200, 0.9e-6 / 2, True),
+])  # fmt: skip
+def test_what_is_searched_among_many_needs_as_much_to_stay_as_to_come(searched, p_value, enough):
+    selection = Selection(Scores(p_value), [claim()] * 100, lambda line: None)
+    mine = claim(searched)
+    coming = selection.tried([], mine, selection.validation.score([]))
+    assert coming.p_value == pytest.approx(min(1.0, 100 * searched * p_value))
+    assert coming.passes == enough
+    assert selection.eliminate_backward([mine]) == ([mine] if enough else [])
+
+
+def test_held_out_blocks_ask_for_the_level_of_the_choice_and_for_all_that_is_named(monkeypatch):
+    assert JudgementSettings().alpha == SelectionSettings().alpha
+    first, second, third = claim(), claim(), claim()
+    gains = {
+        id(first): Gain(0.5, 0.4, 0.6, 0.0032),
+        id(second): Gain(0.5, 0.4, 0.6, 0.0049),
+        id(third): Gain(0.02, 0.01, 0.03, 1e-6),
+    }
+    held_out = HeldOut.__new__(HeldOut)
+    held_out.settings = JudgementSettings()
+    monkeypatch.setattr(
+        held_out, "_in_active_blocks",
+        lambda chosen, one: Unconfirmed(one.hypothesis, "outer_yaw", gains[id(one)]),
+    )  # fmt: skip
+
+    def failed(*chosen: Candidate) -> list[Candidate]:
+        return [one for _, one in held_out.unconfirmed(chosen)]
+
+    assert failed(first, second) == []  # 2 * 0.0032, then 0.0049
+    # Next to nothing is no finding, however certain; it counts among what is named.
+    assert failed(first, second, third) == [third]
+    gains[id(first)] = replace(gains[id(first)], p_value=0.0051)
+    assert failed(first) == []
+    gains[id(second)] = replace(gains[id(second)], p_value=0.0051)
+    assert failed(first, second) == [first, second]
