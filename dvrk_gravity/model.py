@@ -15,7 +15,7 @@ from dvrk_gravity import json_file, text_file, yaml_file
 from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import State, Term, terms
-from dvrk_gravity.effects.term import as_array
+from dvrk_gravity.effects.arrays import as_array
 from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.parameter import Parameter, Value, check_all, flatten, unflatten

@@ -12,8 +12,8 @@ from made_up_arm import made_up_arm
 from dvrk_gravity import TorqueModel, effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import LinearTerm, State, Term
+from dvrk_gravity.effects.arrays import as_array, as_value, diagonal_columns, joint_array
 from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.effects.term import as_array, as_value, diagonal_columns, joint_array
 from dvrk_gravity.effects.unknowns import PART
 
 ARM = Arm.load("mtmr")

@@ -11,6 +11,14 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import site
+from dvrk_gravity.effects.arrays import (
+    Array,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_array,
+    motor_columns,
+)
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.friction_sites import friction_sites
@@ -19,18 +27,9 @@ from dvrk_gravity.effects.merging import array
 from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.site import Kind
-from dvrk_gravity.effects.term import (
-    Array,
-    Evaluator,
-    LinearTerm,
-    State,
-    as_array,
-    as_value,
-    diagonal_columns,
-    joint_array,
-    motor_columns,
-)
-from dvrk_gravity.effects.unknowns import PART, Unknowns, site_columns
+from dvrk_gravity.effects.state import State
+from dvrk_gravity.effects.term import Evaluator, LinearTerm, Unknowns
+from dvrk_gravity.effects.unknowns import PART, site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
 _DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance

@@ -30,11 +30,13 @@ class Effect(ABC):
     Class attributes:
         NAME: Its name in the vocabulary.
         TITLE: Its name as a person writes it; by default the same without underscores.
+        NAMELESS: It stands for what no other effect explains, and is believed last.
         MEANINGS: Meanings of the parameters that findings report.
     """
 
     NAME: ClassVar[str]
     TITLE: ClassVar[str] = ""
+    NAMELESS: ClassVar[bool] = False
     MEANINGS: ClassVar[Mapping[str, Meaning]] = {}
 
     @classmethod

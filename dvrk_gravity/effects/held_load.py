@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import polynomial
+from dvrk_gravity.effects.arrays import Array, as_value
 from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.term import Array, State, Term, as_value
+from dvrk_gravity.effects.state import State
+from dvrk_gravity.effects.term import Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 

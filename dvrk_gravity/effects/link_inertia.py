@@ -9,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import rigid_body, site
+from dvrk_gravity.effects.arrays import Array, as_value
 from dvrk_gravity.effects.effect import Hypothesis, Setting
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.link_prior import prior_scale
@@ -22,7 +23,8 @@ from dvrk_gravity.effects.links import (
 from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
 from dvrk_gravity.effects.merging import Values
 from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.term import Array, LinearTerm, State, as_value
+from dvrk_gravity.effects.state import State
+from dvrk_gravity.effects.term import LinearTerm
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import site
+from dvrk_gravity.effects.arrays import Array, as_value, diagonal_columns, motor_columns
 from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
@@ -16,15 +17,9 @@ from dvrk_gravity.effects.friction_sites import friction_sites
 from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.effects.term import (
-    Array,
-    LinearTerm,
-    State,
-    as_value,
-    diagonal_columns,
-    motor_columns,
-)
-from dvrk_gravity.effects.unknowns import PART, Unknowns, site_columns
+from dvrk_gravity.effects.state import State
+from dvrk_gravity.effects.term import LinearTerm, Unknowns
+from dvrk_gravity.effects.unknowns import PART, site_columns
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import site
+from dvrk_gravity.effects.arrays import Array, as_array, as_value, joint_array, motor_columns
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.meaning import MORE, meanings, size
@@ -16,16 +17,9 @@ from dvrk_gravity.effects.merging import added
 from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.site import Kind
-from dvrk_gravity.effects.term import (
-    Array,
-    LinearTerm,
-    State,
-    as_array,
-    as_value,
-    joint_array,
-    motor_columns,
-)
-from dvrk_gravity.effects.unknowns import Unknowns, site_columns
+from dvrk_gravity.effects.state import State
+from dvrk_gravity.effects.term import LinearTerm, Unknowns
+from dvrk_gravity.effects.unknowns import site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
 _PART = 0.05  # of a motor's largest torque that a rad/s^2 may plausibly take

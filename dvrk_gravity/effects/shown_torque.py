@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.term import Array, State, Term, as_array, as_value, joint_array
+from dvrk_gravity.effects import registry
+from dvrk_gravity.effects.arrays import Array, as_array, as_value, joint_array
+from dvrk_gravity.effects.state import State
+from dvrk_gravity.effects.term import Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -56,7 +58,7 @@ class ShownTorque(Term):
         for joint, low, high in zip(arm.joint_names, lower.tolist(), upper.tolist(), strict=True):
             if low > high:
                 raise ConfigError(f"{cls.NAME}.lower of {joint}", low, f"at most upper ({high:g})")
-        of_poses = (term for term in effects.terms() if term.AT_POSES)
+        of_poses = (term for term in registry.terms() if term.AT_POSES)
         built = (term.from_parameters(arm, values) for term in of_poses)
         return cls(tuple(term for term in built if term is not None), lower, upper)
 

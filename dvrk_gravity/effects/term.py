@@ -5,85 +5,22 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity.arguments import floats
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects.arrays import Array
 from dvrk_gravity.effects.effect import Effect
 from dvrk_gravity.effects.plant_part import PlantPart, secant_damping
+from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.site import THE_ARM, Kind
-from dvrk_gravity.effects.unknowns import Column, Unknowns, site_columns
-from dvrk_gravity.errors import ShapeError
+from dvrk_gravity.effects.state import State
+from dvrk_gravity.effects.unknowns import Column, site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
-if TYPE_CHECKING:
-    from dvrk_gravity.effects.polynomial import Range
-
-Array = NDArray[np.float64]
 Evaluator = Callable[[Array, "Array | None"], Array]
 """Torque (n,) of one sample from positions (n,) and velocities (n,), ``None`` where unknown."""
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """Where the arm is and how it moves, in joint space.
-
-    Attributes:
-        q: (…, n) positions, rad.
-        qd: (…, n) velocities, rad/s; ``None`` if unknown: friction is then left out.
-        qdd: (…, n) accelerations, rad/s^2; ``None`` counts as zero.
-        direction: (…, n) +1/-1, the way in which a static pose was approached;
-            where given, it replaces the sign of the velocity in dry friction.
-
-    Samples of an (N, n) state that has velocities follow each other in time; it matters only
-    to friction that remembers where the motion last reversed.
-    """
-
-    q: Array
-    qd: Array | None = None
-    qdd: Array | None = None
-    direction: Array | None = None
-
-    @classmethod
-    def of(
-        cls,
-        q: ArrayLike,
-        qd: ArrayLike | None = None,
-        qdd: ArrayLike | None = None,
-        direction: ArrayLike | None = None,
-        joints: int | None = None,
-    ) -> State:
-        """Check the shapes and build a state.
-
-        Args:
-            q: (…, n) positions.
-            qd: Velocities, if they are known.
-            qdd: Accelerations, if they are known.
-            direction: Ways of approach, if they are known.
-            joints: The arm's number n of joints; ``None``: that of ``q``.
-
-        Raises:
-            ShapeError: ``q`` is not (…, n), or another array's shape differs from it.
-            ArgumentError: What holds no numbers.
-        """
-        position = floats("q", q)
-        if position.ndim == 0 or joints not in (None, position.shape[-1]):
-            raise ShapeError("q", position.shape, f"(…, {'n' if joints is None else joints})")
-        rest: dict[str, Array | None] = {}
-        for name, given in (("qd", qd), ("qdd", qdd), ("direction", direction)):
-            array = None if given is None else floats(name, given)
-            if array is not None and array.shape != position.shape:
-                raise ShapeError(name, array.shape, f"{position.shape}, as q")
-            rest[name] = array
-        return cls(position, **rest)
-
-    def rows(self, which: slice | NDArray[np.int64]) -> State:
-        """Return some of the samples of an (N, n) state."""
-        rest = (self.qd, self.qdd, self.direction)
-        return State(self.q[which], *(None if one is None else one[which] for one in rest))
 
 
 class Term(Effect):
@@ -279,6 +216,33 @@ class LinearTerm(Term):
 
 
 @dataclass(frozen=True, eq=False)
+class Unknowns:
+    """A term whose coefficients are looked for, as columns of a fit.
+
+    Attributes:
+        term: The term, its coefficients zero.
+        columns: One for each of the p coefficients of the fit.
+        basis: (k, p) from the fit's coefficients to the term's theta; ``None``: they are theta.
+    """
+
+    term: LinearTerm
+    columns: tuple[Column, ...]
+    basis: Array | None = None
+
+    def regressor(self, state: State, memory: Array) -> Array:
+        """Return (N, n, p) torques of all columns at (N, n) states with (N, m) memory."""
+        columns = self.term.columns(state, memory)
+        return columns if self.basis is None else columns @ self.basis
+
+    def found(self, coefficients: Array) -> LinearTerm | None:
+        """Return the term with (p,) coefficients of the fit, ``None`` if all of them are zero."""
+        if not coefficients.any():
+            return None
+        theta = coefficients if self.basis is None else self.basis @ coefficients
+        return self.term.with_theta(theta).reduced()
+
+
+@dataclass(frozen=True, eq=False)
 class Friction(LinearTerm):
     """Friction with a coefficient at each joint and one at each motor.
 
@@ -308,31 +272,3 @@ class Friction(LinearTerm):
         """See :meth:`LinearTerm.with_theta`."""
         joint, motor = np.reshape(theta, (2, -1))
         return replace(self, joint=joint, motor=motor)
-
-
-def diagonal_columns(values: Array) -> Array:
-    """Return (N, n, n) columns that act on one joint each, from (N, n) values."""
-    columns = np.zeros((*values.shape, values.shape[-1]))
-    index = np.arange(values.shape[-1])
-    columns[..., index, index] = values
-    return columns
-
-
-def motor_columns(arm: Arm, values: Array) -> Array:
-    """Return (N, n, n) joint torques of (N, n) motor torques, a column a motor."""
-    return values[..., None, :] * arm.joint_to_actuator.T
-
-
-def joint_array(arm: Arm, name: str, unit: str, meaning: str, lower: float = -np.inf) -> Parameter:
-    """Declare an optional array with a number for each joint of an arm."""
-    return Parameter(name, (), unit, meaning, lower=lower, lengths=(arm.n,))
-
-
-def as_array(value: Value | None, n: int, default: float) -> Array:
-    """Return a parameter's (n,) array, filled with ``default`` where it is not given."""
-    return np.array(value, dtype=float) if value else np.full(n, default)
-
-
-def as_value(array: Array) -> tuple[float, ...]:
-    """Return an array as a parameter's value."""
-    return tuple(array.tolist())

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.effects.site import Kind, Site
 
-if TYPE_CHECKING:
-    from dvrk_gravity.effects.term import LinearTerm, State
 
 Array = NDArray[np.float64]
 
@@ -54,33 +51,6 @@ class Column:
     def key(self) -> tuple[str, Site, int]:
         """What tells it from other columns of the same effects."""
         return self.effect, self.site, self.index
-
-
-@dataclass(frozen=True, eq=False)
-class Unknowns:
-    """A term whose coefficients are looked for, as columns of a fit.
-
-    Attributes:
-        term: The term, its coefficients zero.
-        columns: One for each of the p coefficients of the fit.
-        basis: (k, p) from the fit's coefficients to the term's theta; ``None``: they are theta.
-    """
-
-    term: LinearTerm
-    columns: tuple[Column, ...]
-    basis: Array | None = None
-
-    def regressor(self, state: State, memory: Array) -> Array:
-        """Return (N, n, p) torques of all columns at (N, n) states with (N, m) memory."""
-        columns = self.term.columns(state, memory)
-        return columns if self.basis is None else columns @ self.basis
-
-    def found(self, coefficients: Array) -> LinearTerm | None:
-        """Return the term with (p,) coefficients of the fit, ``None`` if all of them are zero."""
-        if not coefficients.any():
-            return None
-        theta = coefficients if self.basis is None else self.basis @ coefficients
-        return self.term.with_theta(theta).reduced()
 
 
 def site_columns(

@@ -9,6 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects.arrays import (
+    Array,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_array,
+    motor_columns,
+)
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.friction_sites import friction_sites
@@ -16,17 +24,8 @@ from dvrk_gravity.effects.meaning import MORE, meanings, size
 from dvrk_gravity.effects.merging import array
 from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.effects.term import (
-    Array,
-    Evaluator,
-    Friction,
-    State,
-    as_array,
-    as_value,
-    diagonal_columns,
-    joint_array,
-    motor_columns,
-)
+from dvrk_gravity.effects.state import State
+from dvrk_gravity.effects.term import Evaluator, Friction
 from dvrk_gravity.effects.unknowns import PART
 from dvrk_gravity.parameter import Parameter, Value
 

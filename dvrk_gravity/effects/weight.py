@@ -6,7 +6,8 @@ import pinocchio as pin
 
 from dvrk_gravity.arms.arm import GRAVITY
 from dvrk_gravity.arms.tree import Tree
-from dvrk_gravity.effects.term import Array, Evaluator
+from dvrk_gravity.effects.arrays import Array
+from dvrk_gravity.effects.term import Evaluator
 from dvrk_gravity.parameter import Parameter
 
 

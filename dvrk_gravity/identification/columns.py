@@ -17,7 +17,8 @@ from dvrk_gravity import effects
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import LinearTerm, State, Term
 from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.effects.unknowns import Column, Unknowns
+from dvrk_gravity.effects.term import Unknowns
+from dvrk_gravity.effects.unknowns import Column
 from dvrk_gravity.identification.posture import POSTURE, Posture
 from dvrk_gravity.identification.rigid_columns import RIGID, RigidColumns
 from dvrk_gravity.recording.data import Array

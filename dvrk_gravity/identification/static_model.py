@@ -8,8 +8,8 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
 from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.effects.arrays import as_value
 from dvrk_gravity.effects.polynomial import MAX_DEGREE
-from dvrk_gravity.effects.term import as_value
 from dvrk_gravity.identification.static_solver import (
     Composition,
     PoseSolution,

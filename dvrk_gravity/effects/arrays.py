@@ -1,0 +1,39 @@
+"""Arrays with a number a joint or a motor: as columns of a regressor, as parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.parameter import Parameter, Value
+
+Array = NDArray[np.float64]
+
+
+def diagonal_columns(values: Array) -> Array:
+    """Return (N, n, n) columns that act on one joint each, from (N, n) values."""
+    columns = np.zeros((*values.shape, values.shape[-1]))
+    index = np.arange(values.shape[-1])
+    columns[..., index, index] = values
+    return columns
+
+
+def motor_columns(arm: Arm, values: Array) -> Array:
+    """Return (N, n, n) joint torques of (N, n) motor torques, a column a motor."""
+    return values[..., None, :] * arm.joint_to_actuator.T
+
+
+def joint_array(arm: Arm, name: str, unit: str, meaning: str, lower: float = -np.inf) -> Parameter:
+    """Declare an optional array with a number for each joint of an arm."""
+    return Parameter(name, (), unit, meaning, lower=lower, lengths=(arm.n,))
+
+
+def as_array(value: Value | None, n: int, default: float) -> Array:
+    """Return a parameter's (n,) array, filled with ``default`` where it is not given."""
+    return np.array(value, dtype=float) if value else np.full(n, default)
+
+
+def as_value(array: Array) -> tuple[float, ...]:
+    """Return an array as a parameter's value."""
+    return tuple(array.tolist())
