@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.arm import Array, Body, JointKind
+from dvrk_gravity.arms.description import Array, Body, JointKind
 
 Convention = Literal["standard", "modified"]
 CONVENTIONS: tuple[Convention, ...] = ("standard", "modified")

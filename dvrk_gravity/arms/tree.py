@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.arm import Arm, Array, Body
+from dvrk_gravity.arms.arm import Arm
+from dvrk_gravity.arms.description import Array, Body
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity import text_file
-from dvrk_gravity.arms.arm import Arm, Array, Body, Joint, JointKind
+from dvrk_gravity.arms.description import Array, Body, Description, Joint, JointKind
 from dvrk_gravity.errors import ConfigError
 
 _KINDS: dict[str, JointKind] = {
@@ -27,7 +27,7 @@ _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _Z = np.array([0.0, 0.0, 1.0])
 
 
-def read(path: Path, tip: str | None, source: str) -> Arm:
+def read(path: Path, tip: str | None, source: str) -> Description:
     """Return the arm in a URDF; see :meth:`Arm.from_urdf`.
 
     Raises:
@@ -40,7 +40,7 @@ def read(path: Path, tip: str | None, source: str) -> Arm:
         raise error if error.source else error.in_file(path) from None
 
 
-def _parse(text: str, tip: str | None, source: str) -> Arm:
+def _parse(text: str, tip: str | None, source: str) -> Description:
     if "<!DOCTYPE" in text:  # entities: nothing that a robot needs, and some are bombs
         raise ConfigError("", "a document type", "a URDF: XML without one")
     try:
@@ -68,7 +68,7 @@ def _parse(text: str, tip: str | None, source: str) -> Arm:
     joints = tuple(_joint(name, moving[name]) for name in names)
     bodies, parameters = _bodies(model, moving, rows)
     limits = np.array([joint.effort_limit for joint in joints])
-    return Arm(
+    return Description(
         str(robot.get("name")), joints, bodies, np.eye(len(joints)), limits,
         inertial_parameters=parameters, source=source,
     )  # fmt: skip

@@ -29,7 +29,7 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity import yaml_file
-from dvrk_gravity.arms.arm import Arm, Array, Joint, JointKind
+from dvrk_gravity.arms.description import Array, Description, Joint, JointKind
 from dvrk_gravity.arms.dh import CONVENTIONS, Convention, DHRow, Follower, chain, link_frames
 from dvrk_gravity.arms.mtm import parallelogram
 from dvrk_gravity.errors import ConfigError
@@ -44,7 +44,7 @@ _JOINT = ("alpha", "a", "d", "offset", "lower", "upper", "effort_limit")
 _KINDS: tuple[JointKind, ...] = ("revolute", "prismatic")
 
 
-def read(path: Path, source: str) -> Arm:
+def read(path: Path, source: str) -> Description:
     """Return the arm in a YAML file.
 
     Args:
@@ -61,7 +61,7 @@ def read(path: Path, source: str) -> Arm:
         raise error if error.source else error.in_file(path) from None
 
 
-def _parse(content: dict[str, Any], source: str) -> Arm:
+def _parse(content: dict[str, Any], source: str) -> Description:
     known = (*_REQUIRED, *_OPTIONAL)
     for key in content:
         if key not in known:
@@ -78,7 +78,7 @@ def _parse(content: dict[str, Any], source: str) -> Arm:
     matrix, limits = _transmission(content, joints)
     roll, pitch, yaw = np.radians(_numbers("base_rpy", content.get("base_rpy", [0, 0, 0]), 3))
     base = (float(roll), float(pitch), float(yaw))
-    return Arm(content["name"], joints, bodies, matrix, limits, base, source=source)
+    return Description(content["name"], joints, bodies, matrix, limits, base, source=source)
 
 
 def _joints(rows: Any) -> tuple[tuple[Joint, ...], tuple[DHRow, ...]]:

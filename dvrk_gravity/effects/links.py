@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.arm import GRAVITY
+from dvrk_gravity.arms.description import GRAVITY
 from dvrk_gravity.effects.evidence import Motion
 
 Array = NDArray[np.float64]

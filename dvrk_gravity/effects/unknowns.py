@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.effects.site import Kind, Site
 
-
 Array = NDArray[np.float64]
 
 PART = 0.2

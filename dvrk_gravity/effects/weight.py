@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pinocchio as pin
 
-from dvrk_gravity.arms.arm import GRAVITY
+from dvrk_gravity.arms.description import GRAVITY
 from dvrk_gravity.arms.tree import Tree
 from dvrk_gravity.effects.arrays import Array
 from dvrk_gravity.effects.term import Evaluator

@@ -22,7 +22,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from dvrk_gravity.arms.arm import GRAVITY, Array, Body, JointKind
+from dvrk_gravity.arms.description import GRAVITY, Array, Body, JointKind
 from dvrk_gravity.errors import ConfigError
 
 # Relative to the largest entry: what rounding leaves of symmetry after a rotation.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.arm import GRAVITY, Arm, Array
+from dvrk_gravity.arms.arm import Arm
+from dvrk_gravity.arms.description import GRAVITY, Array
 from dvrk_gravity.arms.tree import Tree, build_tree
 
 

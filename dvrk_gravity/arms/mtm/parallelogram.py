@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.arm import Arm
+from dvrk_gravity.arms.description import Description
 from dvrk_gravity.arms.dh import DHRow, Follower
 
 JOINT_NAMES = (
@@ -30,7 +30,7 @@ ANGLES = (  # alpha, offset of each joint, deg: what makes a chain an MTM, whate
 )  # fmt: skip
 
 
-def is_mtm(arm: Arm) -> bool:
+def is_mtm(arm: Description) -> bool:
     """Tell whether an arm is a master arm: whether beta and its names fit it.
 
     The file of an arm with these joints is only read if it has an MTM's angles, too.

@@ -1,0 +1,127 @@
+"""What an arm's file says: joints, bodies, transmission, limits, base; as it was read."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+JointKind = Literal["revolute", "prismatic"]
+
+GRAVITY = 9.81  # m/s^2
+UNITS: dict[JointKind, str] = {"revolute": "rad", "prismatic": "m"}
+EFFORT_UNITS: dict[JointKind, str] = {"revolute": "N·m", "prismatic": "N"}
+# What counts as much as a rad, or a rad/s: where a threshold is given for joints that turn, that of
+# joints that slide is as far at a lever of 0.1 m.
+SCALES: dict[JointKind, float] = {"revolute": 1.0, "prismatic": 0.1}
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint that is measured and driven.
+
+    Attributes:
+        name: Name as in ``measured_js``.
+        lower: Lower position limit, rad or m; ``-inf`` if it turns without end.
+        upper: Upper position limit, rad or m; ``inf`` likewise.
+        effort_limit: Largest effort in joint space, N·m or N.
+        kind: ``revolute`` or ``prismatic``.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    effort_limit: float
+    kind: JointKind = "revolute"
+
+    @property
+    def unit(self) -> str:
+        """Unit of its position: rad or m."""
+        return UNITS[self.kind]
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of its effort: N·m or N."""
+        return EFFORT_UNITS[self.kind]
+
+    def shown(self, position: float, decimals: int = 0) -> str:
+        """Return a position, or a difference of two, as a person says it: in deg or mm."""
+        if self.kind == "revolute":
+            return f"{math.degrees(position):.{decimals}f} deg"
+        return f"{1e3 * position:.{decimals}f} mm"
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One rigid body of the tree, and the axis that it turns about or slides along.
+
+    The coordinate along that axis is ``row @ q``: of a link of the chain one joint's position, of a
+    link that follows others (parallelogram, counterweight, mimic joint) a constant combination. A
+    constant that a joint adds is in the placement.
+
+    Attributes:
+        name: Its name.
+        parent: Index of the body that it moves on, -1 for the base; less than its own index.
+        placement: Its joint's frame at zero seen from the parent's joint frame; the axis is z.
+        kind: Whether it turns about z or slides along it.
+        row: (n,) its row of the constant matrix G from joints to bodies.
+        frame: The link's own frame (distal DH frame, URDF link) seen from its joint's frame.
+    """
+
+    name: str
+    parent: int
+    placement: pin.SE3
+    kind: JointKind
+    row: Array
+    frame: pin.SE3
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """Geometry and limits of one arm.
+
+    Attributes:
+        name: Its name.
+        joints: The n joints, in the order of every array.
+        bodies: The rigid bodies, depth first.
+        actuator_to_joint: (n, n) matrix M of ``q_joint = M q_actuator``.
+        actuator_effort_limit: (n,) largest actuator efforts, N·m or N.
+        base_rpy: Roll, pitch, yaw of the base frame in a world with z up, rad.
+        inertial_parameters: (bodies, 10) nominal ones where the file brings them (a URDF), ``None``
+            where not: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin of the body's
+            joint frame (kg, kg·m, kg·m^2), as ``effects`` and Pinocchio have them.
+        source: What :meth:`load` loads it from: a name or a path; ``""`` if not from there.
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    bodies: tuple[Body, ...]
+    actuator_to_joint: Array
+    actuator_effort_limit: Array
+    base_rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertial_parameters: Array | None = None
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        rows = (body.row for body in self.bodies)
+        for array in (self.actuator_to_joint, self.actuator_effort_limit, *rows):
+            array.setflags(write=False)
+        if self.inertial_parameters is not None:
+            self.inertial_parameters.setflags(write=False)
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of every array."""
+        return tuple(joint.name for joint in self.joints)
+
+    @cached_property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of the bodies."""
+        return tuple(body.name for body in self.bodies)
