@@ -11,7 +11,7 @@ import numpy as np
 
 from dvrk_gravity.arguments import PATH
 from dvrk_gravity.arms import urdf_arm, yaml_arm
-from dvrk_gravity.arms.description import GRAVITY, SCALES, Array, Body, Description
+from dvrk_gravity.arms.description import GRAVITY, SCALES, Array, Description
 from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.resources import config_path
 
@@ -106,23 +106,6 @@ class Arm(Description):
     def effort_units(self) -> tuple[str, ...]:
         """Units of the joints' efforts: N·m or N."""
         return tuple(joint.effort_unit for joint in self.joints)
-
-    def body(self, name: str) -> Body:
-        """Return a body by its name.
-
-        Raises:
-            ConfigError: There is none of that name.
-        """
-        if name not in self.body_names:
-            raise ConfigError("link", name, f"one of {', '.join(self.body_names)}")
-        return self.bodies[self.body_names.index(name)]
-
-    @cached_property
-    def expand(self) -> Array:
-        """(bodies, n) constant matrix G from joints to the coordinates of the bodies."""
-        matrix = np.array([body.row for body in self.bodies])
-        matrix.setflags(write=False)
-        return matrix
 
     @cached_property
     def effort_limit(self) -> Array:

@@ -11,6 +11,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from dvrk_gravity.errors import ConfigError
+
 Array = NDArray[np.float64]
 JointKind = Literal["revolute", "prismatic"]
 
@@ -125,3 +127,20 @@ class Description:
     def body_names(self) -> tuple[str, ...]:
         """Names of the bodies."""
         return tuple(body.name for body in self.bodies)
+
+    @cached_property
+    def expand(self) -> Array:
+        """(bodies, n) constant matrix G from joints to the coordinates of the bodies."""
+        matrix = np.array([body.row for body in self.bodies])
+        matrix.setflags(write=False)
+        return matrix
+
+    def body(self, name: str) -> Body:
+        """Return a body by its name.
+
+        Raises:
+            ConfigError: There is none of that name.
+        """
+        if name not in self.body_names:
+            raise ConfigError("link", name, f"one of {', '.join(self.body_names)}")
+        return self.bodies[self.body_names.index(name)]

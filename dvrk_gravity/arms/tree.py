@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.arm import Arm
-from dvrk_gravity.arms.description import Array, Body
+from dvrk_gravity.arms.description import Array, Body, Description
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +62,7 @@ class Tree:
         )
 
 
-def build_tree(arm: Arm, inertias: Mapping[str, pin.Inertia], gravity: Array) -> Tree:
+def build_tree(arm: Description, inertias: Mapping[str, pin.Inertia], gravity: Array) -> Tree:
     """Build the tree.
 
     Args:
@@ -92,12 +91,12 @@ def pinocchio_model(
     return model
 
 
-def link_frames(arm: Arm) -> dict[str, pin.SE3]:
+def link_frames(arm: Description) -> dict[str, pin.SE3]:
     """Return each link's frame seen from its joint's frame in the tree."""
     return {body.name: body.frame for body in arm.bodies}
 
 
-def nominal_inertias(arm: Arm) -> dict[str, pin.Inertia]:
+def nominal_inertias(arm: Description) -> dict[str, pin.Inertia]:
     """Return the nominal inertia of the bodies that have one, in their link frames.
 
     Bodies without mass (a frame that a URDF lets turn) are left out.

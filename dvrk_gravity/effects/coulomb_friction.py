@@ -21,7 +21,13 @@ from dvrk_gravity.effects.arrays import (
 )
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.friction_sites import friction_sites
+from dvrk_gravity.effects.friction_sites import (
+    friction_places,
+    friction_sites,
+    likely_place,
+    moves_between,
+    where,
+)
 from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
 from dvrk_gravity.effects.merging import array
 from dvrk_gravity.effects.plant_part import PlantPart
@@ -29,7 +35,7 @@ from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.site import Kind
 from dvrk_gravity.effects.state import State
 from dvrk_gravity.effects.term import Evaluator, LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import PART, site_columns
+from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
 _DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance
@@ -153,6 +159,29 @@ class CoulombFriction(LinearTerm):
         up = np.concatenate([self.joint_positive, self.motor_positive])
         down = np.concatenate([self.joint_negative, self.motor_negative])
         return PlantPart(dry=np.array([up, down]))
+
+    @classmethod
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+        """See :meth:`LinearTerm.moves`."""
+        for joint in range(table.arm.n):
+            for place in friction_places(table.arm, joint):
+                here = tuple(table.select(effect=cls.NAME, place=place, joint=joint))
+                text = f"{cls.NAME} {where(table.arm, joint, place)}"
+                if here[0] in inside:
+                    yield Move((), here, f"without {text}")
+                else:
+                    yield Move(here, (), text)
+        yield from moves_between(cls.NAME, table, inside)
+
+    @classmethod
+    def plainest(cls, table: ColumnTable) -> list[int]:
+        """See :meth:`LinearTerm.plainest`: at every joint or, where it is likelier, its motor."""
+        arm = table.arm
+        return [
+            index
+            for joint in range(arm.n)
+            for index in table.select(effect=cls.NAME, place=likely_place(arm, joint), joint=joint)
+        ]
 
     @property
     def theta(self) -> Array:

@@ -18,7 +18,7 @@ from dvrk_gravity.effects.merging import position_offset
 from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.state import State
 from dvrk_gravity.effects.term import Evaluator, LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import PART, site_columns
+from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
 DEGREE = 7  # highest power of a joint's own position that identification tries
@@ -111,6 +111,28 @@ class ElasticCable(LinearTerm):
         """See :meth:`Term.plant`."""
         values = polynomial.prepare(self.valid, self.coefficients)
         return PlantPart(at=lambda q, qd: (values(q), None))
+
+    @classmethod
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+        """See :meth:`LinearTerm.moves`: polynomials of higher degree, and of one degree less.
+
+        A cubic may help where neither a slope nor a parabola does.
+        """
+        for joint, name in enumerate(table.arm.joint_names):
+            powers = table.select(effect=cls.NAME, joint=joint)
+            degree = max((k for k in range(DEGREE + 1) if powers[k] in inside), default=-1)
+            for higher in range(degree + 1, min(degree + 4, DEGREE + 1)):
+                come = tuple(powers[degree + 1 : higher + 1])
+                yield Move(come, (), f"{cls.NAME} {name}, degree {higher}")
+            if degree > 0:
+                yield Move((), (powers[degree],), f"{cls.NAME} {name}, degree {degree - 1} only")
+            elif degree == 0:
+                yield Move((), (powers[0],), f"without a constant torque on {name}")
+
+    @classmethod
+    def plainest(cls, table: ColumnTable) -> list[int]:
+        """See :meth:`LinearTerm.plainest`: a constant torque."""
+        return table.select(effect=cls.NAME, index=0)
 
     @property
     def theta(self) -> Array:

@@ -1,4 +1,4 @@
-"""Where friction can be told: joints and motors that move, or were approached from both sides."""
+"""Where friction can be: at joints, and at motors that move more than a joint of their own."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import site
 from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.unknowns import ColumnTable, Move
 
 
 def friction_sites(motion: Motion) -> Iterator[site.Site]:
@@ -31,3 +32,36 @@ def mixed_motors(arm: Arm) -> list[int]:
 def _both_ways(motion: Motion, joint: int) -> bool:
     """Tell whether poses at which a joint is always the same were approached from both sides."""
     return motion.direction is not None and bool(np.ptp(motion.direction[:, joint]) > 0.0)
+
+
+def friction_places(arm: Arm, joint: int) -> tuple[str, ...]:
+    """Return where the friction of a joint may be."""
+    return ("joint", "motor") if joint in mixed_motors(arm) else ("joint",)
+
+
+def likely_place(arm: Arm, joint: int) -> str:
+    """Return where it is likelier: at a motor that moves another joint as far as its own."""
+    row = np.abs(arm.joint_to_actuator[joint])
+    return "motor" if np.delete(row, joint).max(initial=0.0) >= row[joint] else "joint"
+
+
+def where(arm: Arm, joint: int, place: str) -> str:
+    """Return what a move calls a place of a joint."""
+    name = arm.joint_names[joint]
+    return f"{name} ({place})" if len(friction_places(arm, joint)) > 1 else name
+
+
+def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+    """Yield the moves of a joint's friction to its motor and back."""
+    for joint in mixed_motors(table.arm):
+        here, there = (
+            table.select(effect=effect, place=p, joint=joint) for p in ("joint", "motor")
+        )
+        for old, new, place in ((here, there, "motor"), (there, here, "joint")):
+            pairs = [
+                (a, b) for a, b in zip(old, new, strict=True) if a in inside and b not in inside
+            ]
+            if pairs:
+                gone, come = zip(*pairs, strict=True)
+                text = f"{effect} {table.arm.joint_names[joint]} at the {place}"
+                yield Move(come, gone, text)

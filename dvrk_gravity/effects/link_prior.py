@@ -16,6 +16,7 @@ from dvrk_gravity.effects import rigid_body
 Array = NDArray[np.float64]
 
 _OF_WEIGHT = 4  # of a body's ten parameters: m, m c (3)
+_RANK = 1e-9  # of a norm, that rounding leaves of what others make up
 _MASS = 1.0  # kg, of a link of which nothing is known
 _EXTENT = 0.1  # m, likewise
 _LEAST = 0.05  # of the heaviest link's nominal mass, that a light one may be off by
@@ -100,9 +101,27 @@ def _that_act(regressor: Array, scale: Array) -> Array:
 
     full = regressor.reshape(-1, len(scale)) * scale
     diagonal = np.abs(np.diag(qr(full, mode="r", pivoting=True)[0]))
-    rank = int(np.sum(diagonal > 1e-9 * diagonal[0]))
+    rank = int(np.sum(diagonal > _RANK * diagonal[0]))
     directions = np.linalg.svd(full, full_matrices=False)[2][:rank].T
     return scale[:, None] * directions
+
+
+@lru_cache(maxsize=8)
+def rotors_beside_links(arm: Arm) -> tuple[int, ...]:
+    """Return the motors whose rotors' torque is none that links could have.
+
+    The others' inertia is a part of a link's, as far as torque can tell.
+    """
+    q, qd, qdd = samples(arm)
+    links = rigid_body.regressor(arm, q, qd, qdd, arm.gravity) @ base_directions(arm)
+    basis = np.linalg.qr(links.reshape(-1, links.shape[-1]))[0]
+    found = []
+    for motor, row in enumerate(arm.joint_to_actuator):
+        torque = np.outer(qdd @ row, row).ravel()
+        beside = torque - basis @ (basis.T @ torque)
+        if np.linalg.norm(beside) > _RANK * np.linalg.norm(torque):
+            found.append(motor)
+    return tuple(found)
 
 
 @lru_cache(maxsize=8)

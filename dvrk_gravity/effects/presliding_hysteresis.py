@@ -13,13 +13,18 @@ from dvrk_gravity.effects.arrays import Array, as_value, diagonal_columns, motor
 from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.friction_sites import friction_sites
+from dvrk_gravity.effects.friction_sites import (
+    friction_places,
+    friction_sites,
+    moves_between,
+    where,
+)
 from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.state import State
 from dvrk_gravity.effects.term import LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import PART, site_columns
+from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, site_columns
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -175,6 +180,33 @@ class PreslidingHysteresis(LinearTerm):
             for column in site_columns(cls.NAME, kind, scale, element, True, "N·m")
         ]
         return Unknowns(cls(arm, np.array(DISPLACEMENTS), nothing, nothing), tuple(columns))
+
+    @classmethod
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+        """See :meth:`LinearTerm.moves`: elements come, go, and take each other's places."""
+        for joint in range(table.arm.n):
+            for place in friction_places(table.arm, joint):
+                elements = table.select(effect=cls.NAME, place=place, joint=joint)
+                for element, length in zip(elements, DISPLACEMENTS, strict=True):
+                    text = f"{cls.NAME} {where(table.arm, joint, place)}, {length:g} rad"
+                    if element in inside:
+                        yield Move((), (element,), f"without {text}")
+                        continue
+                    yield Move((element,), (), text)
+                    for other in elements:
+                        if other in inside:
+                            yield Move((element,), (other,), f"{text} instead of another")
+        yield from moves_between(cls.NAME, table, inside)
+
+    @classmethod
+    def together(cls, table: ColumnTable) -> list[int]:
+        """See :meth:`LinearTerm.together`: elements everywhere."""
+        return [
+            index
+            for joint in range(table.arm.n)
+            for place in friction_places(table.arm, joint)
+            for index in table.select(effect=cls.NAME, place=place, joint=joint)
+        ]
 
     def memory(self, state: State, before: Array | None = None) -> Array:
         """See :meth:`LinearTerm.memory`: the states of the elements."""

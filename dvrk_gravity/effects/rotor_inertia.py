@@ -12,6 +12,7 @@ from dvrk_gravity.effects import site
 from dvrk_gravity.effects.arrays import Array, as_array, as_value, joint_array, motor_columns
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.link_prior import rotors_beside_links
 from dvrk_gravity.effects.meaning import MORE, meanings, size
 from dvrk_gravity.effects.merging import added
 from dvrk_gravity.effects.plant_part import PlantPart
@@ -19,7 +20,7 @@ from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.site import Kind
 from dvrk_gravity.effects.state import State
 from dvrk_gravity.effects.term import LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import site_columns
+from dvrk_gravity.effects.unknowns import ColumnTable, Move, site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
 _PART = 0.05  # of a motor's largest torque that a rad/s^2 may plausibly take
@@ -69,6 +70,23 @@ class RotorInertia(LinearTerm):
     def plant(self) -> PlantPart:
         """See :meth:`Term.plant`: nothing; it predicts what the plant's own bodies do."""
         return PlantPart()
+
+    @classmethod
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+        """See :meth:`LinearTerm.moves`; every motor has a rotor, so none goes."""
+        for joint, name in enumerate(table.arm.joint_names):
+            rotor = table.select(effect=cls.NAME, joint=joint)[0]
+            if rotor not in inside:
+                yield Move((rotor,), (), f"{cls.NAME} {name}")
+
+    @classmethod
+    def plainest(cls, table: ColumnTable) -> list[int]:
+        """See :meth:`LinearTerm.plainest`: the rotors whose inertia is none of a link's."""
+        return [
+            index
+            for motor in rotors_beside_links(table.arm)
+            for index in table.select(effect=cls.NAME, joint=motor)
+        ]
 
     @property
     def theta(self) -> Array:

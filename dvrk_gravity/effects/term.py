@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -16,7 +16,7 @@ from dvrk_gravity.effects.plant_part import PlantPart, secant_damping
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.site import THE_ARM, Kind
 from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.unknowns import Column, site_columns
+from dvrk_gravity.effects.unknowns import Column, ColumnTable, Move, site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
 Evaluator = Callable[[Array, "Array | None"], Array]
@@ -181,6 +181,35 @@ class LinearTerm(Term):
                 for column in site_columns(cls.NAME, kind, sizes, index, cls.FRICTION, unit)
             )
         return Unknowns(prior.with_theta(np.zeros(len(scale))), columns)
+
+    @classmethod
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+        """Yield the changes of a model that a search tries; by default each column comes and goes.
+
+        Args:
+            table: All columns.
+            inside: Indices of those that the model has.
+        """
+        for index in table.select(effect=cls.NAME):
+            column = table.columns[index]
+            where = f"{cls.NAME} {column.site.words(table.arm)}"
+            text = where + f", {column.index}" * (column.index > 0)
+            if index in inside:
+                yield Move((), (index,), f"without {text}")
+            else:
+                yield Move((index,), (), text)
+
+    @classmethod
+    def plainest(cls, table: ColumnTable) -> list[int]:
+        """Return the columns that the plainest model which can hold has: by default none."""
+        del table
+        return []
+
+    @classmethod
+    def together(cls, table: ColumnTable) -> list[int]:
+        """Return the columns that help together only, in which a second search begins."""
+        del table
+        return []
 
     @property
     @abstractmethod

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.site import Kind, Site
 
 Array = NDArray[np.float64]
@@ -50,6 +52,36 @@ class Column:
     def key(self) -> tuple[str, Site, int]:
         """What tells it from other columns of the same effects."""
         return self.effect, self.site, self.index
+
+
+@dataclass(frozen=True)
+class Move:
+    """A change of the model that is tried.
+
+    Attributes:
+        add: Columns that come in.
+        remove: Columns that go.
+        text: What it is.
+    """
+
+    add: tuple[int, ...]
+    remove: tuple[int, ...]
+    text: str
+
+
+class ColumnTable(Protocol):
+    """All columns that a fit may use; see ``dvrk_gravity.identification.columns``."""
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """What they are, in order."""
+
+    def select(self, **wanted: object) -> list[int]:
+        """Return the indices of the columns whose fields have the wanted values."""
 
 
 def site_columns(

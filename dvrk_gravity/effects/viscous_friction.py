@@ -19,14 +19,20 @@ from dvrk_gravity.effects.arrays import (
 )
 from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.friction_sites import friction_sites
+from dvrk_gravity.effects.friction_sites import (
+    friction_places,
+    friction_sites,
+    likely_place,
+    moves_between,
+    where,
+)
 from dvrk_gravity.effects.meaning import MORE, meanings, size
 from dvrk_gravity.effects.merging import array
 from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.state import State
 from dvrk_gravity.effects.term import Evaluator, Friction
-from dvrk_gravity.effects.unknowns import PART
+from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move
 from dvrk_gravity.parameter import Parameter, Value
 
 
@@ -100,6 +106,34 @@ class ViscousFriction(Friction):
     def plant(self) -> PlantPart:
         """See :meth:`Term.plant`."""
         return PlantPart(damping=self._damping)
+
+    @classmethod
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+        """See :meth:`LinearTerm.moves`.
+
+        Every joint has viscous friction; what is too little to improve the cross-validated error
+        would still be in the other parameters, beyond their intervals.
+        """
+        for joint in range(table.arm.n):
+            both = inside & set(table.select(effect=cls.NAME, joint=joint))
+            for place in friction_places(table.arm, joint):
+                here = tuple(table.select(effect=cls.NAME, place=place, joint=joint))
+                text = f"{cls.NAME} {where(table.arm, joint, place)}"
+                if here[0] not in inside:
+                    yield Move(here, (), text)
+                elif len(both) > 1:
+                    yield Move((), here, f"without {text}")
+        yield from moves_between(cls.NAME, table, inside)
+
+    @classmethod
+    def plainest(cls, table: ColumnTable) -> list[int]:
+        """See :meth:`LinearTerm.plainest`: at every joint or, where it is likelier, its motor."""
+        arm = table.arm
+        return [
+            index
+            for joint in range(arm.n)
+            for index in table.select(effect=cls.NAME, place=likely_place(arm, joint), joint=joint)
+        ]
 
     @cached_property
     def _damping(self) -> Array:

@@ -66,6 +66,11 @@ class Columns:
         """(10 bodies, b) from base combinations of unit prior size to the links' parameters."""
         return self._rigid.base
 
+    @property
+    def terms_looked_for(self) -> tuple[LinearTerm, ...]:
+        """The effects' terms that are fitted, their coefficients zero."""
+        return tuple(unknowns.term for unknowns in self._unknowns)
+
     @cached_property
     def scale(self) -> Array:
         """(p,) prior standard deviations."""

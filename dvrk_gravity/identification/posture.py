@@ -7,6 +7,7 @@ of a fit like all others; its coefficients correct the posture, and the columns 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ import pinocchio as pin
 from dvrk_gravity import gravity
 from dvrk_gravity.arm import Arm
 from dvrk_gravity.effects import State, rigid_body, site
-from dvrk_gravity.effects.unknowns import Column
+from dvrk_gravity.effects.unknowns import Column, ColumnTable, Move
 from dvrk_gravity.recording.data import Array
 
 POSTURE = ("base_tilt", "joint_offset")  # effects that torque is not linear in
@@ -124,3 +125,14 @@ def offset_joints(arm: Arm) -> range:
     link along.
     """
     return range(1, arm.n - 1)
+
+
+def posture_moves(columns: ColumnTable, inside: set[int]) -> Iterator[Move]:
+    """Yield the tilt of the base and the zeros of joints that are not yet in."""
+    tilt, offset = POSTURE
+    free = tuple(i for i in columns.select(effect=tilt) if i not in inside)
+    if free:
+        yield Move(free, (), tilt)
+    for i in columns.select(effect=offset):
+        if i not in inside:
+            yield Move((i,), (), f"{offset} {columns.arm.joint_names[columns.columns[i].joint]}")

@@ -8,12 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
+from dvrk_gravity.effects.unknowns import Move
 from dvrk_gravity.estimation.normal_equations import NormalEquations, solve_signed
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
 from dvrk_gravity.estimation.splits import Folds
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
-from dvrk_gravity.identification.moves import Move, posture_moves, term_moves
+from dvrk_gravity.identification.moves import term_moves
+from dvrk_gravity.identification.posture import posture_moves
 from dvrk_gravity.identification.result import Choice
 from dvrk_gravity.identification.rigid_columns import RIGID
 from dvrk_gravity.recording.data import Array

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.arm import Arm
-from dvrk_gravity.arms.description import GRAVITY, Array
+from dvrk_gravity.arms.description import GRAVITY, Array, Description
 from dvrk_gravity.arms.tree import Tree, build_tree
 
 
-def beta_tree(arm: Arm, beta: Array, gravity: Array) -> Tree:
+def beta_tree(arm: Description, beta: Array, gravity: Array) -> Tree:
     """Build a tree whose gravity torques are those of ``beta``, for Pinocchio to evaluate.
 
     Masses cannot be told from beta. Every link gets one kilogram, which keeps
