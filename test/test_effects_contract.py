@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -12,9 +11,7 @@ from made_up_arm import made_up_arm
 from dvrk_gravity import TorqueModel, effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import LinearTerm, State, Term
-from dvrk_gravity.effects.arrays import as_array, as_value, diagonal_columns, joint_array
 from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.effects.unknowns import PART
 
 ARM = Arm.load("mtmr")
 LEVELS = [0.01 * (j + 1) for j in range(ARM.n)]
@@ -217,92 +214,3 @@ def test_what_a_fit_finds_of_it_is_what_its_columns_make(effect, state):
     np.testing.assert_allclose(found.torque(state), made, rtol=1e-9, atol=1e-9)
     assert unknowns.found(np.zeros(len(scale))) is None
     assert len({column.key for column in unknowns.columns}) == len(scale)
-
-
-# --- a term that the package has never heard of ----------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class QuadraticDrag(LinearTerm):
-    """tau = drag |qd| qd: a joint that stirs a fluid."""
-
-    NAME = "quadratic_drag"
-    FRICTION = True
-
-    drag: np.ndarray
-
-    @classmethod
-    def schema(cls, arm):
-        return (joint_array(arm, cls.NAME, "N·m·s^2/rad^2", "drag of each joint", 0.0),)
-
-    @classmethod
-    def from_parameters(cls, arm, values):
-        drag = as_array(values.get(cls.NAME), arm.n, 0.0)
-        return cls(drag) if drag.any() else None
-
-    @classmethod
-    def plausible(cls, arm, valid):
-        return cls(PART * arm.actuator_effort_limit)
-
-    def parameters(self):
-        return {self.NAME: as_value(self.drag)}
-
-    def torque(self, state):
-        return np.zeros(state.q.shape) if state.qd is None else self.drag * abs(state.qd) * state.qd
-
-    def scaled(self, part):
-        return replace(self, drag=part * self.drag)
-
-    @property
-    def theta(self):
-        return self.drag
-
-    def with_theta(self, theta):
-        return QuadraticDrag(theta)
-
-    def regressor(self, state):
-        speed = np.zeros(state.q.shape) if state.qd is None else state.qd
-        return diagonal_columns(abs(speed) * speed)
-
-
-@pytest.fixture
-def known(monkeypatch):
-    """The package with one effect more, registered as another package would."""
-    monkeypatch.setattr(effects, "_effects", list(effects._effects))
-    effects.register(QuadraticDrag)
-    yield
-    monkeypatch.undo()
-    effects._effect_by_name.cache_clear()
-
-
-def test_a_term_from_outside_is_in_model_files_and_compensated(known, tmp_path):
-    from dvrk_gravity.compensate.settings import Settings
-
-    values = {"arm": "mtmr", **BETA, "quadratic_drag": LEVELS}
-    TorqueModel.from_parameters(values).save(tmp_path / "model.yaml")
-    loaded = TorqueModel.load(tmp_path / "model.yaml")
-    settings = Settings.from_parameters(loaded.parameters())
-    q, qd = motion(ARM).q[0], np.full(ARM.n, 2.0)
-    friction = settings.parts(q, qd)[1]
-    np.testing.assert_allclose(friction, 0.7 * 4.0 * np.array(LEVELS))
-
-
-def test_a_term_from_outside_is_identified_beside_the_others(known):
-    from test_identify import truth
-
-    from dvrk_gravity.identification import identify
-    from dvrk_gravity.identification.columns import identified
-
-    assert "quadratic_drag" in identified(ARM)
-    drag = np.array([0.0, 0.1, 0.0, 0.0, 0.004, 0.0, 0.0])
-    recording = truth(1, 16.0)
-    effort = recording.effort + drag * abs(recording.velocity) * recording.velocity
-    names = ["coulomb_friction", "viscous_friction", "quadratic_drag"]
-    fit = identify([replace(recording, effort=effort)], ARM, "joint", names)
-    found = fit.model.term("quadratic_drag")
-    assert found is not None
-    np.testing.assert_allclose(found.drag, drag, atol=0.15 * drag.max())
-    named = {one.name: one for one in fit.parameters}
-    one = named["quadratic_drag.joint[shoulder_pitch]"]
-    assert one.unit == "N·m·s^2/rad^2"
-    assert one.ci95[0] <= 0.1 <= one.ci95[1]

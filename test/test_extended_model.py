@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from dvrk_gravity import effects
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.diagnosis.extend import extended
 from dvrk_gravity.diagnosis.load import load
@@ -138,6 +139,15 @@ def test_the_reloaded_model_has_the_base_s_torque_and_the_finding_s(effect, plac
     # A base's tilt is linearised half-way, right to second order; all else is exact.
     np.testing.assert_allclose(got, wanted, atol=2e-4 if effect == "base_tilt" else 1e-9)
     Settings.from_parameters(model.parameters())
+
+
+def test_every_effect_that_can_be_supposed_is_tried_here():
+    """A new effect needs an entry; readings and structure without a name have no columns."""
+    supposed = {one.effect for one in everything()}
+    assert supposed == set(CARRIED | NOT_CARRIED)
+    assert {effect.NAME for effect in effects.effects() if effect.MEANINGS} - {"unknown"} <= (
+        supposed
+    )
 
 
 @pytest.mark.parametrize("effect", NOT_CARRIED)

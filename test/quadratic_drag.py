@@ -1,0 +1,115 @@
+"""Drag that grows with the square of the speed: an effect that the package has never heard of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import Hypothesis, LinearTerm, State, site
+from dvrk_gravity.effects.arrays import Array, as_array, as_value, diagonal_columns, joint_array
+from dvrk_gravity.effects.effect import Setting, Values, spread
+from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.meaning import MORE, meanings, size
+from dvrk_gravity.effects.merging import added
+from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.unknowns import PART
+from dvrk_gravity.parameter import Parameter, Value
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticDrag(LinearTerm):
+    """tau = drag |qd| qd: a joint that stirs a fluid.
+
+    Attributes:
+        drag: (n,) N·m·s^2/rad^2.
+    """
+
+    NAME = "quadratic_drag"
+    FRICTION = True
+    MEANINGS = meanings(coefficient=size("N·m·s^2/rad^2", MORE))
+
+    drag: Array
+
+    # In model files.
+    @classmethod
+    def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
+        """See :meth:`Term.schema`."""
+        return (joint_array(arm, cls.NAME, "N·m·s^2/rad^2", "drag of each joint", 0.0),)
+
+    @classmethod
+    def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> QuadraticDrag | None:
+        """See :meth:`Term.from_parameters`."""
+        drag = as_array(values.get(cls.NAME), arm.n, 0.0)
+        return cls(drag) if drag.any() else None
+
+    def parameters(self) -> dict[str, Value]:
+        """See :meth:`Term.parameters`."""
+        return {self.NAME: as_value(self.drag)}
+
+    # Compensated and simulated.
+    def torque(self, state: State) -> Array:
+        """See :meth:`Term.torque`."""
+        return self.regressor(state) @ self.drag
+
+    def scaled(self, part: Array) -> Self:
+        """See :meth:`Term.scaled`: what the compensator applies of it."""
+        return replace(self, drag=part * self.drag)
+
+    # Identified.
+    @classmethod
+    def plausible(cls, arm: Arm, valid: Range) -> QuadraticDrag:
+        """See :meth:`LinearTerm.plausible`: the prior of what a fit looks for."""
+        del valid
+        return cls(PART * arm.actuator_effort_limit)
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`."""
+        return self.drag
+
+    def with_theta(self, theta: Array) -> QuadraticDrag:
+        """See :meth:`LinearTerm.with_theta`."""
+        return QuadraticDrag(theta)
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        speed = np.zeros(state.q.shape) if state.qd is None else state.qd
+        return diagonal_columns(np.abs(speed) * speed)
+
+    # Found by the diagnosis.
+    @classmethod
+    def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
+        """See :meth:`Effect.hypotheses`."""
+        if not motion.static:
+            for joint in np.flatnonzero(motion.moves).tolist():
+                yield DragHypothesis(arm=motion.arm, site=site.joint(joint), joints=(joint,))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DragHypothesis(Hypothesis):
+    """A joint stirs a fluid that the model does not know."""
+
+    EFFECT = QuadraticDrag
+    CLAIM = "{where} stirs a fluid: {coefficient} drag than the model"
+
+    variable: str = "velocity"
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        speed = motion.qd[:, self.site.index]
+        return spread(self.site.row(self.arm), np.abs(speed) * speed)
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"coefficient": float(theta[0])}
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """See :meth:`Hypothesis.merge`."""
+        del motion
+        return added(self.arm, values, self.effect, self.site.index, float(theta[0]))

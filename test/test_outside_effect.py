@@ -1,0 +1,164 @@
+"""An effect that the package has never heard of goes all the way: one file, and it is known.
+
+It is defined in ``quadratic_drag.py`` beside this file, as ``docs/adding_an_effect.md`` shows it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from quadratic_drag import QuadraticDrag
+from test_identify import truth
+
+from dvrk_gravity import TorqueModel, diagnose, effects, identify
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.effects import registry
+from dvrk_gravity.identification.columns import identified
+from dvrk_gravity.report.diagnosis import render
+from dvrk_gravity.simulate import PlantFile
+from testing.hidden_parts import on_joint
+from testing.world import World
+
+ARM = Arm.load("mtmr")
+DRAG = [0.01 * (j + 1) for j in range(ARM.n)]
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(autouse=True)
+def known(monkeypatch):
+    """Register it by call, and leave the package as it was."""
+    monkeypatch.setattr(registry, "_effects", dict(registry._effects))
+    effects.register(QuadraticDrag)
+
+
+@pytest.fixture
+def file(tmp_path) -> Path:
+    model = TorqueModel.load(REPOSITORY / "config" / "mtmr_28002.yaml")
+    path = tmp_path / "model.yaml"
+    replace(model, terms=(*model.terms, QuadraticDrag(np.array(DRAG)))).save(path)
+    return path
+
+
+def test_it_is_written_to_a_model_file_and_loaded_again(file):
+    term = TorqueModel.load(file).term("quadratic_drag")
+    assert isinstance(term, QuadraticDrag)
+    np.testing.assert_array_equal(term.drag, DRAG)
+
+
+def test_it_is_compensated_by_the_ratio_of_friction(file):
+    values = TorqueModel.load(file).parameters()
+    without = {name: value for name, value in values.items() if name != "quadratic_drag"}
+    q, qd = np.zeros(ARM.n), np.full(ARM.n, 2.0)
+    with_it, plain = (Settings.from_parameters(v).parts(q, qd)[1] for v in (values, without))
+    ratio = Settings.from_parameters(values).friction_ratio
+    np.testing.assert_allclose(with_it - plain, ratio * 4.0 * np.array(DRAG))
+
+
+def test_a_simulated_arm_is_slowed_by_it_as_the_formula_says():
+    """One joint, no weight, no other friction: v(t) = v0 / (1 + drag v0 t / inertia)."""
+    known = PlantFile.load("mtmr_28002")
+    nothing = TorqueModel(ARM, (QuadraticDrag(0.02 * np.eye(ARM.n)[6]),))
+    plant = replace(known, model=nothing).plant()
+    start, dt, steps = 3.0, 1e-4, 4000
+    plant.reset(np.zeros(ARM.n), start * np.eye(ARM.n)[6])
+    inertia = float(plant.mass_matrix()[6, 6])
+    held = np.eye(ARM.n)[6] == 0.0
+    for _ in range(steps):
+        plant.step(np.zeros(ARM.n), dt=dt)
+        plant.v[held] = 0.0
+    expected = start / (1.0 + 0.02 * start * dt * steps / inertia)
+    assert plant.v[6] == pytest.approx(expected, rel=0.02)
+
+
+def test_it_is_identified_beside_the_others():
+    assert "quadratic_drag" in identified(ARM)
+    drag = np.array([0.0, 0.1, 0.0, 0.0, 0.004, 0.0, 0.0])
+    recording = truth(1, 16.0)
+    effort = recording.effort + drag * np.abs(recording.velocity) * recording.velocity
+    names = ["coulomb_friction", "viscous_friction", "quadratic_drag"]
+    fit = identify([replace(recording, effort=effort)], ARM, "joint", names)
+    found = fit.model.term("quadratic_drag")
+    assert isinstance(found, QuadraticDrag)
+    np.testing.assert_allclose(found.drag, drag, atol=0.15 * drag.max())
+    (parameter,) = (
+        one for one in fit.parameters if one.name == "quadratic_drag.joint[shoulder_pitch]"
+    )
+    assert parameter.unit == "N·m·s^2/rad^2"
+    assert parameter.ci95[0] <= 0.1 <= parameter.ci95[1]
+
+
+@pytest.fixture(scope="module")
+def hidden():
+    """What a diagnosis makes of an arm that has it, and of whose model has not."""
+    world, before = World.draw(7), dict(registry._effects)
+    try:
+        effects.register(QuadraticDrag)
+        drag = on_joint(1, lambda time, q, v: 0.4 * abs(v) * v)
+        recording = replace(world, extra=(drag,)).record(3, 4, 12.0, 100.0)
+        return diagnose(recording, world.model()), recording
+    finally:
+        registry._effects.clear()
+        registry._effects.update(before)
+
+
+def test_hidden_in_an_arm_it_is_found_with_its_size(hidden):
+    diagnosis, _ = hidden
+    first = diagnosis.findings[0]
+    assert (first.effect, first.joints) == ("quadratic_drag", ("shoulder_pitch",))
+    coefficient = first.parameters["coefficient"]
+    assert coefficient.unit == "N·m·s^2/rad^2"
+    assert abs(coefficient.value - 0.4) < 0.04 or coefficient.low <= 0.4 <= coefficient.high
+
+
+def test_the_report_tells_it_in_its_own_words(hidden):
+    diagnosis, _ = hidden
+    text = render(diagnosis, ["run.csv"])
+    assert "shoulder_pitch stirs a fluid" in text
+    assert "more drag than the model" in text
+    assert json.loads(diagnosis.to_json())["findings"][0]["effect"] == "quadratic_drag"
+
+
+def test_the_extended_model_has_it_and_explains_the_recording(hidden, tmp_path):
+    diagnosis, recording = hidden
+    assert diagnosis.findings[0].in_model
+    diagnosis.model.save(tmp_path / "extended_model.yaml")
+    again = diagnose(recording, TorqueModel.load(tmp_path / "extended_model.yaml"))
+    assert "quadratic_drag" not in [finding.effect for finding in again.findings]
+
+
+def test_another_package_registers_it_by_its_entry_point(file, tmp_path):
+    """As ``pip install`` leaves it: a distribution with an entry point, and its module."""
+    info = tmp_path / "stirred-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stirred\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[dvrk_gravity.effects]\nquadratic_drag = quadratic_drag:QuadraticDrag\n"
+    )
+    source = Path(__file__).with_name("quadratic_drag.py").read_text()
+    (tmp_path / "quadratic_drag.py").write_text(source)
+    load = f"from dvrk_gravity import TorqueModel; print(TorqueModel.load({str(file)!r}))"
+    paths = os.pathsep.join([str(tmp_path), str(REPOSITORY)])
+    result = subprocess.run(
+        [sys.executable, "-c", load], capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": paths},
+    )  # fmt: skip
+    assert "quadratic_drag" in result.stdout, result.stderr
+
+
+def test_a_name_that_another_effect_has_is_refused():
+    with pytest.raises(ValueError, match="'quadratic_drag' is registered already"):
+        effects.register(type("Other", (QuadraticDrag,), {}))
+
+
+def test_the_docs_show_this_very_effect():
+    page = (REPOSITORY / "docs" / "adding_an_effect.md").read_text()
+    code = page.split("```python\n")[1].split("```")[0]
+    assert code == Path(__file__).with_name("quadratic_drag.py").read_text()
