@@ -44,6 +44,7 @@ def sines(duration: float, seed: int = 0, fastest: float = 0.6) -> tuple[np.ndar
 
 
 def recording(time, q, effort, velocity=None, joints=JOINT_NAMES, **more) -> Recording:
+    more.setdefault("arm", MODEL.arm)
     return Recording(joints=joints, time=time, position=q, velocity=velocity, effort=effort, **more)
 
 

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, RecordingFile, prepare, read_trajectory
 
@@ -28,7 +29,9 @@ def swing(samples: int = 6000, rate: float = 200.0, jitter: float = 0.0) -> Reco
     velocity = 0.2 * (rates * np.cos(angle)).sum(axis=1)
     effort = np.array([0.5, 0.5, 0.5, 0.1, 0.02, 0.02, 0.005]) * np.sin(3.0 * angle[:, 0])
     effort += 1e-3 * random.normal(size=effort.shape)
-    return Recording(JOINT_NAMES, time, np.round(position / 1e-4) * 1e-4, velocity, effort)
+    return Recording(
+        JOINT_NAMES, time, np.round(position / 1e-4) * 1e-4, velocity, effort, arm=Arm.load("mtmr")
+    )
 
 
 def assert_same(one, other, same: float = SAME) -> None:
