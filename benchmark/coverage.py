@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.effects import LinkInertia, State
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.columns import Columns

@@ -32,8 +32,8 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity import text_file
-from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.compensate.limits import slew
 from dvrk_gravity.compensate.passivity import GROWTH, PassivityObserver
 from dvrk_gravity.compensate.settings import Settings

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.nodes.client import Client
 
 MIDDLE = np.array([-0.2, 0.2, -0.1, 0.8, 0.8, 0.0, 0.0])

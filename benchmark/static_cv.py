@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential, slabs
 from dvrk_gravity.identification.static_fit import predict_unseen
 from dvrk_gravity.identification.static_poses import Poses, read_poses

@@ -9,7 +9,7 @@ import argparse
 import re
 from pathlib import Path
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.model import all_parameters
 from dvrk_gravity.parameter import Parameter
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dvrk_gravity import json_file, text_file, yaml_file
 from dvrk_gravity.arguments import path_of
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State, Term, terms
 from dvrk_gravity.effects.arrays import as_array
 from dvrk_gravity.errors import ArgumentError, ConfigError

@@ -88,7 +88,7 @@ class FakeArm:
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Bool
 
-        from dvrk_gravity.arm import JOINT_NAMES
+        from dvrk_gravity.arms.mtm import JOINT_NAMES
         from dvrk_gravity.nodes.client import Client
 
         self.client = Client()

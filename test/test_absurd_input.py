@@ -17,7 +17,7 @@ from conftest import MODEL_FILE, REPOSITORY
 
 from dvrk_gravity import yaml_file
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import unflatten

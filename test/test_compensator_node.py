@@ -12,7 +12,7 @@ import pytest
 from conftest import CONFIG, MODEL_FILE, FakeArm
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.processes import NodeProcess
 
 # A loaded machine may stall a test for a while: only tests of the time-out use a short one.

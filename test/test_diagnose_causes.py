@@ -13,7 +13,7 @@ import pytest
 from scipy import signal
 
 from dvrk_gravity import TorqueModel, diagnose, gravity
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import try_readings

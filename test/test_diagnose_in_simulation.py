@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.diagnosis.in_simulation import in_simulation, let_go
 from dvrk_gravity.diagnosis.load import load

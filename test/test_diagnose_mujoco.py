@@ -10,7 +10,8 @@ import pinocchio as pin
 import pytest
 from test_tree import mujoco_arm
 
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.effects import Gravity, LinkInertia
 from dvrk_gravity.model import TorqueModel

@@ -10,7 +10,7 @@ import pytest
 from recording_samples import shared_data
 
 from dvrk_gravity import diagnose, identify
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.commands import diagnose as command
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load

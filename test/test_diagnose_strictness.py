@@ -6,20 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dvrk_gravity.diagnosis.hypothesis import Hypothesis
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.findings import Gain
 from dvrk_gravity.diagnosis.held_out import HeldOut, JudgementSettings, Unconfirmed
 from dvrk_gravity.diagnosis.selection import Selection, SelectionSettings
+from dvrk_gravity.effects import site
+from dvrk_gravity.effects.torque_offset import OffsetHypothesis
+
+ARM = Arm.load("mtmr")
 
 
 def claim(searched: int = 1) -> Candidate:
     """Return a claim on joint 1 that is the best of some that were searched."""
-    hypothesis = Hypothesis(
-        "torque_offset", (0,), "joint", lambda motion, setting: np.zeros((4, 7, 1)),
-        lambda theta, setting: {"offset": float(theta[0])}, prior_count=searched,
-    )  # fmt: skip
+    hypothesis = OffsetHypothesis(arm=ARM, site=site.joint(0), joints=(0,), searched=searched)
     columns = np.zeros((4, 7, 1))
     columns[:, 0] = 1.0
     return Candidate.of(hypothesis, columns)

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.commands import excite
 from dvrk_gravity.planning import MotionLimits, Move, Multisine, careful, exciting_motion
 from dvrk_gravity.recording import Recording

@@ -14,8 +14,8 @@ import pytest
 from conftest import MODEL_FILE, FakeArm
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arm import JOINT_NAMES
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.nodes.client import Client
 from dvrk_gravity.processes import NodeProcess

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from recording_samples import wave
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.console.file import ConsoleFile
 from dvrk_gravity.errors import ConfigError, DvrkGravityError

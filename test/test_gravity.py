@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import gravity
 from dvrk_gravity.arms.mtm.gravity import (
     BETA_NAMES,
@@ -19,8 +19,8 @@ from dvrk_gravity.arms.mtm.gravity import (
     regressor,
     torque,
 )
+from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.errors import ConfigError, ShapeError
-from dvrk_gravity.tree import build_tree
 
 DOWN = (0.0, 0.0, -9.81)
 TILTED = (1.3, -2.1, -9.4)

@@ -10,7 +10,9 @@ import pinocchio as pin
 import pytest
 
 from dvrk_gravity import cli
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.dynamic_fit import estimate
@@ -19,7 +21,6 @@ from dvrk_gravity.identification.moves import start_columns
 from dvrk_gravity.identification.problem import pose
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.tree import build_tree
 
 ARM = Arm.load("mtmr")
 COULOMB = np.array([0.03, 0.04, 0.05, 0.02, 0.004, 0.003, 0.001])

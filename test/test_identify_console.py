@@ -14,11 +14,11 @@ from test_static_fit import NOISE, RECORDED, between, grid, record
 from test_static_fit import truth as arm_of_poses
 
 from dvrk_gravity import cli
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.tree import build_tree
 
 
 def written(files, folder):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State, rigid_body
 from dvrk_gravity.effects.link_prior import base_directions, beta_map
 from dvrk_gravity.estimation.covariance import autocorrelated_scores, sandwich
@@ -161,8 +161,8 @@ def test_pseudo_inertia_of_a_sphere_is_positive_and_of_an_impossible_body_is_not
 def test_constrained_links_are_bodies_and_fit_data_of_such_bodies():
     import pinocchio as pin
 
+    from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
     from dvrk_gravity.identification.physical import certificate, physical_links
-    from dvrk_gravity.tree import TREE_LINKS
 
     columns = Columns(ARM, ARM.lower, ARM.upper)
     chosen = columns.select(effect="link_inertia")

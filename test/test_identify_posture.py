@@ -10,7 +10,9 @@ import pinocchio as pin
 import pytest
 from test_identify import ARM, parameter, truth
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
+from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms.tree import build_tree, link_frames
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
@@ -19,7 +21,6 @@ from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.motion import read_motions
 from dvrk_gravity.identification.posture import Posture, offset_joints
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.tree import TREE_LINKS, build_tree, link_frames
 
 TERMS = ("coulomb_friction", "viscous_friction", "elastic_cable", "base_tilt", "joint_offset")
 ZERO = 0.09  # rad, of wrist_platform

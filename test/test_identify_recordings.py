@@ -9,7 +9,8 @@ import pytest
 from test_identify import ARM, truth
 
 from dvrk_gravity import cli
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.motion import motors_measured, read_motions

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.effects import State
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.errors import ConfigError, ShapeError

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.effects import terms
 from dvrk_gravity.errors import ConfigError

@@ -11,7 +11,7 @@ import pytest
 from conftest import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.compensate.passivity import (
     GROWTH,
     SETTLING,

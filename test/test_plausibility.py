@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.compensate.plausibility import MotionCheck
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample
 

@@ -13,7 +13,7 @@ from test_identify import ARM, truth
 
 import dvrk_gravity
 from dvrk_gravity import Arm, Recording, TorqueModel, diagnose, evaluate, identify
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import ArgumentError, DvrkGravityError
 from dvrk_gravity.recording import RecordingFile
 

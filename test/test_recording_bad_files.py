@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from recording_samples import ARM, START, TOPIC, joint_state, shared_data, wave, write_messages
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import DvrkGravityError, RecordingError
 from dvrk_gravity.recording import (
     BagReader,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from recording_samples import shared_data, wave
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, check, prepare
 from dvrk_gravity.recording.grid import resample, stale

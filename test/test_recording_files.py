@@ -20,7 +20,7 @@ from recording_samples import (
     write_messages,
 )
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError, ShapeError
 from dvrk_gravity.recording import (
     BagReader,

@@ -10,7 +10,7 @@ import pytest
 from conftest import CONFIG, MODEL_FILE, REPOSITORY
 from recording_samples import wave
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.processes import NodeProcess
 from dvrk_gravity.recording import BagReader

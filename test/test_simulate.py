@@ -11,7 +11,7 @@ import pytest
 from dh_table import dh_table
 from scipy.optimize import lsq_linear
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import CoulombFriction, Gravity, ViscousFriction
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.gravity import LinkMass, beta_from_links

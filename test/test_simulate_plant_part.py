@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import REPOSITORY
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import CoulombFriction, PlantPart, State, Term
 from dvrk_gravity.effects.plant_part import SLOWEST, secant_damping
 from dvrk_gravity.model import TorqueModel

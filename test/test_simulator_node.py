@@ -17,7 +17,7 @@ from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Bool, Empty  # noqa: E402
 
-from dvrk_gravity.arm import JOINT_NAMES  # noqa: E402
+from dvrk_gravity.arms.mtm import JOINT_NAMES  # noqa: E402
 from dvrk_gravity.processes import NodeProcess, private_domain  # noqa: E402
 from dvrk_gravity.simulate import PlantFile  # noqa: E402
 

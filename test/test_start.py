@@ -7,7 +7,7 @@ import pytest
 from conftest import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.compensate.sample import SampleReader
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.compensate.supervisor import Status, Supervisor

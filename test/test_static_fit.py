@@ -7,7 +7,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation.splits import inner_slabs, slabs

@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, SampleReader
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.compensate.supervisor import Status, Supervisor

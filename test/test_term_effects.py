@@ -8,7 +8,8 @@ import pytest
 from conftest import MODEL_FILE
 from scipy.optimize import brentq
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.console.export import export
 from dvrk_gravity.effects import (
@@ -23,7 +24,6 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 from dvrk_gravity.simulate.plant import Plant
-from dvrk_gravity.tree import build_tree
 
 ARM = Arm.load("mtmr")
 ZERO = np.zeros(7)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
+from dvrk_gravity.arms.tree import build_tree, link_frames
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.effects import (
     CoulombFriction,
@@ -24,7 +26,6 @@ from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.gravity import regressor as gravity_regressor
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.tree import TREE_LINKS, build_tree, link_frames
 
 ARM = Arm.load("mtmr")
 ZERO = np.zeros(7)

@@ -12,7 +12,7 @@ from test_static_fit import grid, record
 from test_static_fit import truth as posed
 
 from dvrk_gravity import cli
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify

@@ -10,7 +10,8 @@ import pytest
 from test_report import Page
 
 from dvrk_gravity import effects
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import (
     Alternative,

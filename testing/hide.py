@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arm import gravity_in_base
+from dvrk_gravity.arms.arm import gravity_in_base
 from dvrk_gravity.errors import ConfigError
 from testing.hidden_parts import (
     INERTIA,

@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity import Recording, TorqueModel, diagnose, gravity, identify
-from dvrk_gravity.arm import JOINT_NAMES, Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.diagnosis.findings import FLOORS, Diagnosis, Finding
 from dvrk_gravity.effects import Gravity
 from dvrk_gravity.report.diagnosis import png

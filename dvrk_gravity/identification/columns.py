@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import LinearTerm, State, Term
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.term import Unknowns

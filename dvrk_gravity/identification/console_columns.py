@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
 from dvrk_gravity.console import ARMS, N_GRAVITY, N_POLYNOMIALS, N_POWERS
 from dvrk_gravity.effects import Gravity, Term
 from dvrk_gravity.effects.rigid_body import PER_LINK
@@ -20,7 +21,6 @@ from dvrk_gravity.effects.unknowns import Column
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.tree import TREE_LINKS
 
 CONSOLE_EFFECTS = (
     "coulomb_friction", "elastic_cable", "presliding_hysteresis", "rotor_inertia",

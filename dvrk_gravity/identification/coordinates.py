@@ -7,7 +7,7 @@ from typing import get_args
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
 from dvrk_gravity.estimation.splits import make_folds
 from dvrk_gravity.identification.columns import Columns

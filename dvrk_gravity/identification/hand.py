@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.posture import MISPLACED
 from dvrk_gravity.identification.result import FittedParameter

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.estimation.covariance import Uncertainty
 from dvrk_gravity.identification.result import Holding
 from dvrk_gravity.recording.data import Array

@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
 from dvrk_gravity.effects import rigid_body
 from dvrk_gravity.effects.link_prior import base_directions, beta_map, samples
 from dvrk_gravity.effects.presliding_hysteresis import DISPLACEMENTS
@@ -22,7 +23,6 @@ from dvrk_gravity.identification.holding import NARROW
 from dvrk_gravity.identification.posture import POSTURE
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.tree import TREE_LINKS
 
 INSEPARABLE = 0.97  # correlation from which two estimates are called one
 SHOWN = 3  # parameters named in one combination

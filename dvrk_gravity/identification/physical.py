@@ -14,13 +14,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
 from dvrk_gravity.arms.mtm.sizes import SIZES
 from dvrk_gravity.effects import rigid_body
 from dvrk_gravity.effects.link_prior import prior_scale
 from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.tree import TREE_LINKS
 
 _ROWS, _COLUMNS = np.tril_indices(4)
 _DIAGONAL = _ROWS == _COLUMNS

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State, rigid_body, site
 from dvrk_gravity.effects.unknowns import Column, ColumnTable, Move
 from dvrk_gravity.recording.data import Array

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.estimation.noise import NoiseSettings, correlation_time
 from dvrk_gravity.estimation.normal_equations import NormalEquations, Solution, fit
 from dvrk_gravity.estimation.robust import RobustSettings, RobustState, reweighted

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import terms
 from dvrk_gravity.errors import ArgumentError, ConfigError, RecordingError
 from dvrk_gravity.identification.columns import Columns, identified

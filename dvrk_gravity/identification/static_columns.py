@@ -11,7 +11,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.console import N_POLYNOMIALS
 from dvrk_gravity.effects.held_load import pose_functions
 from dvrk_gravity.effects.polynomial import MAX_DEGREE, Range

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential, slabs
 from dvrk_gravity.identification import result, static_report
 from dvrk_gravity.identification.errors import joint_errors

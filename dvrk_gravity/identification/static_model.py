@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
-from dvrk_gravity.arm import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.effects.arrays import as_value
 from dvrk_gravity.effects.polynomial import MAX_DEGREE
 from dvrk_gravity.identification.static_solver import (

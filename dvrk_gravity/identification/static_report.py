@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from dvrk_gravity.arm import JOINT_NAMES
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.estimation.covariance import Uncertainty, clustered_scores, sandwich
 from dvrk_gravity.estimation.splits import masks, sequential
 from dvrk_gravity.gravity import BETA_NAMES

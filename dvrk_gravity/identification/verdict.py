@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.identification.holding import NARROW
 from dvrk_gravity.identification.result import Holding, JointError, JointVerdict, Verdict
 from dvrk_gravity.model import VERDICTS

@@ -13,7 +13,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from dvrk_gravity.arm import Arm
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
+from dvrk_gravity.arms.tree import link_frames
 from dvrk_gravity.effects import LinkInertia, RotorInertia, State
 from dvrk_gravity.effects.link_prior import prior_scale
 from dvrk_gravity.errors import ConfigError
@@ -21,7 +23,6 @@ from dvrk_gravity.identification.physical import certificate, nearest_bodies
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.plant_file import PlantFile
-from dvrk_gravity.tree import TREE_LINKS, link_frames
 
 Array = NDArray[np.float64]
 

@@ -13,13 +13,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity import yaml_file
+from dvrk_gravity.arms.mtm.gravity import LINKS
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import flatten
 from dvrk_gravity.resources import config_path
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import Sensors
-from dvrk_gravity.tree import LINKS
 
 Array = NDArray[np.float64]
 
