@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import CoulombFriction, State, rigid_body
+from dvrk_gravity.effects import State, rigid_body
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass
 
@@ -153,12 +153,12 @@ class Motion:
         speed = self.qd @ row
         typical = float(np.sqrt(np.mean(speed**2)))
         slow = max(_STILL * typical, 2 * _SLOWEST)
-        friction = self.model.term(CoulombFriction.NAME)
         # Where the encoder steps too rarely for its direction to be seen all the time, and where
         # the model's friction is but on its way, for smoothness' sake, neither can say.
         unseen = _STEP_RATE * float(self.step @ np.abs(row))
-        if isinstance(friction, CoulombFriction):
-            unseen = max(unseen, float(friction.transition_velocity[index]))
+        for term in self.model.terms:
+            if term.full_speed is not None:
+                unseen = max(unseen, float(term.full_speed[index]))
         slow = max(slow, min(unseen, _SLOW * typical))
         # Stick and slip: on the way it stops, and rings beyond; noise of steps would look alike.
         stops_seen = _STEP_RATE * float(self.step @ np.abs(row)) < _FINE * typical

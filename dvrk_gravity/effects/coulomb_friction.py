@@ -115,6 +115,11 @@ class CoulombFriction(LinearTerm):
                 values |= {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items()}
         return values | {f"{self.NAME}.transition_velocity": as_value(self.transition_velocity)}
 
+    @property
+    def full_speed(self) -> Array:
+        """See :meth:`Term.full_speed`."""
+        return self.transition_velocity
+
     def torque(self, state: State) -> Array:
         """Return (…, n) friction torques, N·m; zero where no motion is known."""
         if state.direction is not None:  # no speed: friction is full

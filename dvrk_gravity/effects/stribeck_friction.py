@@ -104,6 +104,11 @@ class StribeckFriction(Friction):
         names.append("transition_velocity")
         return {f"{self.NAME}.{name}": as_value(getattr(self, name)) for name in names}
 
+    @property
+    def full_speed(self) -> Array:
+        """See :meth:`Term.full_speed`."""
+        return self.transition_velocity
+
     def torque(self, state: State) -> Array:
         """Return (…, n) friction torques, N·m; zero where no motion is known."""
         parts = self._parts(state)

@@ -102,6 +102,11 @@ class Term(Effect):
         """(3,) gravity in the base frame that it is computed with, m/s^2; ``None``: no weight."""
         return None
 
+    @property
+    def full_speed(self) -> Array | None:
+        """(n,) speeds from which on a friction is whole, for smoothness' sake; ``None``: any."""
+        return None
+
     def with_gravity(self, vector: Array) -> Term:
         """Return the term with another gravity in the base frame; what has no weight stays."""
         del vector

@@ -1,0 +1,94 @@
+"""An effect is one file: who else knows one by its name is listed here, with the reason."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from dvrk_gravity import effects
+
+PACKAGE = Path(effects.__file__).resolve().parents[1]
+MOST = 3  # modules beside an effect's own file
+# Rooms whose very subject some effects are; within effects/ one may rest on another.
+ROOMS: Mapping[str, str] = {
+    "console/": "the console's file format is made of gravity, cables by direction and friction",
+    "arms/mtm/": "beta in closed form is the MTM's weight",
+    "effects/": "merging one effect changes others' parameters",
+    "identification/rigid_columns.py": "weight and inertia are one set of base parameters",
+    "identification/physical.py": "bodies that can exist are made of weight and inertia",
+    "identification/posture.py": "kinematic calibration looks for zeros and a tilt",
+    "identification/identifiability.py": "what data leave open is told of sums of certain effects",
+    "identification/static_": "what poses determine: weight, cables, held load",
+    "identification/console_columns.py": "what the console's form has",
+    "simulate/model_plant.py": "bodies that can exist are made of a model's inertia",
+}
+# Words that are no effect's name there: a section of a file, a kind of warning, a parameter.
+OTHER_WORDS = {
+    "gravity": "the parameter of weights, and the vector",
+    "joint_offset": "a parameter of the model: what positions mean",
+    "rotor_inertia": "a section of plant files",
+    "effort_saturation": "a kind of warning about data",
+    "unknown": "a verdict",
+}
+
+
+def names_in(path: Path) -> set[str]:
+    """Return the identifiers and the texts of a module's code, docstrings apart."""
+    tree = ast.parse(path.read_text())
+    docs = {
+        id(node.body[0].value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+        and node.body
+        and isinstance(node.body[0], ast.Expr)
+    }
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name):
+            found.add(node.id)
+        elif (
+            isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs
+        ):
+            found.add(node.value.split(".")[0])
+    return found
+
+
+@pytest.fixture(scope="module")
+def modules() -> dict[str, set[str]]:
+    return {
+        path.relative_to(PACKAGE).as_posix(): names_in(path)
+        for path in sorted(PACKAGE.rglob("*.py"))
+    }
+
+
+@pytest.mark.parametrize("effect", effects.effects(), ids=lambda effect: effect.NAME)
+def test_few_modules_know_an_effect_by_its_name(effect, modules):
+    words = {effect.__name__} | ({effect.NAME} if effect.NAME not in OTHER_WORDS else set())
+    knowing = [
+        path for path, names in modules.items()
+        if names & words and not path.startswith(tuple(ROOMS))
+    ]  # fmt: skip
+    assert len(knowing) <= MOST, knowing
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_every_exception_is_one(room, modules):
+    known = {effect.__name__ for effect in effects.effects()}
+    known |= {effect.NAME for effect in effects.effects()}
+    assert any(names & known for path, names in modules.items() if path.startswith(room))
+
+
+@pytest.mark.parametrize(
+    "room", ["compensate/", "simulate/plant.py", "simulate/effects.py", "diagnosis/extend.py",
+             "diagnosis/words.py", "diagnosis/selection.py", "diagnosis/cross_validation.py",
+             "identification/columns.py", "identification/moves.py", "model.py"],
+)  # fmt: skip
+def test_what_uses_all_effects_names_none(room, modules):
+    classes = {effect.__name__ for effect in effects.effects()}
+    names = {effect.NAME for effect in effects.effects()} - set(OTHER_WORDS)
+    for path, found in modules.items():
+        if path.startswith(room):
+            assert not found & (classes | names), path
