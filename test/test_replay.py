@@ -97,7 +97,7 @@ def test_a_wrong_effort_fails_the_replay(tmp_path):
     from dvrk_gravity.commands import replay as module
 
     real = module._play
-    module._play = lambda messages, _, due, recorded: real(messages, other, due, recorded)
+    module._play = lambda messages, _, *rest: real(messages, other, *rest)
     try:
         result = replay(tmp_path / "bag", MODEL_FILE, None)
     finally:

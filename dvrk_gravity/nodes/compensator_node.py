@@ -138,9 +138,7 @@ class Compensator(PromptNode):
                 f"measured_js dropped ({error.cause}): {error}", throttle_duration_sec=5.0
             )
         else:
-            # This process may have stood still meanwhile: what is late by now is no answer.
-            self._supervisor.check_input(time.monotonic())
-            if effort is not None and self._supervisor.active:
+            if effort is not None and self._supervisor.in_time(time.monotonic()):
                 self._publish(effort, fields.stamp)
             self._statistics.received(now)
             self._statistics.computed(time.monotonic() - now)
