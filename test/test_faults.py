@@ -177,6 +177,25 @@ def test_an_arm_that_vanishes_and_comes_back_is_not_commanded_until_told(domain)
     assert "Traceback" not in node.output
 
 
+@pytest.mark.parametrize("moved", [False, True], ids=["alone", "moved by another"])
+def test_an_arm_that_stood_still_is_held_anew_when_it_measures_again(arm, start, moved):
+    """It takes what was sent meanwhile in any order, and may keep the last effort of before."""
+    from sensor_msgs.msg import JointState
+
+    other = arm.client.node.create_publisher(JointState, "move_jp", 10)
+    start("compensator", *QUICK)
+    arm.run_until(commands(arm), "commands")
+    arm.client.wait(lambda: arm.state.startswith("fault") and bool(arm.holds), "the hold")
+    if moved:
+        arm.client.wait(lambda: arm.client.connected(other), "who listens to others")
+        other.publish(JointState())
+    arm.client.spin(1.0)  # no hold is on its way any more
+    arm.holds.clear()
+    arm.run(0.5)
+    assert len(arm.holds) == (0 if moved else 2)
+    assert arm.state.startswith("fault")
+
+
 # --- input ----------------------------------------------------------------------------------
 
 

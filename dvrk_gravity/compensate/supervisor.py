@@ -201,6 +201,14 @@ class Supervisor:
         elif silence:
             self._wait()
 
+    def in_time(self, now: float) -> bool:
+        """Tell whether the command that was just computed may still be sent.
+
+        The process may have stood still since its input came: what is late by now is no answer.
+        """
+        self.check_input(now)
+        return self.active
+
     def drop(self, error: DroppedSampleError) -> None:
         """Count a message that gives no command."""
         self.dropped[error.cause] += 1

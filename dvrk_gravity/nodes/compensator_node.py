@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -38,6 +39,8 @@ from dvrk_gravity.nodes.rivals import LISTEN, Rivals
 from dvrk_gravity.nodes.watchdog_node import TIMEOUT_TOPIC
 from dvrk_gravity.nodes.wire import CommandWriter, JointStateReader
 
+# DDS sends what was lost again, seconds later: an old effort must not come after a hold.
+_COMMANDS = QoSProfile(depth=10, lifespan=Duration(seconds=0.1))
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -89,7 +92,7 @@ class Compensator(PromptNode):
     def _connect(self) -> None:
         self._as_array = self.get_parameter("output").value == "array"
         message = Float64MultiArray if self._as_array else JointState
-        self._command = self.create_publisher(message, self._command_topic(self._as_array), 10)
+        self._command = self.create_publisher(message, self._command_topic(self._as_array), _COMMANDS)
         self._arm = ArmLink(self, any_subscriber=self._as_array)
         self._hold = Hold(self, self._arm.listens)
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)
@@ -134,13 +137,13 @@ class Compensator(PromptNode):
         except DroppedSampleError as error:
             self._supervisor.drop(error)
             self._statistics.received(now)
+            if error.cause == "after_gap":
+                self._hold.repeat()
             self.get_logger().warning(
                 f"measured_js dropped ({error.cause}): {error}", throttle_duration_sec=5.0
             )
         else:
-            # This process may have stood still meanwhile: what is late by now is no answer.
-            self._supervisor.check_input(time.monotonic())
-            if effort is not None and self._supervisor.active:
+            if effort is not None and self._supervisor.in_time(time.monotonic()):
                 self._publish(effort, fields.stamp)
             self._statistics.received(now)
             self._statistics.computed(time.monotonic() - now)

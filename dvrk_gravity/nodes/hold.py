@@ -57,20 +57,30 @@ class Hold:
         self._node, self._arm_listens = node, arm_listens
         self._publisher = node.create_publisher(Empty, TOPIC, _DEPTH)
         self.pending = self.missing = False
+        self._last_word = False  # nobody has commanded the arm since
         self._first = self._last = 0.0
         self._connected_at = math.inf  # since when the arm has been connected at every sending
         self._echoes = 0
 
     def send(self) -> None:
         """Hold the arm."""
-        self.pending = True
+        self.pending = self._last_word = True
         self._first = time.monotonic()
         self._connected_at = math.inf
         self._publish()
 
     def drop(self) -> None:
         """Leave it at that: the arm is commanded again, by us or by somebody else."""
-        self.pending = self.missing = False
+        self.pending = self.missing = self._last_word = False
+
+    def repeat(self) -> None:
+        """Hold an arm that has stood still: it takes what was sent meanwhile in any order.
+
+        Once for a hold: what came before that has been taken by then.
+        """
+        if self._last_word:
+            self.send()
+            self._last_word = False
 
     def look(self) -> None:
         """Send it again where that is due; to be called now and then."""
@@ -84,7 +94,7 @@ class Hold:
                 self._node.get_logger().warning(
                     "not all that subscribe to hold have acknowledged it: see that the arm holds"
                 )
-            self.drop()
+            self.pending = self.missing = False
         elif now - self._last >= (_LATE if acknowledged else _AGAIN):
             self._publish()
         if self.missing:
