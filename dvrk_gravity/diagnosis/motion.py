@@ -193,7 +193,7 @@ class Motion:
         """Return (N, n, k) torques of changes of a link's inertial parameters, gravity included.
 
         Args:
-            link: Index of the link among ``TREE_LINKS``.
+            link: Index of the link among the arm's bodies.
             directions: (10, k) changes, in the order of ``rigid_body.regressor``.
         """
         joints = list(rigid_body.bodies(self.arm)[link].joints)
@@ -222,7 +222,8 @@ class Motion:
         from scipy.linalg import qr
 
         thinned = slice(None, None, max(1, len(self.q) // 600))
-        few = self._regressor(thinned, np.zeros(3)).reshape(-1, rigid_body.COLUMNS)
+        columns = self._regressor(thinned, np.zeros(3))
+        few = columns.reshape(-1, columns.shape[-1])
         size = np.sqrt(np.mean(few**2, axis=0))
         scaled = few / np.where(size > 1e-9, size, 1.0) * (size > 1e-9)
         triangle, pivots = qr(scaled, mode="r", pivoting=True)

@@ -48,7 +48,7 @@ class Estimate:
 
     Attributes:
         solution: The coefficients.
-        links: (90,) link parameters, if they were asked to be physical.
+        links: (10 bodies,) link parameters, if they were asked to be physical.
         predicted: (n, 7) torque of the fit, N·m.
         blind: (n, 7) torque, each sample predicted by a fit that had not seen it, N·m.
         parameters: Named, with intervals.
@@ -118,7 +118,7 @@ def fit_dynamic(
         validation=_how_validated(problem.folds),
         coordinates=coordinates,
         samples=sum(len(motion) for motion in motions.parts),
-        physical={} if found.links is None else certificate(found.links),
+        physical={} if found.links is None else certificate(arm, found.links),
         traces=_traces(design, found.blind, coordinates),
         holding=found.holding,
         verdict=verdict,

@@ -12,7 +12,7 @@ from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.recording.data import Array
 
 OTHER = {"mtml": "mtmr", "mtmr": "mtml"}
-BEYOND = 0.35  # rad past a joint's limit; zeros of encoders are off by less
+BEYOND = 0.35  # rad (35 mm where it slides) past a joint's limit; zeros of encoders are off by less
 # The platform's moment across the arm, N·m: about so on right arms, and less that on left ones
 # (sixteen console files of real arms; all but one, which carries the other hand's sign).
 PLATFORM = {"mtmr": 0.196, "mtml": -0.196}
@@ -24,7 +24,7 @@ def beyond_limits(q: Array, arm: Arm) -> list[DataWarning]:
     """Return warnings about joints that go where the arm cannot.
 
     Args:
-        q: (N, 7) joint positions, rad.
+        q: (N, n) joint positions, rad or m.
         arm: The arm that they are said to be of.
     """
     beyond = _beyond(q, arm)
@@ -34,18 +34,18 @@ def beyond_limits(q: Array, arm: Arm) -> list[DataWarning]:
     return [
         DataWarning(
             "arm_limits",
-            joint,
-            {"beyond_rad": float(far)},
-            f"goes {np.degrees(far):.0f} deg beyond the limits of {arm.name}: a recording of "
+            joint.name,
+            {f"beyond_{joint.unit}": float(far)},
+            f"goes {joint.shown(far)} beyond the limits of {arm.name}: a recording of "
             "another arm, or in other coordinates?",
         )
-        for joint, far in zip(arm.joint_names, beyond, strict=True)
-        if far > BEYOND
+        for joint, far, scale in zip(arm.joints, beyond.tolist(), arm.scale, strict=True)
+        if far > BEYOND * scale
     ]
 
 
 def _beyond(q: Array, arm: Arm) -> Array:
-    """Return (7,) how far (N, 7) positions go beyond an arm's limits, rad; negative: within."""
+    """Return (n,) how far (N, n) positions go beyond an arm's limits; negative: within."""
     return np.maximum(arm.lower - q.min(axis=0), q.max(axis=0) - arm.upper)
 
 

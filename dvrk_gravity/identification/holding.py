@@ -12,7 +12,8 @@ from dvrk_gravity.identification.result import Holding
 from dvrk_gravity.recording.data import Array
 
 POSES = 200  # drawn; the standard error's RMS over them is then known to some 5 %
-NARROW = np.radians(15.0)  # a joint that moves by less tells nothing that depends on its position
+# A joint that moves by less tells nothing that depends on its position: rad, times the arm's scale.
+NARROW = np.radians(15.0)
 
 
 def holding(
@@ -24,17 +25,17 @@ def holding(
     poses anywhere within the arm's limits. What the data leave open the prior's size stands for.
 
     Args:
-        rows: Turns (K, 7) positions into (K, 7, p) joint torques of each coefficient, at rest.
+        rows: Turns (K, n) positions into (K, n, p) joint torques of each coefficient, at rest.
         theta: (p,) coefficients.
         spread: Their covariance.
-        visited: (N, 7) recorded positions, rad.
+        visited: (N, n) recorded positions, rad or m.
         arm: The arm.
     """
     random = np.random.default_rng(0)
     lower, upper = visited.min(axis=0), visited.max(axis=0)
-    anywhere = random.uniform(arm.lower, arm.upper, (POSES, visited.shape[1]))
+    anywhere = random.uniform(*arm.range, (POSES, visited.shape[1]))
     recorded = visited[random.integers(0, len(visited), POSES)]
-    recorded = np.where(upper - lower < NARROW, anywhere, recorded)
+    recorded = np.where(upper - lower < NARROW * arm.scale, anywhere, recorded)
     covariance = spread.covariance + spread.bias
     found = []
     for poses in (recorded, anywhere):

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
+from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.effects import rigid_body
 from dvrk_gravity.effects.link_prior import base_directions, beta_map, samples
 from dvrk_gravity.effects.presliding_hysteresis import DISPLACEMENTS
@@ -67,7 +67,7 @@ def describe(
         solution: The fit.
         spread: Its covariance.
         design: The samples.
-        weight: (n, 7) weight of each sample in the fit.
+        weight: (N, n) weight of each sample in the fit.
     """
     quantities = list(_quantities(columns, chosen))
     parameters = []
@@ -106,7 +106,8 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
 
     springs = {columns.columns[i].index: index[i] for i in columns.select(effect="gravity")}
     if rigid:
-        for k, line in enumerate(beta_map(columns.mounted) @ columns.base):
+        of_beta = beta_map(columns.mounted) @ columns.base if is_mtm(columns.arm) else ()
+        for k, line in enumerate(of_beta):
             if not _is_there(line):
                 continue
             values = dict(zip(rigid, line, strict=True))
@@ -124,7 +125,8 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
         matrix = columns.basis("elastic_cable")[j :: columns.arm.n, j :: columns.arm.n]
         for k in range(len(powers)):
             values = {index[i]: matrix[k, columns.columns[i].index] for i in powers}
-            unit = "N·m" + ("" if k == 0 else "/rad" if k == 1 else f"/rad^{k}")
+            effort, way = columns.arm.effort_units[j], columns.arm.units[j]
+            unit = effort + ("" if k == 0 else f"/{way}" if k == 1 else f"/{way}^{k}")
             found.append(_Quantity(f"elastic_cable.{joint}[{k}]", unit, row(values), j))
     dry = _dry_friction(columns, chosen)
     for i in chosen:
@@ -143,7 +145,8 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
             posture, one = columns.posture, row({index[i]: 1.0})
             tilt = column.effect == "base_tilt"
             around = posture.tilt[column.index] if tilt else posture.offset[column.joint]
-            found.append(_Quantity(posture_name(columns, column), "rad", one, column.joint, around))
+            unit = "rad" if tilt else columns.arm.units[column.joint]
+            found.append(_Quantity(posture_name(columns, column), unit, one, column.joint, around))
     return found
 
 
@@ -185,14 +188,15 @@ def _dry_friction(columns: Columns, chosen: Sequence[int]) -> dict[tuple[str, in
 
 @lru_cache(maxsize=8)
 def base_parameters(arm: Arm) -> tuple[tuple[str, str, Array], ...]:
-    """Return name, unit and (90,) combination of the arm's base inertial parameters.
+    """Return name, unit and (10 bodies,) combination of the arm's base inertial parameters.
 
     The regressor's independent columns come from a QR with pivoting; each other column is a
     combination of those, and its parameter joins theirs (Gautier 1991; Khalil and Dombre 2002).
     """
     from scipy.linalg import qr, solve_triangular
 
-    full = rigid_body.regressor(arm, *samples(arm), arm.gravity).reshape(-1, rigid_body.COLUMNS)
+    full = rigid_body.regressor(arm, *samples(arm), arm.gravity)
+    full = full.reshape(-1, full.shape[-1])
     rank = base_directions(arm).shape[1]
     norm = np.linalg.norm(full, axis=0)
     norm[norm < 1e-9 * norm.max()] = np.inf
@@ -200,19 +204,20 @@ def base_parameters(arm: Arm) -> tuple[tuple[str, str, Array], ...]:
     depends = solve_triangular(r[:rank, :rank], r[:rank, rank:])
     found = []
     for k in range(rank):
-        combination = np.zeros(rigid_body.COLUMNS)
+        combination = np.zeros(full.shape[1])
         combination[order[k]] = 1.0
         finite = np.isfinite(norm[order[rank:]])
         ratio = depends[k] * np.where(finite, norm[order[rank:]], 0.0) / norm[order[k]]
         combination[order[rank:]] = np.where(np.abs(ratio) > 1e-9, ratio, 0.0)
         unit = _UNITS[order[k] % rigid_body.PER_LINK]
-        found.append((_combination_name(combination, int(order[k])), unit, combination))
+        found.append((_combination_name(arm, combination, int(order[k])), unit, combination))
     return tuple(found)
 
 
-def _combination_name(combination: Array, first: int) -> str:
+def _combination_name(arm: Arm, combination: Array, first: int) -> str:
     def name(i: int) -> str:
-        return f"{_INERTIAL[i % rigid_body.PER_LINK]}({TREE_LINKS[i // rigid_body.PER_LINK]})"
+        body = arm.body_names[i // rigid_body.PER_LINK]
+        return f"{_INERTIAL[i % rigid_body.PER_LINK]}({body})"
 
     others = [i for i in np.flatnonzero(combination).tolist() if i != first]
     others.sort(key=lambda i: -abs(combination[i]))
@@ -223,12 +228,21 @@ def _combination_name(combination: Array, first: int) -> str:
 
 
 def _motion_statements(design: Design) -> list[str]:
-    span = np.ptp(design.state.q, axis=0)
+    arm, span = design.columns.arm, np.ptp(design.state.q, axis=0)
     return [
-        f"{joint} moves over {np.degrees(width):.0f} deg only: what depends on its position is "
+        f"{joint.name} moves over {joint.shown(width)} only: what depends on its position is "
         "not determined; move it over most of its range"
-        for joint, width in zip(design.columns.arm.joint_names, span, strict=True)
-        if width < NARROW
+        for joint, width, narrow in zip(arm.joints, span, NARROW * arm.scale, strict=True)
+        if width < narrow
+    ]
+
+
+def _ranges(design: Design) -> list[str]:
+    """Return the range of each joint's positions in words."""
+    low, high = design.state.q.min(axis=0), design.state.q.max(axis=0)
+    return [
+        f"{joint.shown(least).split()[0]} to {joint.shown(most)}"
+        for joint, least, most in zip(design.columns.arm.joints, low, high, strict=True)
     ]
 
 
@@ -236,8 +250,7 @@ def _pair_statements(
     quantities: Sequence[_Quantity], spread: Uncertainty, design: Design
 ) -> list[str]:
     """Name pairs of gravity, elastic and friction parameters that data cannot tell apart."""
-    low, high = np.degrees(design.state.q.min(axis=0)), np.degrees(design.state.q.max(axis=0))
-    joints_of = design.columns.arm.joint_names
+    ranges, joints_of = _ranges(design), design.columns.arm.joint_names
     named = [q for q in quantities if (q.joint >= 0 or q.name.startswith("beta")) and not q.shared]
     statements = []
     for a, first in enumerate(named):
@@ -248,8 +261,7 @@ def _pair_statements(
             joints = {q.joint for q in (first, second) if q.joint >= 0}
             hint = (
                 " and ".join(
-                    f"a wider range of {joints_of[j]} (now {low[j]:.0f} to {high[j]:.0f} deg)"
-                    for j in sorted(joints)
+                    f"a wider range of {joints_of[j]} (now {ranges[j]})" for j in sorted(joints)
                 )
                 or "poses that turn the links about other axes against gravity"
             )
@@ -274,8 +286,7 @@ def _absent_statements(
     Over a short range sin q is q: data then choose neither, and beta holds the sum of both. The
     correlation is that of the fit with the elastic column added (Schur complement).
     """
-    statements = []
-    low, high = np.degrees(design.state.q.min(axis=0)), np.degrees(design.state.q.max(axis=0))
+    statements, ranges = [], _ranges(design)
     index = list(chosen)
     inverse = np.linalg.inv(solution.precision)
     for column in columns.select(effect="elastic_cable", index=1):
@@ -294,8 +305,8 @@ def _absent_statements(
             name = columns.arm.joint_names[joint]
             statements.append(
                 f"{one.name} holds whatever linear elastic torque {name} may have: over "
-                f"{low[joint]:.0f} to {high[joint]:.0f} deg the two cannot be separated; a wider "
-                f"range of {name} would separate them"
+                f"{ranges[joint]} the two cannot be separated; a wider range of {name} would "
+                "separate them"
             )
     return statements
 

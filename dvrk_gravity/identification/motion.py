@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
@@ -38,9 +37,9 @@ class Motion:
 
     Attributes:
         time: (N,) s.
-        state: (N, 7) positions, velocities, accelerations in joint space.
-        effort: (N, 7) torque at the motors, low-passed, N·m; zero where not measured.
-        measured: (7,) motors whose torque was measured.
+        state: (N, n) positions, velocities, accelerations in joint space.
+        effort: (N, n) torque at the motors, low-passed, N·m; zero where not measured.
+        measured: (n,) motors whose torque was measured.
         filter: The low-pass of ``effort``, at the rate of these samples.
         source: Index of the recording that it came from.
     """
@@ -98,7 +97,7 @@ def read_motions(
     """Filter recordings and bring them to joint space.
 
     Args:
-        recordings: Trajectories with efforts, of all seven joints unless they tell where the
+        recordings: Trajectories with efforts, of all joints unless they tell where the
             others stood.
         arm: The arm, for its transmission.
         coordinates: What the columns are of recordings that do not tell themselves.
@@ -219,12 +218,10 @@ def _motion(
     q, qd, qdd = stretch.position, stretch.velocity, stretch.acceleration
     effort = stretch.effort
     assert effort is not None
-    if len(columns) < N_JOINTS:
+    if len(columns) < arm.n:
         still = np.array([trajectory.still.get(joint, 0.0) for joint in arm.joint_names])
         q = completed(q, columns, still, arm, coordinates)
-        qd, qdd = (
-            completed(one, columns, np.zeros(N_JOINTS), arm, coordinates) for one in (qd, qdd)
-        )
+        qd, qdd = (completed(one, columns, np.zeros(arm.n), arm, coordinates) for one in (qd, qdd))
         narrow, effort = effort, np.zeros(q.shape)
         effort[:, columns] = narrow
     measured = motors_measured(columns, arm, coordinates)
@@ -240,11 +237,11 @@ def _motion(
 def motors_measured(
     columns: Sequence[int], arm: Arm, coordinates: Coordinates
 ) -> NDArray[np.bool_]:
-    """Return (7,) whether the efforts of some columns tell a motor's torque.
+    """Return (n,) whether the efforts of some columns tell a motor's torque.
 
     tau_actuator = M^T tau_joint: of a joint's torques, all must be known that a motor adds to.
     """
-    known = np.isin(np.arange(N_JOINTS), columns)
+    known = np.isin(np.arange(arm.n), columns)
     if coordinates == "actuator":
         return known
     return ~np.any((arm.actuator_to_joint != 0.0) & ~known[:, None], axis=0)
@@ -253,12 +250,12 @@ def motors_measured(
 def completed(
     values: Array, columns: Sequence[int], still: Array, arm: Arm, coordinates: Coordinates
 ) -> Array:
-    """Return (N, 7) from the (N, n) columns of some joints.
+    """Return (N, n) from the (N, k) columns of some joints.
 
     Args:
         values: (N, n), in the coordinates.
         columns: Indices of the joints.
-        still: (7,) where the other *joints* are.
+        still: (n,) where the other *joints* are.
         arm: The arm.
         coordinates: Of values and result.
     """
@@ -266,7 +263,7 @@ def completed(
     result[:, columns] = values
     if coordinates == "actuator":
         # The motors of joints that stand still follow the recorded ones.
-        others = [joint for joint in range(len(JOINT_NAMES)) if joint not in columns]
+        others = [joint for joint in range(arm.n) if joint not in columns]
         matrix = arm.actuator_to_joint
         follow = still[others] - values @ matrix[np.ix_(others, columns)].T
         result[:, others] = np.linalg.solve(matrix[np.ix_(others, others)], follow.T).T

@@ -14,10 +14,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
-from dvrk_gravity.arms.mtm.sizes import SIZES
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import rigid_body
-from dvrk_gravity.effects.link_prior import prior_scale
+from dvrk_gravity.effects.link_prior import link_sizes, prior_scale
 from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.recording.data import Array
@@ -38,12 +37,12 @@ def physical_links(
         solution: The unconstrained fit.
 
     Returns:
-        (p,) coefficients and (90,) link parameters that belong to them.
+        (p,) coefficients and (10 bodies,) link parameters that belong to them.
     """
     index = list(chosen)
     bodies = len(columns.select(effect="link_inertia"))
     scale = prior_scale(columns.arm)
-    # (b, 90): what torque sees of the links; see base_directions.
+    # (b, 10 bodies): what torque sees of the links; see base_directions.
     seen = columns.base.T / scale**2
     others = np.arange(bodies, len(index))
     # |factor (theta - best)|^2 is what the data have against a theta.
@@ -56,6 +55,7 @@ def physical_links(
     size = columns.scale[index][others]
     positive = columns.positive[index][others] | ~solution.free[others]
     links, found = nearest_bodies(
+        columns.arm,
         factor[:, :bodies] @ seen, factor[:, bodies:] * size, factor @ best,
         np.zeros(len(scale)), 1.0 / scale,
         solution.theta[others] / size, np.where(positive, 0.0, -np.inf),
@@ -64,6 +64,7 @@ def physical_links(
 
 
 def nearest_bodies(
+    arm: Arm,
     of_links: Array, of_others: Array, right: Array, middle: Array, hold: Array, first: Array,
     least: Array, evaluations: int = 300,
 ) -> tuple[Array, Array]:  # fmt: skip
@@ -72,21 +73,22 @@ def nearest_bodies(
     Minimises |of_links links + of_others others - right|^2 + |hold (links - middle)|^2.
 
     Args:
-        of_links: (r, 90) what the equations see of the links.
+        arm: The arm.
+        of_links: (r, 10 bodies) what the equations see of the links.
         of_others: (r, p) what they see of the other coefficients, of order one each.
         right: (r,) right-hand side.
-        middle: (90,) link parameters that are held to, as far as the equations leave it open.
-        hold: (90,) how firmly.
+        middle: (10 bodies,) link parameters that are held to, as far as the equations leave it open.
+        hold: (10 bodies,) how firmly.
         first: (p,) other coefficients to begin with.
         least: (p,) their least values, -inf where there are none.
         evaluations: At most so many of the equations.
 
     Returns:
-        (90,) link parameters and (p,) other coefficients.
+        (10 bodies,) link parameters and (p,) other coefficients.
     """
     from scipy.optimize import least_squares
 
-    start, lower = _start()
+    start, lower = _start(arm)
     bodies = len(start)
     still = np.zeros((bodies, len(first)))
 
@@ -108,16 +110,18 @@ def nearest_bodies(
     return _links(found.x[:bodies]), found.x[bodies:]
 
 
-def certificate(links: Array) -> dict[str, float]:
+def certificate(arm: Arm, links: Array) -> dict[str, float]:
     """Return each link's least eigenvalue of the pseudo-inertia over its greatest.
 
     Args:
-        links: (90,) parameters in the order of ``TREE_LINKS``.
+        arm: The arm.
+        links: (10 bodies,) parameters in the order of its bodies.
     """
     result = {}
-    for body, row in zip(TREE_LINKS, links.reshape(-1, rigid_body.PER_LINK), strict=True):
+    rows = links.reshape(-1, rigid_body.PER_LINK)
+    for body, row, (_, extent) in zip(arm.body_names, rows, link_sizes(arm), strict=True):
         # Lengths in units of the link, so that the number does not depend on metres.
-        unit = np.array([1.0, 1.0, 1.0, SIZES[body][1]])
+        unit = np.array([1.0, 1.0, 1.0, extent])
         values = np.linalg.eigvalsh(pseudo_inertia(row) * np.outer(unit, unit))
         result[body] = float(values[0] / values[-1])
     return result
@@ -149,10 +153,10 @@ def _parameters() -> Array:
 _MAPS = _parameters()
 
 
-def _start() -> tuple[Array, Array]:
-    """Return (90,) entries of L of plausible links, and their lower bounds."""
+def _start(arm: Arm) -> tuple[Array, Array]:
+    """Return (10 bodies,) entries of L of plausible links, and their lower bounds."""
     start, lower = [], []
-    for mass, size in (SIZES[body] for body in TREE_LINKS):
+    for mass, size in link_sizes(arm):
         entries = np.where(_DIAGONAL, np.sqrt(mass) * np.where(_ROWS == 3, 1.0, size / 3.0), 0.0)
         start.append(entries)
         lower.append(np.where(_DIAGONAL, LEAST * entries, -np.inf))
@@ -160,23 +164,24 @@ def _start() -> tuple[Array, Array]:
 
 
 def _lower_triangles(entries: Array) -> Array:
-    triangles = np.zeros((len(TREE_LINKS), 4, 4))
-    triangles[:, _ROWS, _COLUMNS] = entries.reshape(len(TREE_LINKS), -1)
+    rows = entries.reshape(-1, len(_ROWS))
+    triangles = np.zeros((len(rows), 4, 4))
+    triangles[:, _ROWS, _COLUMNS] = rows
     return triangles
 
 
 def _links(entries: Array) -> Array:
-    """Return (90,) parameters of L L'."""
+    """Return (10 bodies,) parameters of L L'."""
     triangles = _lower_triangles(entries)
     return np.einsum("pij,bik,bjk->bp", _MAPS, triangles, triangles).ravel()
 
 
 def _slope(entries: Array) -> Array:
-    """Return (90, 90) derivatives of the parameters by the entries of L."""
+    """Return (10 bodies, 10 bodies) derivatives of the parameters by the entries of L."""
     triangles = _lower_triangles(entries)
     # d tr(A L L') / dL = 2 A L for symmetric A.
     slopes = 2.0 * np.einsum("pij,bjk->bpik", _MAPS, triangles)[:, :, _ROWS, _COLUMNS]
-    size = len(TREE_LINKS) * rigid_body.PER_LINK
+    size = len(triangles) * rigid_body.PER_LINK
     full = np.zeros((size, size))
     for b, block in enumerate(slopes):
         rows = slice(rigid_body.PER_LINK * b, rigid_body.PER_LINK * (b + 1))

@@ -16,11 +16,12 @@ import pinocchio as pin
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State, rigid_body, site
+from dvrk_gravity.effects.links import joints_with_weight
 from dvrk_gravity.effects.unknowns import Column, ColumnTable, Move
 from dvrk_gravity.recording.data import Array
 
 POSTURE = ("base_tilt", "joint_offset")  # effects that torque is not linear in
-MISPLACED = 0.1  # rad, plausible size of a zero's or the base's error
+MISPLACED = 0.1  # rad, plausible size of a zero's or the base's error; 10 mm where a joint slides
 _STEP = 1e-6  # rad, of one-sided differences: half the digits of a double
 
 
@@ -57,7 +58,10 @@ class Posture:
             return ()
         tilt, offset = POSTURE
         return (
-            *(Column(offset, site.joint(j), 0, MISPLACED) for j in offset_joints(arm)),
+            *(
+                Column(offset, site.joint(j), 0, MISPLACED * float(arm.scale[j]))
+                for j in offset_joints(arm)
+            ),
             *(Column(tilt, site.THE_BASE, axis, MISPLACED) for axis in range(2)),
         )
 
@@ -114,17 +118,19 @@ class Posture:
     def _torque(self, arm: Arm, true: State, vector: Array) -> Array:
         assert self.links is not None
         torque = rigid_body.torque(arm, self.links, true.q, true.qd, true.qdd, vector)
+        if not len(self.springs):
+            return torque
         columns = gravity.regressor(true.q, vector)[..., : len(self.springs)]
         return torque + columns @ self.springs
 
 
-def offset_joints(arm: Arm) -> range:
+def offset_joints(arm: Arm) -> tuple[int, ...]:
     """Return the joints whose zeros torque can tell.
 
-    The first one's turns everything about the vertical, the last one's turns the parameters of its
-    link along.
+    One that turns everything about the vertical has none that shows, the last one's takes the
+    parameters of its link along.
     """
-    return range(1, arm.n - 1)
+    return tuple(joint for joint in joints_with_weight(arm) if joint < arm.n - 1)
 
 
 def posture_moves(columns: ColumnTable, inside: set[int]) -> Iterator[Move]:

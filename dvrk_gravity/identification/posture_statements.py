@@ -6,19 +6,27 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.estimation.covariance import NORMAL_95
+from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.identifiability import posture_name
-from dvrk_gravity.identification.posture import POSTURE
+from dvrk_gravity.identification.posture import POSTURE, offset_joints
 from dvrk_gravity.identification.problem import Problem
 from dvrk_gravity.recording.data import Array
 
 WELL = np.radians(1.0)  # half of a 95 % interval up to which a zero counts as well known
 ENTANGLED = 2.0  # times by which the others' being unknown widens an interval that is worth a word
-ALWAYS = (
-    "no torque tells the zero of outer_yaw (it turns with the room), that of wrist_roll from where "
-    "the mass of its link is, a payload from parameters of the links that carry it, or a constant "
-    "torque offset from elastic_cable's first coefficients: the fit holds them there",
-)
+
+
+def never_shown(arm: Arm) -> str:
+    """Say what no motion of an arm tells apart."""
+    *others, last = (n for j, n in enumerate(arm.joint_names) if j not in offset_joints(arm))
+    upright = f"the zero of {others[0]} (it turns with the room), that of" if others else "that of"
+    return (
+        f"no torque tells {upright} {last} from where the mass of its link is, a payload from "
+        "parameters of the links that carry it, or a constant torque offset from elastic_cable's "
+        "first coefficients: the fit holds them there"
+    )
 
 
 def posture_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, ...]:
@@ -38,13 +46,14 @@ def posture_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, ..
     names = [posture_name(columns, columns.columns[i]) for i in posture]
     hidden, entangled = [], []
     for k, name in enumerate(names):
-        if first[k] > WELL:
-            hidden.append(f"{name} (±{np.degrees(first[k]):.1f} deg)")
+        alone, together = (_shown(columns, posture[k], one[k]) for one in (first, second))
+        if first[k] > WELL * _scale(columns, posture[k]):
+            hidden.append(f"{name} (±{alone})")
         elif second[k] > ENTANGLED * first[k]:
             other = int(np.argmax(np.abs(correlation[k]) - np.eye(len(names))[k]))
             entangled.append(
-                f"{name} is known to ±{np.degrees(first[k]):.1f} deg where the other zeros and the "
-                f"tilt are right, and to ±{np.degrees(second[k]):.1f} deg where none of them is "
+                f"{name} is known to ±{alone} where the other zeros and the "
+                f"tilt are right, and to ±{together} where none of them is "
                 f"known: it looks most like {names[other]} (correlation "
                 f"{correlation[k, other]:+.2f})"
             )
@@ -54,7 +63,21 @@ def posture_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, ..
             "of links, springs and elastic torque take it up; more speed, or a wider range of the "
             "joint, would show it"
         )
-    return (*entangled, *ALWAYS)
+    return (*entangled, never_shown(columns.arm))
+
+
+def _scale(columns: Columns, index: int) -> float:
+    """Return what counts as a rad of a zero or of the tilt."""
+    joint = columns.columns[index].joint
+    return 1.0 if joint < 0 else float(columns.arm.scale[joint])
+
+
+def _shown(columns: Columns, index: int, value: float) -> str:
+    """Return an error of a zero or of the tilt as a person says it."""
+    joint = columns.columns[index].joint
+    if joint < 0:
+        return f"{np.degrees(value):.1f} deg"
+    return columns.arm.joints[joint].shown(value, 1)
 
 
 def _information(problem: Problem, others: Sequence[int], posture: Sequence[int]) -> Array:

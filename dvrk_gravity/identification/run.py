@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.effects import terms
 from dvrk_gravity.errors import ArgumentError, ConfigError, RecordingError
 from dvrk_gravity.identification.columns import Columns, identified
@@ -139,6 +138,11 @@ def _static(
     from dvrk_gravity.identification.static_fit import fit_static
 
     source = head(recordings[0]).source
+    if not is_mtm(arm):
+        raise ConfigError(
+            "arm", arm.name,
+            f"mtml or mtmr with static poses ({source}); of other arms, trajectories",
+        )  # fmt: skip
     if effects is not None:
         raise ConfigError(
             "--terms", ",".join(effects),
@@ -206,13 +210,13 @@ def _partial(
     trajectory: Trajectory, arm: Arm, coordinates: Coordinates, still: Mapping[str, float]
 ) -> str:
     others = ", ".join(
-        f"{joint} {np.degrees(still[joint]):.4g}"
-        for joint in arm.joint_names
-        if joint not in trajectory.joints
+        f"{joint.name} {joint.shown(still[joint.name], 2)}"
+        for joint in arm.joints
+        if joint.name not in trajectory.joints
     )
     return (
         f"{trajectory.source}: {', '.join(trajectory.joints)} only, {coordinates} coordinates; the "
-        f"others stood at (deg) {others}; errors are those of the recordings of all joints"
+        f"others stood at {others}; errors are those of the recordings of all joints"
     )
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.description import SCALES, Joint
 from dvrk_gravity.identification.holding import NARROW
 from dvrk_gravity.identification.result import Holding, JointError, JointVerdict, Verdict
 from dvrk_gravity.model import VERDICTS
@@ -43,6 +42,8 @@ class VerdictSettings:
             that careful fits of an MTM were published with, each predicting another motion than
             the one fitted (weighted least squares and convex, by the authors of
             WPI-AIM/dvrk_dynamics_identification).
+        good_of_others: Largest error of a good model at the joints of other arms: that of an MTM's
+            shoulder, which carries the weight of all further links as most of their joints do.
         usable: Error above which not to compensate, as a part of the torque: the dVRK console's own
             test of a calibration warns from there.
         usable_over_good: But never less than so many times ``good``, that is twice its square: the
@@ -63,13 +64,14 @@ class VerdictSettings:
             "wrist_roll": 0.340,
         }
     )
+    good_of_others: float = 0.163
     usable: float = 0.30
     usable_over_good: float = 2.0**0.5
     negligible: float = 0.01
 
     def level(self, joint: str, share: float) -> str:
         """Return the verdict on an error that is such a part of a joint's torque."""
-        good = self.good[joint]
+        good = self.good.get(joint, self.good_of_others)
         if share <= good:
             return GOOD
         return USABLE if share <= max(self.usable, self.usable_over_good * good) else POOR
@@ -103,13 +105,13 @@ def judge(
     settings = settings or VerdictSettings()
     at_motor = coordinates == "actuator"
     joints = {}
-    for k, joint in enumerate(arm.joint_names):
-        limit = float((arm.actuator_effort_limit if at_motor else arm.effort_limit)[k])
+    for joint, motor_limit in zip(arm.joints, arm.actuator_effort_limit.tolist(), strict=True):
+        limit, name = motor_limit if at_motor else joint.effort_limit, joint.name
         found = [
-            _of_error(joint, errors[joint], training[joint], settings, limit, static),
-            *_of_holding(joint, holding[joint], settings, float(arm.effort_limit[k]), static),
+            _of_error(joint, errors[name], training[name], settings, limit, static),
+            *_of_holding(joint, holding[name], settings, static),
         ]
-        joints[joint] = max(found, key=lambda one: VERDICTS.index(one.level))
+        joints[name] = max(found, key=lambda one: VERDICTS.index(one.level))
     level = max((one.level for one in joints.values()), key=VERDICTS.index)
     named = {} if level == GOOD else {n: one for n, one in joints.items() if one.level == level}
     return Verdict(
@@ -121,21 +123,21 @@ def judge(
 
 
 def _of_error(
-    joint: str,
+    joint: Joint,
     error: JointError,
     training: JointError,
     settings: VerdictSettings,
     limit: float,
     static: bool,
 ) -> JointVerdict:
-    reason = f"held-out error {_percent(error.nrmse)} of its torque ({_milli(error.rmse)})"
+    reason = f"held-out error {_percent(error.nrmse)} of its torque ({_milli(error.rmse, joint)})"
     if error.rmse <= settings.negligible * limit:
         return JointVerdict(GOOD, f"{reason}, which moves no joint")
-    level = settings.level(joint, error.nrmse)
+    level = settings.level(joint.name, error.nrmse)
     if level == GOOD:
         return JointVerdict(GOOD, reason)
     fitted = _percent(training.nrmse)
-    if VERDICTS.index(settings.level(joint, training.nrmse)) >= VERDICTS.index(level):
+    if VERDICTS.index(settings.level(joint.name, training.nrmse)) >= VERDICTS.index(level):
         reason += f", hardly less on what was fitted ({fitted}): something acts that no term is for"
         return JointVerdict(level, reason, CLEAN[static])
     reason += f", {fitted} on what was fitted: too little was recorded for what acts"
@@ -143,12 +145,12 @@ def _of_error(
 
 
 def _of_holding(
-    joint: str, holding: Holding, settings: VerdictSettings, limit: float, static: bool
+    joint: Joint, holding: Holding, settings: VerdictSettings, static: bool
 ) -> Iterator[JointVerdict]:
     here, anywhere = (
         GOOD
-        if error <= settings.negligible * limit
-        else settings.level(joint, error / max(torque, TINY))
+        if error <= settings.negligible * joint.effort_limit
+        else settings.level(joint.name, error / max(torque, TINY))
         for error, torque in (
             (holding.error, holding.torque),
             (holding.error_anywhere, holding.torque_anywhere),
@@ -158,26 +160,28 @@ def _of_holding(
         reason = "the torque that holds the arm still is known poorly"
         yield JointVerdict(
             here,
-            f"{reason}: {_milli(holding.torque)}, of which {_milli(holding.error)} are uncertain",
+            f"{reason}: {_milli(holding.torque, joint)}, of which "
+            f"{_milli(holding.error, joint)} are uncertain",
             MORE[static],
         )
     elif anywhere == POOR:
-        error = _milli(holding.error_anywhere)
+        error = _milli(holding.error_anywhere, joint)
         reason = "beyond what was recorded, the torque that holds the arm still is known poorly"
         yield JointVerdict(USABLE, f"{reason} (to {error})", FURTHER[static])
-    if holding.upper - holding.lower < NARROW:
-        span = np.degrees(holding.upper - holding.lower)
+    span = holding.upper - holding.lower
+    if span < NARROW * SCALES[joint.kind]:
         reason = "what depends on its position is not known"
         yield JointVerdict(
             USABLE,
-            f"hardly moved (by {span:.2g} deg): {reason}",
-            THIS_JOINT[static].format(joint=joint),
+            f"hardly moved (by {joint.shown(span, 1)}): {reason}",
+            THIS_JOINT[static].format(joint=joint.name),
         )
 
 
-def _milli(torque: float) -> str:
-    """Return a torque in mN·m, with two digits or more."""
-    return f"{1e3 * torque:.2g} mN·m" if abs(torque) < 0.01 else f"{1e3 * torque:.0f} mN·m"
+def _milli(torque: float, joint: Joint) -> str:
+    """Return a torque in mN·m or mN, with two digits or more."""
+    number = f"{1e3 * torque:.2g}" if abs(torque) < 0.01 else f"{1e3 * torque:.0f}"
+    return f"{number} m{joint.effort_unit}"
 
 
 def _percent(share: float) -> str:

@@ -114,6 +114,7 @@ def _completed(
     scale = prior_scale(arm)
     bodies = len(scale)
     found, rotors = nearest_bodies(
+        arm,
         seen[:, :bodies], seen[:, bodies:], goal, middle, _HOLD / scale, motor / size,
         np.zeros_like(motor), _EVALUATIONS,
     )  # fmt: skip
@@ -122,7 +123,7 @@ def _completed(
     unit = np.concatenate([scale, np.ones_like(motor)])
     left = goal - seen @ theta
     exact = theta + unit * (np.linalg.pinv(seen * unit, rcond=_RANK) @ left)
-    if min(certificate(exact[:bodies]).values()) > 0.0 and exact[bodies:].min() >= 0.0:
+    if min(certificate(arm, exact[:bodies]).values()) > 0.0 and exact[bodies:].min() >= 0.0:
         theta = exact
     missed = orthogonal @ (seen @ theta - goal)
     off = np.sqrt(np.sum(missed.reshape(_STATES, -1) ** 2, axis=0))
