@@ -162,7 +162,7 @@ def test_a_model_in_the_console_s_form_comes_through_number_by_number(tmp_path):
     assert one == other
     assert told["exact"]
     assert also["exact"]
-    assert "rotor_inertia, torque_offset" in also["notes"][0]
+    assert "torque_offset, rotor_inertia" in also["notes"][0]
     assert all(one["moving_max"] == 0.0 for one in told["joints"].values())
 
 
@@ -278,4 +278,4 @@ def test_the_table_says_what_is_lost_and_what_was_left_out(tmp_path, capsys):
         1e3 * told["joints"]["shoulder_pitch"]["moving_rms"], abs=6e-3
     )
     assert "rotor_inertia" in err
-    assert "stribeck_friction, viscous_friction" in err
+    assert "viscous_friction, stribeck_friction" in err

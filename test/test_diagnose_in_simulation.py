@@ -152,4 +152,4 @@ def test_a_comparison_that_fails_says_why_in_words(recorded):
     assert all("the arm runs away" in note for note in wild.notes)
     assert bare.before is not None
     assert bare.drifts == ()
-    assert "no weights (beta)" in bare.notes[0]
+    assert "no weights" in bare.notes[0]

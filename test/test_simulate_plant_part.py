@@ -34,6 +34,10 @@ class Outside(Term):
         self._of = torque
 
     @classmethod
+    def schema(cls, arm):
+        return ()
+
+    @classmethod
     def from_parameters(cls, arm, values):
         return None
 
@@ -237,7 +241,8 @@ def test_the_simulator_names_no_effect():
     """But for inertia: a model's prediction of it becomes the bodies that the plant moves."""
     paths = (REPOSITORY / "dvrk_gravity" / "simulate").glob("*.py")
     known = {path.name: effects_imported_by(path) for path in paths}
-    assert known.pop("model_plant.py") == {"LinkInertia", "RotorInertia", "State"}
+    bodies = known.pop("model_plant.py")
+    assert bodies == {"LinkInertia", "RotorInertia", "State", "prior_scale"}
     assert set().union(*known.values()) == {"PlantPart"}
 
 

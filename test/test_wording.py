@@ -110,7 +110,13 @@ def every() -> list[Case]:
     ]
     forms = {(one.effect, re.sub(r"\d| of \w+", "", one.place), len(one.joints)): one
              for one in found}  # fmt: skip
-    of_poses_or_console = {"gravity", "directional_cable", "held_load", "shown_torque"}
+    of_poses_or_console = {
+        "gravity",
+        "link_weight",
+        "directional_cable",
+        "held_load",
+        "shown_torque",
+    }
     known = {effect.NAME for effect in effects.effects()} - of_poses_or_console
     assert {one.effect for one in forms.values()} == known - {"wrong_coordinates", "unknown"}
     return [Case(one, one.build(motion, one.setting).shape[2]) for one in forms.values()]
