@@ -92,7 +92,9 @@ class Compensator(PromptNode):
     def _connect(self) -> None:
         self._as_array = self.get_parameter("output").value == "array"
         message = Float64MultiArray if self._as_array else JointState
-        self._command = self.create_publisher(message, self._command_topic(self._as_array), _COMMANDS)
+        self._command = self.create_publisher(
+            message, self._command_topic(self._as_array), _COMMANDS
+        )
         self._arm = ArmLink(self, any_subscriber=self._as_array)
         self._hold = Hold(self, self._arm.listens)
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)
