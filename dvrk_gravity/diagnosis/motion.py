@@ -17,7 +17,7 @@ from dvrk_gravity.recording import LowPass
 Array = NDArray[np.float64]
 
 _SIGN_SPEED = 0.03  # of a joint's RMS speed: below, the direction of motion is uncertain
-_SLOWEST = 0.005  # rad/s
+_SLOWEST = 0.005  # rad/s; of what slides and of ways a tenth in m
 _SHIFT = 0.01  # rad
 _SMEARED = 0.025  # s, by which the filter of the kinematics, 20 Hz, is early or late
 _TURNING_BAND = 8.0  # Hz
@@ -99,21 +99,21 @@ class Motion:
     def slope(self) -> Array:
         """(N, n, n) change of the modelled torque [:, joint, by position of], N·m/rad."""
         slopes = []
-        for shift in _SHIFT * np.eye(self.arm.n):
+        for shift in _SHIFT * np.diag(self.arm.scale):
             there, back = self.torque_at(self.q + shift), self.torque_at(self.q - shift)
-            slopes.append((there - back) / (2.0 * _SHIFT))
+            slopes.append((there - back) / (2.0 * shift.sum()))
         return np.stack(slopes, axis=2)
 
     @cached_property
     def travel(self) -> tuple[Array, Array]:
         """(n,) middle and half of the way that each joint goes, rad."""
         low, high = np.percentile(self.q, [0.5, 99.5], axis=0)
-        return 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-3)
+        return 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-3 * self.arm.scale)
 
     @cached_property
     def moves(self) -> NDArray[np.bool_]:
         """(n,) which joints move enough to tell anything by."""
-        return self.present & (self.travel[1] > 0.01)
+        return self.present & (self.travel[1] > 0.01 * self.arm.scale)
 
     @cached_property
     def speed(self) -> Array:
@@ -152,7 +152,7 @@ class Motion:
         low = LowPass(min(_TURNING_BAND, self.rate / 6.0), self.rate)
         speed = self.qd @ row
         typical = float(np.sqrt(np.mean(speed**2)))
-        slow = max(_STILL * typical, 2 * _SLOWEST)
+        slow = max(_STILL * typical, 2 * _SLOWEST * self._scale(row))
         # Where the encoder steps too rarely for its direction to be seen all the time, and where
         # the model's friction is but on its way, for smoothness' sake, neither can say.
         unseen = _STEP_RATE * float(self.step @ np.abs(row))
@@ -175,7 +175,13 @@ class Motion:
 
     def slowest(self, row: Array) -> float:
         """Return the speed of a row of the joints below which its direction is uncertain, rad/s."""
-        return max(_SIGN_SPEED * float(np.sqrt(np.mean((self.qd @ row) ** 2))), _SLOWEST)
+        least = _SLOWEST * self._scale(row)
+        return max(_SIGN_SPEED * float(np.sqrt(np.mean((self.qd @ row) ** 2))), least)
+
+    def _scale(self, row: Array) -> float:
+        """Return what counts as a rad of a row of the joints."""
+        part = np.abs(row)
+        return float(part @ self.arm.scale) / float(part.sum())
 
     def sign(self, row: Array, transition: float | None = None) -> Array:
         """Return (N,) direction of motion of a row of the joints, linear through a slow zero.

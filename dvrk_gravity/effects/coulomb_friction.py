@@ -35,12 +35,12 @@ from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.site import Kind
 from dvrk_gravity.effects.state import State
 from dvrk_gravity.effects.term import Evaluator, LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, site_columns
+from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, effort_of_motor, site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
 _DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance
 _SIGN: Array = np.array(1e9)  # slope that makes the ramp a sign function, while 0 stays 0
-_TRANSITION = 0.003  # rad/s over which it changes its sign when it is identified
+_TRANSITION = 0.003  # rad/s (a tenth in m/s) over which it changes its sign when it is identified
 _LEVELS = ("joint_positive", "joint_negative", "motor_positive", "motor_negative")
 
 
@@ -204,12 +204,14 @@ class CoulombFriction(LinearTerm):
 
         The same upwards and downwards: a difference is a constant, which is a column of another.
         """
-        nothing, scale = np.zeros(arm.n), PART * arm.actuator_effort_limit
-        term = cls(arm, *(nothing,) * 4, transition_velocity=np.full(arm.n, _TRANSITION))
+        nothing = np.zeros(arm.n)
+        term = cls(arm, *(nothing,) * 4, transition_velocity=_TRANSITION * arm.scale)
         columns = [
             column
             for kind in (Kind.JOINT, Kind.MOTOR)
-            for column in site_columns(cls.NAME, kind, scale, 0, True, "N·m")
+            for column in site_columns(
+                cls.NAME, kind, PART * effort_of_motor(arm, kind), 0, True, "N·m"
+            )
         ]
         both = np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1)))
         return Unknowns(term, tuple(columns), both.astype(float))

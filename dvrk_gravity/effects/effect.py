@@ -205,11 +205,7 @@ class Hypothesis(ABC):
 
     def unit(self, name: str) -> str:
         """Return the unit of a parameter at this site; a joint that slides has N and m."""
-        unit = self.EFFECT.meaning(name).unit
-        at_joint = self.site.kind in (Kind.JOINT, Kind.MOTOR)
-        if at_joint and self.arm.joints[self.site.index].kind == "prismatic":
-            unit = unit.replace("N·m", "N").replace("rad", "m").replace("kg·m^2", "kg")
-        return unit
+        return self.site.unit(self.arm, self.EFFECT.meaning(name).unit)
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """Return what is claimed, with its size."""

@@ -18,7 +18,7 @@ from dvrk_gravity.effects.merging import position_offset
 from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.state import State
 from dvrk_gravity.effects.term import Evaluator, LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, site_columns
+from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, effort_of_motor, site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
 DEGREE = 7  # highest power of a joint's own position that identification tries
@@ -146,7 +146,7 @@ class ElasticCable(LinearTerm):
     @classmethod
     def unknowns(cls, arm: Arm, valid: polynomial.Range) -> Unknowns:
         """See :meth:`LinearTerm.unknowns`: as Legendre polynomials over the range."""
-        scale = PART * arm.actuator_effort_limit
+        scale = PART * effort_of_motor(arm, site.Kind.JOINT)
         columns = [
             column
             for power in range(DEGREE + 1)

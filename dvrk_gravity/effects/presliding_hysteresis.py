@@ -24,7 +24,7 @@ from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.state import State
 from dvrk_gravity.effects.term import LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, site_columns
+from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, effort_of_motor, site_columns
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -172,12 +172,14 @@ class PreslidingHysteresis(LinearTerm):
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
         """See :meth:`LinearTerm.unknowns`: elements of some displacements."""
-        scale, nothing = PART * arm.actuator_effort_limit, np.zeros((len(DISPLACEMENTS), arm.n))
+        nothing = np.zeros((len(DISPLACEMENTS), arm.n))
         columns = [
             column
             for element in range(len(DISPLACEMENTS))
             for kind in (site.Kind.JOINT, site.Kind.MOTOR)
-            for column in site_columns(cls.NAME, kind, scale, element, True, "N·m")
+            for column in site_columns(
+                cls.NAME, kind, PART * effort_of_motor(arm, kind), element, True, "N·m"
+            )
         ]
         return Unknowns(cls(arm, np.array(DISPLACEMENTS), nothing, nothing), tuple(columns))
 

@@ -20,7 +20,7 @@ from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.site import Kind
 from dvrk_gravity.effects.state import State
 from dvrk_gravity.effects.term import LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import ColumnTable, Move, site_columns
+from dvrk_gravity.effects.unknowns import ColumnTable, Move, site_columns, unit_way
 from dvrk_gravity.parameter import Parameter, Value
 
 _PART = 0.05  # of a motor's largest torque that a rad/s^2 may plausibly take
@@ -109,7 +109,7 @@ class RotorInertia(LinearTerm):
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
         """See :meth:`LinearTerm.unknowns`."""
-        scale = _PART * arm.actuator_effort_limit
+        scale = _PART * arm.actuator_effort_limit / unit_way(arm, Kind.MOTOR)
         columns = site_columns(cls.NAME, Kind.MOTOR, scale, 0, True, "kg·m^2")
         return Unknowns(cls(arm, np.zeros(arm.n)), tuple(columns))
 

@@ -45,6 +45,13 @@ class Site:
             return arm.joint_to_actuator[self.index]
         return np.eye(arm.n)[self.index]
 
+    def unit(self, arm: Arm, unit: str) -> str:
+        """Return the unit there of what is in ``unit`` where a joint turns."""
+        at_joint = self.kind in (Kind.JOINT, Kind.MOTOR)
+        if at_joint and arm.joints[self.index].kind == "prismatic":
+            return unit.replace("N·m", "N").replace("rad", "m").replace("kg·m^2", "kg")
+        return unit
+
     def words(self, arm: Arm) -> str:
         """Return what a person calls it."""
         if self.kind in (Kind.BASE, Kind.ARM):

@@ -18,6 +18,22 @@ PART = 0.2
 """What one effect may plausibly take of a motor's largest torque, as a standard deviation."""
 
 
+def effort_of_motor(arm: Arm, kind: Kind) -> Array:
+    """Return (n,) the largest effort of each motor, there or at its own joint."""
+    if kind is Kind.MOTOR:
+        return arm.actuator_effort_limit
+    ratio = np.abs(np.diag(arm.joint_to_actuator))
+    return np.where(ratio > 0.0, ratio * arm.actuator_effort_limit, arm.effort_limit)
+
+
+def unit_way(arm: Arm, kind: Kind) -> Array:
+    """Return (n,) the way of each joint, or of its motor, that counts as much as a rad."""
+    if kind is not Kind.MOTOR:
+        return arm.scale
+    ratio = np.abs(np.diag(arm.joint_to_actuator))
+    return np.where(ratio > 0.0, ratio, 1.0) * arm.scale
+
+
 @dataclass(frozen=True)
 class Column:
     """One unknown of a fit.

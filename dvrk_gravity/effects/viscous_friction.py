@@ -30,9 +30,10 @@ from dvrk_gravity.effects.meaning import MORE, meanings, size
 from dvrk_gravity.effects.merging import array
 from dvrk_gravity.effects.plant_part import PlantPart
 from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.site import Kind
 from dvrk_gravity.effects.state import State
 from dvrk_gravity.effects.term import Evaluator, Friction
-from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move
+from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, effort_of_motor, unit_way
 from dvrk_gravity.parameter import Parameter, Value
 
 
@@ -85,8 +86,11 @@ class ViscousFriction(Friction):
     @classmethod
     def plausible(cls, arm: Arm, valid: Range) -> ViscousFriction:
         """See :meth:`LinearTerm.plausible`: at one radian a second."""
-        scale = PART * arm.actuator_effort_limit
-        return cls(arm, scale, scale)
+        joint, motor = (
+            PART * effort_of_motor(arm, kind) / unit_way(arm, kind)
+            for kind in (Kind.JOINT, Kind.MOTOR)
+        )
+        return cls(arm, joint, motor)
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""

@@ -134,10 +134,13 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
         if column.unit:
             name = _name(column, columns.arm)
             if column.effect == "presliding_hysteresis":
-                name += f" over {DISPLACEMENTS[column.index]:g} rad"
+                name += (
+                    f" over {DISPLACEMENTS[column.index]:g} {column.site.unit(columns.arm, 'rad')}"
+                )
             found.append(
                 _Quantity(
-                    name, column.unit, row({index[i]: 1.0}), column.joint,
+                    name, column.site.unit(columns.arm, column.unit), row({index[i]: 1.0}),
+                    column.joint,
                     shared=i in dry.get((column.place, column.joint), ()),
                 )
             )  # fmt: skip

@@ -77,7 +77,8 @@ def nearest_bodies(
         of_links: (r, 10 bodies) what the equations see of the links.
         of_others: (r, p) what they see of the other coefficients, of order one each.
         right: (r,) right-hand side.
-        middle: (10 bodies,) link parameters that are held to, as far as the equations leave it.
+        middle: (10 bodies,) link parameters that are held to, as far as the equations leave
+            it open.
         hold: (10 bodies,) how firmly.
         first: (p,) other coefficients to begin with.
         least: (p,) their least values, -inf where there are none.
