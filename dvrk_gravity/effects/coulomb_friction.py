@@ -24,7 +24,7 @@ from dvrk_gravity.effects.evidence import Motion
 from dvrk_gravity.effects.friction_sites import (
     friction_places,
     friction_sites,
-    likely_place,
+    likely_columns,
     moves_between,
     where,
 )
@@ -181,12 +181,7 @@ class CoulombFriction(LinearTerm):
     @classmethod
     def plainest(cls, table: ColumnTable) -> list[int]:
         """See :meth:`LinearTerm.plainest`: at every joint or, where it is likelier, its motor."""
-        arm = table.arm
-        return [
-            index
-            for joint in range(arm.n)
-            for index in table.select(effect=cls.NAME, place=likely_place(arm, joint), joint=joint)
-        ]
+        return likely_columns(cls.NAME, table)
 
     @property
     def theta(self) -> Array:

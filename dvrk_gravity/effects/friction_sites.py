@@ -45,6 +45,15 @@ def likely_place(arm: Arm, joint: int) -> str:
     return "motor" if np.delete(row, joint).max(initial=0.0) >= row[joint] else "joint"
 
 
+def likely_columns(effect: str, table: ColumnTable) -> list[int]:
+    """Return the columns of a friction at each joint or, where that is likelier, at its motor."""
+    return [
+        index
+        for joint in range(table.arm.n)
+        for index in table.select(effect=effect, place=likely_place(table.arm, joint), joint=joint)
+    ]
+
+
 def where(arm: Arm, joint: int, place: str) -> str:
     """Return what a move calls a place of a joint."""
     name = arm.joint_names[joint]
