@@ -92,3 +92,13 @@ def test_what_uses_all_effects_names_none(room, modules):
     for path, found in modules.items():
         if path.startswith(room):
             assert not found & (classes | names), path
+
+
+# The MTM's own rooms; static poses are approached and held as a master arm's calibration has them.
+OF_THE_MTM = ("arms/mtm/", "arms/yaml_arm.py", "console/", "nodes/demo/", "identification/static_")
+
+
+def test_no_generic_module_knows_a_number_of_joints_or_their_names(modules):
+    for path, names in modules.items():
+        if not path.startswith(OF_THE_MTM):
+            assert not names & {"N_JOINTS", "JOINT_NAMES"}, path

@@ -135,7 +135,7 @@ def _expected(bag: Path, topic: str | None, model: TorqueModel) -> list[Sample]:
 
 
 def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
-    """Return (N, 7) torques that are due, friction only where a velocity came along, N·m."""
+    """Return (N, n) torques that are due, friction only where a velocity came along, N·m."""
     from dvrk_gravity.commands.replay_reference import compensation
     from dvrk_gravity.node_parameters import node_parameters
 
@@ -163,7 +163,7 @@ def _play(
 ) -> tuple[list[tuple[int, bytes]], list[tuple[int, int, Any, bytes]]]:
     """Return what was sent and what was answered.
 
-    Sent: time (ns) and CDR bytes. Answered: time (ns), stamp (ns), effort (7,), CDR bytes.
+    Sent: time (ns) and CDR bytes. Answered: time (ns), stamp (ns), effort (n,), CDR bytes.
     """
     from rclpy.serialization import deserialize_message
     from sensor_msgs.msg import JointState

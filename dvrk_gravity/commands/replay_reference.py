@@ -23,13 +23,13 @@ def compensation(
 
     Args:
         model: The model.
-        position: (N, 7) measured positions, rad.
-        velocity: (N, 7) rad/s; ``None`` where it is not known: friction is then left out.
-        ratio: (7,) part of friction that is compensated, at each joint and motor.
-        dead_band: (7,) rad/s below which a joint's velocity counts as zero in friction.
+        position: (N, n) measured positions, rad.
+        velocity: (N, n) rad/s; ``None`` where it is not known: friction is then left out.
+        ratio: (n,) part of friction that is compensated, at each joint and motor.
+        dead_band: (n,) rad/s below which a joint's velocity counts as zero in friction.
 
     Returns:
-        (N, 7) N·m.
+        (N, n) N·m.
     """
     q = position - model.joint_offset
     sliding = None if velocity is None else np.where(np.abs(velocity) < dead_band, 0.0, velocity)

@@ -59,9 +59,9 @@ class InSimulation:
     Attributes:
         joints: Names of the joints.
         windows: How many pieces of held-out motion were predicted.
-        before: (7,) RMS error of the position that the given model predicts at the end of
+        before: (n,) RMS error of the position that the given model predicts at the end of
             :data:`WINDOW`, rad; ``None`` where motion could not be simulated.
-        after: (7,) the same of the extended model.
+        after: (n,) the same of the extended model.
         drifts: One for each of :data:`FRICTION`; none where nothing can be compensated.
         notes: What was not simulated, and why.
     """
@@ -190,7 +190,7 @@ def let_go(plant: Plant, model: TorqueModel, pose: Array, duration: float = DURA
     Args:
         plant: The arm; is put at the pose, at rest.
         model: The model that compensates.
-        pose: (7,) measured position, rad.
+        pose: (n,) measured position, rad.
         duration: s.
 
     Returns:
@@ -251,7 +251,7 @@ def _starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[
 def _missed(
     simulated: ModelArm, model: TorqueModel, motion: Motion, starts: NDArray[np.int64]
 ) -> Array:
-    """Return (7,) RMS error of the positions that a model predicts at the end of each piece."""
+    """Return (n,) RMS error of the positions that a model predicts at the end of each piece."""
     plant = simulated.plant()
     arm, offset = model.arm, model.joint_offset
     bias = model.term(TorqueOffset.NAME)

@@ -26,12 +26,12 @@ class Design:
     Attributes:
         columns: What the columns are.
         x: (n, 7, p) filtered regressor.
-        y: (n, 7) filtered torque, N·m.
+        y: (N, n) filtered torque, N·m.
         time: (n,) s within the recording.
         part: (n,) index of the motion that a sample came from.
-        state: (n, 7) arrays: the motion at those samples.
+        state: (N, n) arrays: the motion at those samples.
         rate: Samples a second.
-        measured: (n, 7) whether the torque was measured; else both ``x`` and ``y`` are zero.
+        measured: (N, n) whether the torque was measured; else both ``x`` and ``y`` are zero.
     """
 
     columns: Columns

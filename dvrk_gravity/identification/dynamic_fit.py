@@ -49,8 +49,8 @@ class Estimate:
     Attributes:
         solution: The coefficients.
         links: (10 bodies,) link parameters, if they were asked to be physical.
-        predicted: (n, 7) torque of the fit, N·m.
-        blind: (n, 7) torque, each sample predicted by a fit that had not seen it, N·m.
+        predicted: (N, n) torque of the fit, N·m.
+        blind: (N, n) torque, each sample predicted by a fit that had not seen it, N·m.
         parameters: Named, with intervals.
         identifiability: What the data determine.
         holding: Certainty of the torque that holds the arm still, by joint.
@@ -157,7 +157,7 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) ->
 
 
 def _at_rest(columns: Columns, chosen: Sequence[int], q: Array) -> Array:
-    """Return (K, 7, p) joint torques of the chosen columns at (K, 7) positions at rest."""
+    """Return (K, n, p) joint torques of the chosen columns at (K, n) positions at rest."""
     at_motors = columns.at_rest(q)[:, :, chosen]
     return np.matmul(columns.arm.joint_to_actuator.T, at_motors)
 
@@ -165,7 +165,7 @@ def _at_rest(columns: Columns, chosen: Sequence[int], q: Array) -> Array:
 def _held_out(
     design: Design, folds: Folds, selection: Selection, chosen: Sequence[int], physical: bool
 ) -> Array:
-    """Return (n, 7) torques, each predicted by the fit that had not seen it."""
+    """Return (N, n) torques, each predicted by the fit that had not seen it."""
     index = list(chosen)
     columns = design.columns
     scale, positive = columns.scale[index], columns.positive[index]

@@ -42,7 +42,7 @@ class JointColumns:
         joint: The joint.
         groups: Groups of columns; the joint's own position first.
         group: (p,) index of each column's group.
-        orders: (p, 7) order of each joint's Chebyshev polynomial.
+        orders: (p, n) order of each joint's Chebyshev polynomial.
         own: (p0, 13) Chebyshev series of the first p0 columns, functions of the joint's own
             position, in place of their orders.
         along: (p,) whether the column follows the direction of approach.

@@ -98,7 +98,7 @@ def fit_static(
 def predict_unseen(
     poses: Poses, unseen: NDArray[np.bool_], arm: Arm, for_console: bool = False
 ) -> Array:
-    """Return (n, 7) torques at the unseen poses, all choices made on the others, N·m."""
+    """Return (N, n) torques at the unseen poses, all choices made on the others, N·m."""
     model = fit_model(poses.rows(~unseen), arm, for_console)
     return model.torque(poses.q[unseen], direction=poses.direction[unseen])
 
@@ -112,7 +112,7 @@ def fit_model(poses: Poses, arm: Arm, for_console: bool = False) -> TorqueModel:
 def _held_out(
     poses: Poses, arm: Arm, progress: Callable[[float], None], for_console: bool
 ) -> tuple[NDArray[np.int64], Array]:
-    """Return rows of held-out poses and their (n, 7) predictions by fits that never saw them."""
+    """Return rows of held-out poses and their (N, n) predictions by fits that never saw them."""
     unseen = middle_slabs(poses)
     predicted = []
     for number, mask in enumerate(unseen):

@@ -34,7 +34,7 @@ def fit_poses(
     """Fit what was chosen and build the model.
 
     Returns:
-        The model, the solution, (7,) robust residual scale in N·m and (N, 7) weights.
+        The model, the solution, (n,) robust residual scale in N·m and (N, n) weights.
     """
     solution, scale, weight = solve_robust(table, choices)
     values: dict[str, Value] = {"arm": arm.source or arm.name, "beta": as_value(solution.beta)}

@@ -26,9 +26,9 @@ class Poses:
     """Static poses in joint coordinates.
 
     Attributes:
-        q: (N, 7) rad.
-        effort: (N, 7) N·m.
-        direction: (N, 7) +1/-1; 0 where it is not known.
+        q: (N, n) rad.
+        effort: (N, n) N·m.
+        direction: (N, n) +1/-1; 0 where it is not known.
         part: (N,) index of the recording.
     """
 
@@ -52,12 +52,12 @@ class Poses:
 
     @cached_property
     def lower(self) -> Array:
-        """(7,) least position of each joint, rad."""
+        """(n,) least position of each joint, rad."""
         return self.q.min(axis=0)
 
     @cached_property
     def upper(self) -> Array:
-        """(7,) greatest position of each joint, rad."""
+        """(n,) greatest position of each joint, rad."""
         return self.q.max(axis=0)
 
     @cached_property
@@ -67,7 +67,7 @@ class Poses:
 
     @cached_property
     def directed(self) -> tuple[bool, ...]:
-        """(7,) whether friction can be told from cable: both directions occur often enough."""
+        """(n,) whether friction can be told from cable: both directions occur often enough."""
         up, down = (self.direction > 0).mean(axis=0), (self.direction < 0).mean(axis=0)
         return tuple((np.minimum(up, down) >= SHARE).tolist())
 

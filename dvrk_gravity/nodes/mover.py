@@ -129,7 +129,7 @@ class Mover:
         return str(self._measured_sub.topic_name)
 
     def connect(self, timeout: float = 10.0) -> Array:
-        """Wait for the arm, listen whether somebody commands it, and return (7,) where it is, rad.
+        """Wait for the arm, listen whether somebody commands it, and return (n,) where it is, rad.
 
         Raises:
             MotionError: No arm, another one, or one that somebody else commands.
@@ -181,7 +181,7 @@ class Mover:
         """Drive the arm along a path in its own time; whatever ends that early holds the arm.
 
         Args:
-            path: Time since its beginning, s, to (7,) position, rad, and (7,) velocity, rad/s.
+            path: Time since its beginning, s, to (n,) position, rad, and (n,) velocity, rad/s.
             duration: s.
             record: Gets every measured_js, as CDR bytes, while the arm moves.
             progress: Gets the part that is done, 0 to 1.

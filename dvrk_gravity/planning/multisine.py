@@ -29,10 +29,10 @@ class Multisine:
     """q(t) = middle + ease(t) sum_k a_k sin(2 pi f_k t + phi_k).
 
     Attributes:
-        middle: (7,) rad.
-        amplitude: (k, 7) rad.
-        frequency: (k, 7) Hz.
-        phase: (k, 7) rad.
+        middle: (n,) rad.
+        amplitude: (k, n) rad.
+        frequency: (k, n) Hz.
+        phase: (k, n) rad.
         ramp: Time from rest into the motion, and out of it, s.
         duration: When it is at rest again, s.
     """
@@ -74,7 +74,7 @@ class Multisine:
         return cls(middle, amplitude, frequency, phase)
 
     def at(self, time: float | Array) -> tuple[Array, Array]:
-        """Return position, rad, and velocity, rad/s: (7,), or (N, 7) for (N,) times."""
+        """Return position, rad, and velocity, rad/s: (n,), or (N, n) for (N,) times."""
         moment = np.asarray(time, dtype=float)[..., None]
         angle = 2.0 * np.pi * self.frequency * moment[..., None] + self.phase
         way = (self.amplitude * np.sin(angle)).sum(axis=-2)

@@ -14,7 +14,6 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
 from dvrk_gravity.arms.tree import link_frames
 from dvrk_gravity.effects import LinkInertia, RotorInertia, State
 from dvrk_gravity.effects.link_prior import prior_scale
@@ -90,7 +89,7 @@ def _completed(
     nothing = pin.Inertia.Zero()
     middle = np.concatenate(
         [frames[name].act(known.links.get(name, nothing)).toDynamicParameters()
-         for name in TREE_LINKS]
+         for name in arm.body_names]
     )  # fmt: skip
     state, size = _states(arm), known.rotor_inertia
     of_links = links.regressor(state)
@@ -127,10 +126,10 @@ def _completed(
         theta = exact
     missed = orthogonal @ (seen @ theta - goal)
     off = np.sqrt(np.sum(missed.reshape(_STATES, -1) ** 2, axis=0))
-    rows = theta[:bodies].reshape(len(TREE_LINKS), -1)
+    rows = theta[:bodies].reshape(len(arm.body_names), -1)
     inertia = {
         name: frames[name].actInv(pin.Inertia.FromDynamicParameters(row))
-        for name, row in zip(TREE_LINKS, rows, strict=True)
+        for name, row in zip(arm.body_names, rows, strict=True)
     }
     return inertia, theta[bodies:] * size, off
 
