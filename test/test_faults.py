@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -373,6 +374,33 @@ def test_a_second_compensator_refuses_and_the_first_goes_on(arm, start):
     assert arm.client.enable(True, "second").success
     arm.run_until(commands(arm), "commands of the second")
     assert len(senders(arm, ended) - {first}) == 1
+
+
+@pytest.mark.parametrize(("late", "elder"), [(2.0, True), (10.0, False)])
+def test_an_elder_that_dds_brings_seconds_late_is_told_from_a_recording(monkeypatch, late, elder):
+    """It keeps the arm: a hold of ours would take the arm out of its hands."""
+    from rclpy.qos import ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+
+    from dvrk_gravity.nodes import rivals
+
+    now = [100.0]
+    clock = SimpleNamespace(monotonic=lambda: now[0], time_ns=time.time_ns)
+    monkeypatch.setattr(rivals, "time", clock)
+    node = SimpleNamespace(
+        get_fully_qualified_name=lambda: "/MTMR/second",
+        count_publishers=lambda _: 2,
+        create_subscription=lambda *_, **__: None,
+    )
+    publisher = SimpleNamespace(topic_name="/MTMR/servo_jf", msg_type=JointState)
+    heard: list[bool] = []
+    second = rivals.Rivals(
+        node, publisher, lambda: heard.append(second.elder), ReliabilityPolicy.RELIABLE
+    )
+    second.watch(commanding=True)
+    now[0] += late
+    second._on_command(f"/MTMR/first 01234567 since {1:020d}".encode())
+    assert heard == [elder]
 
 
 def test_of_two_that_start_at_once_no_two_go_on(arm, start):

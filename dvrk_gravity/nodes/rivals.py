@@ -31,6 +31,9 @@ LISTEN = LATELY
 PATIENCE = 1.0
 """How long another compensator that started later is given to notice us and to stop, s."""
 
+_INTRODUCTION = 4.0
+"""So late, s, DDS may bring another together with us: lost greetings it repeats after 3 s."""
+
 # Between two looks of the executor our own commands fill ten places at 1 kHz: none must be lost.
 _DEPTH = 100
 
@@ -128,7 +131,7 @@ class Rivals:
         mark = _MARK.search(data)
         later = mark is not None and int(mark[1]) > self._start
         # One that we hear late is an elder; much later it is no compensator but its recording.
-        young = not self._commanding or now - self._commanding_since < PATIENCE
+        young = not self._commanding or now - self._commanding_since < _INTRODUCTION
         self.elder = mark is not None and not later and young
         if later and self._commanding and now - self._first < PATIENCE:
             return
