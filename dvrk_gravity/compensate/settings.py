@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.evaluator import Parts, prepare_parts
 from dvrk_gravity.compensate.limits import EffortLimits
+from dvrk_gravity.effects import Gravity, LinkWeight
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
     VERDICT_PARAMETER,
@@ -89,7 +91,7 @@ class Settings:
                 file, and their model where no parameter of it changes.
 
         Raises:
-            ConfigError: An unknown name, a value that fails its check, no beta: an arm that is
+            ConfigError: An unknown name, a value that fails its check, no weight: an arm that is
                 commanded zero torque falls; or a model that was found not fit to compensate with.
         """
         arm = arm_of(values) if before is None else before.model.arm
@@ -97,8 +99,7 @@ class Settings:
         checked = check_all(declared, values)
         defaults = {name: entry.default for name, entry in declared.items()}
         value: dict[str, Any] = defaults | checked
-        if not value["beta"]:
-            raise ConfigError("beta", [], "10 gravity parameters, from --params-file for instance")
+        _require_weight(arm, value)
         of_model = {name: checked[name] for name in model_parameters(arm) if name in checked}
         if before is not None and of_model == before._given:
             model = before.model
@@ -175,3 +176,19 @@ class Settings:
     def _parts(self) -> Parts:
         terms = (term for term in self.model.terms if term.COMPENSATED)
         return prepare_parts(terms, self.friction_ratio)
+
+
+def _require_weight(arm: Arm, value: Mapping[str, Any]) -> None:
+    """Refuse a model without the arm's weight."""
+    weights = [
+        entry.name
+        for effect in (Gravity, LinkWeight)
+        for entry in effect.schema(arm)
+        if entry.default == ()
+    ]
+    if any(value[name] for name in weights):
+        return
+    if weights == ["beta"]:
+        raise ConfigError("beta", [], "10 gravity parameters, from --params-file for instance")
+    expected = f"the weight of {arm.name}'s links, from --params-file for instance"
+    raise ConfigError(f"{LinkWeight.NAME}.*", [], expected)

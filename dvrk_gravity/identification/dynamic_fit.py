@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects.arrays import as_value
 from dvrk_gravity.estimation.covariance import autocorrelated_scores, sandwich
 from dvrk_gravity.estimation.normal_equations import Solution, fit
 from dvrk_gravity.estimation.splits import Folds, FoldSettings
@@ -39,7 +40,7 @@ Report = Callable[[str, float], None]
 # What a compensator may safely do with an identified friction: push most of it, never all,
 # and none where the sign of the velocity is noise.
 FRICTION_RATIO = 0.7
-DEAD_BAND = 0.05  # rad/s
+DEAD_BAND = 0.05  # rad/s; a tenth in m/s
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,8 +198,8 @@ def _model(
     theta = np.zeros(len(columns.columns))
     theta[list(chosen)] = solution.theta
     node = {
-        "friction_compensation.ratio": (FRICTION_RATIO,) * len(columns.arm.joint_names),
-        "friction_compensation.dead_band": (DEAD_BAND,) * len(columns.arm.joint_names),
+        "friction_compensation.ratio": (FRICTION_RATIO,) * columns.arm.n,
+        "friction_compensation.dead_band": as_value(DEAD_BAND * columns.arm.scale),
     }
     offset = columns.corrected(theta).offset
     return TorqueModel(columns.arm, columns.terms(theta, links), node, joint_offset=offset)

@@ -1,4 +1,4 @@
-"""The compensator: makes an MTM weightless (measured_js in, servo_jf out)."""
+"""The compensator: makes an arm weightless (measured_js in, servo_jf out)."""
 
 from __future__ import annotations
 

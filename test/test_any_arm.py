@@ -1,0 +1,244 @@
+"""An arm is data: a made-up chain, a UR5 and a Panda are identified, diagnosed and compensated.
+
+The simulated arms move by Pinocchio's dynamics of links and friction that no effect of the package
+computes.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up_arm import made_up_arm, random_inertias
+from test_arms_dynamics import PANDA, UR5
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.tree import nominal_inertias
+from dvrk_gravity.commands.replay import replay
+from dvrk_gravity.diagnosis import diagnose
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification.result import Fit
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.processes import NodeProcess
+from dvrk_gravity.recording import Recording
+from testing.plain_world import NOISE, PlainWorld
+
+MASS, PLACE = 0.3, (0.02, -0.01, 0.05)  # kg, m in the last link's frame
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """A simulated arm, what was identified of it, the file, and the last link of its chain."""
+
+    world: PlainWorld
+    fit: Fit
+    file: Path
+    last: str
+
+    @property
+    def arm(self) -> Arm:
+        return self.world.arm
+
+    @property
+    def model(self) -> TorqueModel:
+        return TorqueModel.load(self.file)
+
+
+def of_chain(folder: Path) -> tuple[PlainWorld, str]:
+    arm = made_up_arm(folder)
+    return PlainWorld.of(arm, random_inertias(arm, 3)), "link4"
+
+
+def of_urdf(name: str) -> tuple[PlainWorld, str]:
+    arm = Arm.load(name)
+    links = nominal_inertias(arm)
+    return PlainWorld.of(arm, links), arm.body_names[-1]
+
+
+@pytest.fixture(scope="module", params=["chain", "ur5", "panda"])
+def known(request, tmp_path_factory) -> Identified:
+    folder = tmp_path_factory.mktemp(request.param)
+    if request.param == "chain":
+        world, last = of_chain(folder)
+    else:  # the Panda's fingers are held
+        world, last = of_urdf(str(UR5) if request.param == "ur5" else f"{PANDA}#panda_hand")
+    fit = identify(world.record(1, 40.0), world.arm)
+    file = folder / "model.yaml"
+    fit.model.save(file)
+    return Identified(world, fit, file, last)
+
+
+def error_beyond_noise(known: Identified, model: TorqueModel, recording: Recording) -> np.ndarray:
+    """(n,) RMS error at the joints as a part of the noise of the measured effort."""
+    arm = known.arm
+    noise = arm.joint_effort(np.diag(NOISE * arm.actuator_effort_limit))
+    found = evaluate(model, [recording], "joint").joints
+    rmse = np.array([found[name].rmse for name in arm.joint_names])
+    return rmse / np.linalg.norm(noise, axis=0)
+
+
+def test_an_identified_arm_is_fit_to_be_compensated_and_names_its_own_bodies(known):
+    assert known.fit.verdict.level == "good"
+    names = [one.name for one in known.fit.parameters]
+    assert not any("beta" in name or "outer_yaw" in name for name in names)
+    assert any(known.last in name for name in names)
+
+
+def test_friction_comes_out_with_the_unit_of_its_joint(known):
+    found = {one.name: one for one in known.fit.parameters}
+    for joint, coulomb, viscous in zip(
+        known.arm.joints, known.world.coulomb, known.world.viscous, strict=True
+    ):
+        slide = joint.kind == "prismatic"
+        dry = found[f"coulomb_friction.joint[{joint.name}]"]
+        damping = found[f"viscous_friction.joint[{joint.name}]"]
+        assert (dry.unit, damping.unit) == (("N", "N·s/m") if slide else ("N·m", "N·m·s/rad"))
+        assert dry.value == pytest.approx(coulomb, rel=0.1), joint.name
+        assert damping.value == pytest.approx(viscous, rel=0.2), joint.name
+
+
+def test_another_motion_is_predicted_and_nothing_is_found_in_it(known):
+    recording = known.world.record(2, 24.0)
+    print(error_beyond_noise(known, known.model, recording))
+    assert (error_beyond_noise(known, known.model, recording) < 1.0).all()
+    assert diagnose(recording, known.model).verdict == "nothing_to_explain"
+
+
+def test_a_hidden_payload_is_found_weighed_and_taken_into_the_model(known, tmp_path):
+    loaded = known.world.with_payload(known.last, MASS, PLACE)
+    found = diagnose(loaded.record(2, 24.0), known.model)
+    payload = next(iter(found.findings))
+    assert (payload.effect, payload.joints) == ("payload", (known.arm.joint_names[-1],))
+    print(payload.parameters["mass"])
+    assert payload.parameters["mass"].value == pytest.approx(MASS, rel=0.05)
+    # Across the last joint's axis that joint weighs it; along it the arm before does, whose
+    # torques are known less well.
+    for axis, place, within in zip("xyz", PLACE, (0.002, 0.002, 0.01), strict=True):
+        moment = payload.parameters[f"first_moment_{axis}"].value
+        assert moment == pytest.approx(MASS * place, abs=within), axis
+    found.model.save(tmp_path / "extended.yaml")
+    extended = TorqueModel.load(tmp_path / "extended.yaml")
+    other = loaded.record(3, 12.0)
+    before, after = (error_beyond_noise(known, one, other) for one in (known.model, extended))
+    print(before, after)
+    assert before.max() > 5.0
+    assert after.max() < 1.0
+
+
+def test_added_dry_friction_is_found_at_its_joint(known):
+    joint = known.arm.n // 2  # of the chain the one that slides
+    added = float(known.world.coulomb[joint])
+    found = diagnose(known.world.with_friction(joint, added).record(2, 24.0), known.model)
+    friction = next(iter(found.findings))
+    assert (friction.effect, friction.joints) == (
+        "coulomb_friction", (known.arm.joint_names[joint],),
+    )  # fmt: skip
+    for way in ("positive", "negative"):
+        print(friction.parameters[way], added)
+        assert friction.parameters[way].value == pytest.approx(added, rel=0.1)
+        assert friction.parameters[way].unit == known.arm.effort_units[joint]
+
+
+def test_links_that_can_exist_are_found_when_they_are_asked_for(tmp_path):
+    world, _ = of_chain(tmp_path)
+    fit = identify(world.record(1, 20.0), world.arm, physical=True)
+    assert set(fit.physical) == set(world.arm.body_names)
+    assert min(fit.physical.values()) > 0.0
+
+
+def test_static_poses_of_an_arm_that_is_no_mtm_are_refused_in_one_line(tmp_path):
+    world, _ = of_chain(tmp_path)
+    middle = np.mean(world.arm.range, axis=0)
+    poses = Recording(
+        world.arm.joint_names, None, np.tile(middle, (60, 1)), effort=np.ones((60, 4)),
+        source="poses.csv",
+    )  # fmt: skip
+    with pytest.raises(ConfigError, match=r"^arm: got 'made_up', expected mtml or mtmr with stat"):
+        identify(poses, world.arm)
+
+
+LITTLE = 0.1  # of the arm's friction: with all of it, even a wrong model would hold
+SECONDS, RATE = 2.0, 200.0
+
+
+def under_compensation(known: Identified, start: np.ndarray, listen: bool) -> Recording:
+    """Let a simulated arm go at a pose, under the commands of the compensator's process.
+
+    The two take turns, so that a slow machine changes nothing: the arm waits for the command that
+    answers its last message. Until the first one its servo holds it; with ``listen`` false it then
+    gets no effort at all.
+    """
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Empty, Float64MultiArray
+
+    from dvrk_gravity.nodes.client import Client
+
+    step = 1e-3
+    arm = known.world.simulated(5, LITTLE, step)
+    arm.plant.reset(start)
+    arm.hold()
+    commands: list[np.ndarray] = []
+    rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    arguments = ("-p", "output:=array", "-p", "timeout:=1.0", "-p", "max_stamp_age:=0.0")
+    files = ("--params-file", str(known.file))
+    with (
+        Client("/arm") as client,
+        NodeProcess("compensator", *files, *arguments, namespace="/arm") as node,
+    ):
+        measured = client.node.create_publisher(JointState, "measured_js", 10)
+        client.node.create_subscription(
+            Float64MultiArray, "commands", lambda m: commands.append(np.array(m.data)), 10
+        )
+        holds: list[object] = []
+        client.node.create_subscription(Empty, "hold", holds.append, 10)
+        client.watch_state("compensator")
+        client.wait(
+            lambda: client.state("compensator") != "" and client.connected(measured), "the node"
+        )
+        first, let_go = time.time_ns(), -1
+        while let_go < 0 or len(rows) < let_go + SECONDS * RATE:
+            assert len(rows) < 20.0 * RATE, f"no command: {client.state('compensator')}"
+            for _ in range(round(1.0 / (RATE * step))):
+                arm.step()
+            sample = arm.measure()
+            rows.append((sample.position, sample.velocity, sample.effort))
+            message = JointState(
+                name=known.arm.joint_names, position=sample.position.tolist(),
+                velocity=sample.velocity.tolist(), effort=sample.effort.tolist(),
+            )  # fmt: skip
+            stamp = first + round(len(rows) * 1e9 / RATE)
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+            answered = len(commands)
+            measured.publish(message)
+            if let_go < 0:
+                client.spin(1.0 / RATE)
+            else:
+                client.wait(lambda n=answered: len(commands) > n, node.output, 5.0)
+            if commands:
+                let_go = let_go if let_go >= 0 else len(rows)
+                arm.servo_jf(commands[-1] if listen else 0.0 * commands[-1])
+        assert not holds
+    assert "Traceback" not in node.output
+    position, velocity, effort = (np.array(column) for column in zip(*rows[let_go:], strict=True))
+    now = np.arange(len(position)) / RATE
+    return Recording(known.arm.joint_names, now, position, velocity, effort, source="let go")
+
+
+def test_the_compensator_holds_the_arm_and_a_replay_says_what_it_is_to_say(known, domain, tmp_path):
+    lowest, highest = known.arm.range
+    pose = 0.5 * (lowest + highest) + 0.15 * np.clip(highest - lowest, 0.0, 3.0)
+    held = under_compensation(known, pose, listen=True)
+    moved = np.abs(held.position - pose).max(axis=0) / known.arm.scale
+    fallen = under_compensation(known, pose, listen=False)
+    would = np.abs(fallen.position - pose).max(axis=0) / known.arm.scale
+    print(moved, would)
+    assert moved.max() < 0.02
+    assert would.max() > 0.5
+    held.save(tmp_path / "bag", topic="/arm/measured_js")
+    result = replay(tmp_path / "bag", known.file, None)
+    assert result.passed
+    assert result.answered == len(held)
