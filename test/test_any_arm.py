@@ -21,6 +21,11 @@ from dvrk_gravity.commands.replay import replay
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification.dynamic_fit import estimate
+from dvrk_gravity.identification.motion import read_motions
+from dvrk_gravity.identification.moves import start_columns
+from dvrk_gravity.identification.physical import certificate
+from dvrk_gravity.identification.problem import pose
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.processes import NodeProcess
@@ -66,7 +71,7 @@ def known(request, tmp_path_factory) -> Identified:
         world, last = of_chain(folder)
     else:  # the Panda's fingers are held
         world, last = of_urdf(str(UR5) if request.param == "ur5" else f"{PANDA}#panda_hand")
-    fit = identify(world.record(1, 40.0), world.arm)
+    fit = identify(world.record(1, 60.0), world.arm)
     file = folder / "model.yaml"
     fit.model.save(file)
     return Identified(world, fit, file, last)
@@ -125,8 +130,8 @@ def test_a_hidden_payload_is_found_weighed_and_taken_into_the_model(known, tmp_p
     other = loaded.record(3, 12.0)
     before, after = (error_beyond_noise(known, one, other) for one in (known.model, extended))
     print(before, after)
-    assert before.max() > 5.0
-    assert after.max() < 1.0
+    assert before.max() > 3.0
+    assert after.max() < 1.5
 
 
 def test_added_dry_friction_is_found_at_its_joint(known):
@@ -145,9 +150,13 @@ def test_added_dry_friction_is_found_at_its_joint(known):
 
 def test_links_that_can_exist_are_found_when_they_are_asked_for(tmp_path):
     world, _ = of_chain(tmp_path)
-    fit = identify(world.record(1, 20.0), world.arm, physical=True)
-    assert set(fit.physical) == set(world.arm.body_names)
-    assert min(fit.physical.values()) > 0.0
+    motions = read_motions([world.record(1, 12.0)], world.arm, "joint")
+    problem = pose(motions.parts, world.arm)
+    found = estimate(problem, start_columns(problem.design.columns), physical=True)
+    assert found.links is not None
+    eigenvalues = certificate(world.arm, found.links)
+    assert set(eigenvalues) == set(world.arm.body_names)
+    assert min(eigenvalues.values()) > 0.0
 
 
 def test_static_poses_of_an_arm_that_is_no_mtm_are_refused_in_one_line(tmp_path):
@@ -161,7 +170,7 @@ def test_static_poses_of_an_arm_that_is_no_mtm_are_refused_in_one_line(tmp_path)
         identify(poses, world.arm)
 
 
-LITTLE = 0.1  # of the arm's friction: with all of it, even a wrong model would hold
+LITTLE = 0.02  # of the arm's friction: with all of it, even a wrong model would hold
 SECONDS, RATE = 2.0, 200.0
 
 
