@@ -18,6 +18,7 @@ from test_arms_dynamics import PANDA, UR5
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import nominal_inertias
 from dvrk_gravity.commands.replay import replay
+from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate, identify
@@ -264,3 +265,11 @@ def test_the_compensator_holds_the_arm_and_a_replay_says_what_it_is_to_say(known
     result = replay(tmp_path / "bag", known.file, None)
     assert result.passed
     assert result.answered == len(held)
+
+
+def test_a_compensator_without_the_weight_of_its_arm_is_refused_in_one_line(tmp_path):
+    arm = made_up_arm(tmp_path)
+    given = {"arm": arm.source}
+    with pytest.raises(ConfigError, match=r"^link_weight\.\*: got \[\], expected the weight of"):
+        Settings.from_parameters(given)
+    assert Settings.from_parameters({**given, "link_weight.link4": (0.5, 0.0, 0.0, 0.02)})
