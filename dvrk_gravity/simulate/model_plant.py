@@ -14,6 +14,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.arms.tree import link_frames
 from dvrk_gravity.effects import LinkInertia, RotorInertia, State
 from dvrk_gravity.effects.link_prior import prior_scale
@@ -65,11 +66,15 @@ class ModelArm:
         inertia: it balances the same, but does not fall as fast.
 
         Raises:
-            ConfigError: Inertia that is not finite.
+            ConfigError: Inertia that is not finite, or an arm that is no MTM.
         """
         links, rotors = model.term(LinkInertia.NAME), model.term(RotorInertia.NAME)
         own = tuple(t for t in model.terms if not isinstance(t, LinkInertia | RotorInertia))
         still = replace(model, terms=own).physical()
+        if not is_mtm(model.arm):
+            raise ConfigError(
+                "arm", model.arm.name, "mtml or mtmr: of another arm no known inertia completes it"
+            )
         known = PlantFile.load(STAND_IN)
         if not isinstance(links, LinkInertia):
             return cls(still, known.links, known.rotor_inertia, None)

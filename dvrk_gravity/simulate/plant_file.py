@@ -13,7 +13,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity import yaml_file
-from dvrk_gravity.arms.mtm.gravity import LINKS
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import is_mtm
+from dvrk_gravity.arms.tree import nominal_inertias
+from dvrk_gravity.effects.link_prior import link_sizes
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import flatten
@@ -35,7 +38,7 @@ class PlantFile:
 
     Attributes:
         model: The true terms.
-        links: Inertia of the links in their distal DH frames.
+        links: Inertia of the bodies in their link frames (distal DH, URDF).
         rotor_inertia: (n,) reflected inertia at the actuators, kg·m^2.
         sensors: The sensors; perfect ones if the file has none.
     """
@@ -49,7 +52,9 @@ class PlantFile:
     def load(cls, name_or_path: str | Path) -> PlantFile:
         """Load a plant by name (``mtmr_28002``) or from a YAML file.
 
-        Of a model file, the terms move with the inertia and sensors of ``mtmr_28002``.
+        Of a model file, the terms move with the inertia and sensors of ``mtmr_28002``; those of
+        an arm that is no MTM with the nominal inertia of its file, or with spheres of plausible
+        mass and extent, and with perfect sensors.
 
         Raises:
             ConfigError: Unknown name, or a file with a wrong, missing or unknown field.
@@ -67,7 +72,8 @@ class PlantFile:
         if any(
             isinstance(node, Mapping) and "ros__parameters" in node for node in content.values()
         ):
-            return replace(cls.load(_SHIPPED), model=TorqueModel.load(path))
+            model = TorqueModel.load(path)
+            return replace(_stand_in(model.arm), model=model)
         try:
             return _parse(content)
         except ConfigError as error:
@@ -82,6 +88,17 @@ class PlantFile:
         return Plant(self.model, self.links, self.rotor_inertia, friction_scale)
 
 
+def _stand_in(arm: Arm) -> PlantFile:
+    """Return inertia and sensors for models that have none."""
+    if is_mtm(arm):
+        return PlantFile.load(_SHIPPED)
+    links = nominal_inertias(arm) or {
+        name: pin.Inertia.FromSphere(mass, extent)
+        for name, (mass, extent) in zip(arm.body_names, link_sizes(arm), strict=True)
+    }
+    return PlantFile(TorqueModel(arm, ()), links, np.zeros(arm.n), Sensors())
+
+
 def _parse(content: Mapping[str, Any]) -> PlantFile:
     _only("", content, _SECTIONS)
     for key in _SECTIONS[:3]:
@@ -92,7 +109,7 @@ def _parse(content: Mapping[str, Any]) -> PlantFile:
         str(name): _inertia(f"links.{name}", row)
         for name, row in _mapping("links", content["links"]).items()
     }
-    _only("links", links, LINKS)
+    _only("links", links, model.arm.body_names)
     n = len(model.arm.joints)
     rotors = _numbers("rotor_inertia", content["rotor_inertia"], n, least=0.0)
     return PlantFile(model, links, rotors, _sensors(content.get("sensors", {}), n))
