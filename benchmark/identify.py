@@ -4,7 +4,7 @@
 
 It writes synthetic recordings of 4 and 10 minutes at 1 kHz as CSV, identifies each in a
 process of its own, and prints time and peak memory against length, and the shares of the parts.
-Ten minutes are identified once more with a zero off: the posture is then searched for too.
+Ten minutes are identified once more with a zero off: the kinematics is then searched for too.
 """
 
 from __future__ import annotations

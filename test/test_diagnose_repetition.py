@@ -17,7 +17,7 @@ from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.estimation.noise import repetition_noise
 from dvrk_gravity.estimation.splits import Repetition, find_repetition
 from dvrk_gravity.identification.columns import identified
-from dvrk_gravity.identification.posture import POSTURE
+from dvrk_gravity.identification.kinematic_calibration import KINEMATIC
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.excitation import record_motion
@@ -215,7 +215,7 @@ def _nothing_but_the_yaw(result) -> None:
 
 @pytest.mark.slow
 def test_a_good_model_of_the_real_motion_has_nothing_to_explain_but_an_ambiguity(measured):
-    level = [effect for effect in identified(KNOWN.arm) if effect not in POSTURE]
+    level = [effect for effect in identified(KNOWN.arm) if effect not in KINEMATIC]
     result = diagnose(measured, identify([measured], KNOWN.arm, "actuator", level).model)
 
     _nothing_but_the_yaw(result)

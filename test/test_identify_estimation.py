@@ -153,9 +153,9 @@ def test_pseudo_inertia_of_a_sphere_is_positive_and_of_an_impossible_body_is_not
     row = body.toDynamicParameters()
     expected = pin.PseudoInertia.FromDynamicParameters(row).toMatrix()
     np.testing.assert_allclose(pseudo_inertia(row), expected, atol=1e-12)
-    assert min(certificate(np.tile(row, 9)).values()) > 0.0
+    assert min(certificate(ARM, np.tile(row, 9)).values()) > 0.0
     row[0] = 0.01  # too light for where its first moment says it is
-    assert max(certificate(np.tile(row, 9)).values()) < 0.0
+    assert max(certificate(ARM, np.tile(row, 9)).values()) < 0.0
 
 
 def test_constrained_links_are_bodies_and_fit_data_of_such_bodies():
@@ -180,6 +180,6 @@ def test_constrained_links_are_bodies_and_fit_data_of_such_bodies():
     scale, positive = columns.scale[chosen], columns.positive[chosen]
     solution = fit(moments, np.full(7, 1e4), scale, positive)
     theta, found = physical_links(columns, chosen, solution)
-    assert min(certificate(found).values()) > 0.0
+    assert min(certificate(ARM, found).values()) > 0.0
     np.testing.assert_allclose(full @ found, x @ theta, atol=1e-9)
     assert np.sqrt(np.mean((full @ found - y) ** 2)) < 0.005

@@ -19,7 +19,7 @@ ROOMS: Mapping[str, str] = {
     "effects/": "merging one effect changes others' parameters",
     "identification/rigid_columns.py": "weight and inertia are one set of base parameters",
     "identification/physical.py": "bodies that can exist are made of weight and inertia",
-    "identification/posture.py": "kinematic calibration looks for zeros and a tilt",
+    "identification/kinematic_calibration.py": "kinematic calibration looks for zeros and a tilt",
     "identification/identifiability.py": "what data leave open is told of sums of certain effects",
     "identification/static_": "what poses determine: weight, cables, held load",
     "identification/console_columns.py": "what the console's form has",

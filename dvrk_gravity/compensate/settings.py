@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.evaluator import Parts, prepare_parts
 from dvrk_gravity.compensate.limits import EffortLimits
-from dvrk_gravity.effects import Gravity, LinkWeight
+from dvrk_gravity.effects import terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
     VERDICT_PARAMETER,
@@ -181,14 +181,15 @@ class Settings:
 def _require_weight(arm: Arm, value: Mapping[str, Any]) -> None:
     """Refuse a model without the arm's weight."""
     weights = [
-        entry.name
-        for effect in (Gravity, LinkWeight)
-        for entry in effect.schema(arm)
+        entry
+        for term in terms()
+        if term.WEIGHT_OF_ARM
+        for entry in term.schema(arm)
         if entry.default == ()
     ]
-    if any(value[name] for name in weights):
-        return
-    if weights == ["beta"]:
-        raise ConfigError("beta", [], "10 gravity parameters, from --params-file for instance")
-    expected = f"the weight of {arm.name}'s links, from --params-file for instance"
-    raise ConfigError(f"{LinkWeight.NAME}.*", [], expected)
+    if not any(value[entry.name] for entry in weights):
+        field, *more = (entry.name for entry in weights)
+        if more:
+            field = f"{field.split('.')[0]}.*"
+        expected = f"{weights[0].meaning}, from --params-file for instance"
+        raise ConfigError(field, [], expected)

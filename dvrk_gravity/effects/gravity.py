@@ -36,6 +36,7 @@ class Gravity(LinearTerm):
     """
 
     NAME = "gravity"
+    WEIGHT_OF_ARM = True
     AT_POSES = True
 
     arm: Arm

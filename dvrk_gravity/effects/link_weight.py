@@ -41,6 +41,7 @@ class LinkWeight(LinearTerm):
     """
 
     NAME = "link_weight"
+    WEIGHT_OF_ARM = True
 
     arm: Arm
     links: Array

@@ -36,12 +36,14 @@ class Term(Effect):
         COMPENSATED: The compensator applies it; off for what needs the past of the motion or
             lives in a sensor.
         AT_POSES: Static poses determine it.
+        WEIGHT_OF_ARM: It is what the arm itself weighs, without which nothing is compensated.
         NOT_FITTED: Why trajectories are not fitted with it, for who asks for that.
     """
 
     FRICTION: ClassVar[bool] = False
     COMPENSATED: ClassVar[bool] = True
     AT_POSES: ClassVar[bool] = False
+    WEIGHT_OF_ARM: ClassVar[bool] = False
     NOT_FITTED: ClassVar[str] = ""
 
     @classmethod

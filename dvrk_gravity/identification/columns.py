@@ -19,7 +19,7 @@ from dvrk_gravity.effects import LinearTerm, State, Term
 from dvrk_gravity.effects.polynomial import Range
 from dvrk_gravity.effects.term import Unknowns
 from dvrk_gravity.effects.unknowns import Column
-from dvrk_gravity.identification.posture import POSTURE, Posture
+from dvrk_gravity.identification.kinematic_calibration import KINEMATIC, KinematicCalibration
 from dvrk_gravity.identification.rigid_columns import RIGID, RigidColumns
 from dvrk_gravity.recording.data import Array
 
@@ -27,7 +27,7 @@ from dvrk_gravity.recording.data import Array
 def identified(arm: Arm) -> tuple[str, ...]:
     """Return the names of the effects that trajectories of an arm are fitted with."""
     found = (one.term.NAME for one in _unknowns(arm, Range(arm.lower, arm.upper)))
-    return tuple(sorted({*RIGID, *POSTURE, *found}))
+    return tuple(sorted({*RIGID, *KINEMATIC, *found}))
 
 
 class Columns:
@@ -38,8 +38,8 @@ class Columns:
 
     Attributes:
         arm: The arm.
-        posture: Where its joints and base are.
-        mounted: The arm with its base as the posture has it.
+        kinematics: Where its joints and base are.
+        mounted: The arm with its base as the calibration has it.
         valid: Range of positions in the data.
         columns: What they are, in order.
     """
@@ -47,19 +47,19 @@ class Columns:
     ABSENT: ClassVar[tuple[int, ...]] = ()
 
     def __init__(
-        self, arm: Arm, lower: Array, upper: Array, posture: Posture | None = None
+        self, arm: Arm, lower: Array, upper: Array, kinematics: KinematicCalibration | None = None
     ) -> None:
         """Lay the columns out for data between (n,) ``lower`` and ``upper`` measured positions."""
         self.arm = arm
-        self.posture = Posture() if posture is None else posture
-        self.mounted = self.posture.mounted(arm)
-        self.valid = Range(lower - self.posture.offset, upper - self.posture.offset)
+        self.kinematics = KinematicCalibration() if kinematics is None else kinematics
+        self.mounted = self.kinematics.mounted(arm)
+        self.valid = Range(lower - self.kinematics.offset, upper - self.kinematics.offset)
         self._rigid = RigidColumns(self.mounted, self.ABSENT)
         self._unknowns = tuple(_unknowns(arm, self.valid))
         columns = [*self._rigid.columns]
         for one in self._unknowns:
             columns += one.columns
-        self.columns = (*columns, *self.posture.columns(arm))
+        self.columns = (*columns, *self.kinematics.columns(arm))
 
     @property
     def base(self) -> Array:
@@ -126,17 +126,17 @@ class Columns:
         Args:
             state: (N, n) arrays, part of a motion.
             history: (N, m), the same part of :meth:`history`.
-            stride: Samples over which the motion is smooth: the posture's slopes, dear and as
-                smooth as it is, are evaluated so far apart, with cubic splines between.
+            stride: Samples over which the motion is smooth: the calibration's slopes, as
+                smooth and dear to evaluate, are taken so far apart, with cubic splines between.
         """
-        true = self.posture.true(state)
+        true = self.kinematics.true(state)
         parts = [self._rigid.regressor(true)]
         parts += [
             one.regressor(true, memory)
             for one, memory in zip(self._unknowns, self._split(history), strict=True)
         ]
-        if self.posture.links is not None:
-            parts.append(self.posture.smooth_slopes(self.arm, state, stride))
+        if self.kinematics.links is not None:
+            parts.append(self.kinematics.smooth_slopes(self.arm, state, stride))
         return np.matmul(self.arm.actuator_to_joint.T, np.concatenate(parts, axis=-1))
 
     def at_rest(self, q: Array) -> Array:
@@ -154,11 +154,11 @@ class Columns:
         """Return each effect's part of (…, m) memory."""
         return np.split(memory, np.cumsum(self._memories)[:-1], axis=-1)
 
-    def corrected(self, theta: Array) -> Posture:
-        """Return the posture that (p,) coefficients ask for, with their links for its slopes."""
+    def corrected(self, theta: Array) -> KinematicCalibration:
+        """Return the kinematics that (p,) coefficients ask for, with their links for its slopes."""
         links, springs = self._rigid.bodies(theta[: len(self._rigid.columns)])
-        change = theta[len(theta) - len(self.posture.columns(self.arm)) :]
-        return self.posture.moved(self.arm, change, links, springs)
+        change = theta[len(theta) - len(self.kinematics.columns(self.arm)) :]
+        return self.kinematics.moved(self.arm, change, links, springs)
 
     def terms(self, theta: Array, links: Array | None = None) -> tuple[Term, ...]:
         """Return the model's terms for (p,) coefficients; those that are zero are left out.

@@ -17,10 +17,10 @@ from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.holding import holding
 from dvrk_gravity.identification.identifiability import describe
+from dvrk_gravity.identification.kinematic_search import around_calibration
 from dvrk_gravity.identification.motion import Source, read_motions
 from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.physical import certificate, physical_links
-from dvrk_gravity.identification.posture_search import around_posture
 from dvrk_gravity.identification.problem import Problem, choose, pose, solved
 from dvrk_gravity.identification.result import (
     Fit,
@@ -97,7 +97,7 @@ def fit_dynamic(
         problem, starts(problem.design.columns, effects),
         lambda share: report("choice of terms", share),
     )  # fmt: skip
-    problem, chosen, said = around_posture(problem, chosen, motions.parts, report)
+    problem, chosen, said = around_calibration(problem, chosen, motions.parts, report)
     selection = problem.selection
     columns, design = problem.design.columns, problem.design
     found = estimate(problem, chosen, physical)

@@ -6,7 +6,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.gravity import BETA_NAMES
-from dvrk_gravity.identification.posture import MISPLACED
+from dvrk_gravity.identification.kinematic_calibration import MISPLACED
 from dvrk_gravity.identification.result import FittedParameter
 from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.recording.data import Array

@@ -20,7 +20,7 @@ from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.holding import NARROW
-from dvrk_gravity.identification.posture import POSTURE
+from dvrk_gravity.identification.kinematic_calibration import KINEMATIC
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.recording.data import Array
 
@@ -144,12 +144,14 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
                     shared=i in dry.get((column.place, column.joint), ()),
                 )
             )  # fmt: skip
-        elif column.effect in POSTURE:
-            posture, one = columns.posture, row({index[i]: 1.0})
+        elif column.effect in KINEMATIC:
+            kinematics, one = columns.kinematics, row({index[i]: 1.0})
             tilt = column.effect == "base_tilt"
-            around = posture.tilt[column.index] if tilt else posture.offset[column.joint]
+            around = kinematics.tilt[column.index] if tilt else kinematics.offset[column.joint]
             unit = "rad" if tilt else columns.arm.units[column.joint]
-            found.append(_Quantity(posture_name(columns, column), unit, one, column.joint, around))
+            found.append(
+                _Quantity(kinematic_name(columns, column), unit, one, column.joint, around)
+            )
     return found
 
 
@@ -165,7 +167,7 @@ def _is_there(line: Array) -> bool:
     return bool(np.abs(line).max() > 1e-9)
 
 
-def posture_name(columns: Columns, column: Column) -> str:
+def kinematic_name(columns: Columns, column: Column) -> str:
     """Return the name of a zero or of an angle of the base."""
     if column.effect == "base_tilt":
         return f"base_tilt.{('roll', 'pitch')[column.index]}"

@@ -15,8 +15,8 @@ from dvrk_gravity.estimation.robust import RobustSettings, RobustState, reweight
 from dvrk_gravity.estimation.splits import Folds, make_folds
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design, build_design
+from dvrk_gravity.identification.kinematic_calibration import KinematicCalibration
 from dvrk_gravity.identification.motion import Motion
-from dvrk_gravity.identification.posture import Posture
 from dvrk_gravity.identification.selection import Selection, split_equations
 from dvrk_gravity.recording.data import Array
 
@@ -74,7 +74,7 @@ def pose(
     arm: Arm,
     effects: Sequence[str] | None = None,
     progress: Callable[[float], None] = lambda share: None,
-    posture: Posture | None = None,
+    kinematics: KinematicCalibration | None = None,
     form: type[Columns] = Columns,
 ) -> Problem:
     """Return the least-squares problem of some motions, before any term is chosen.
@@ -84,11 +84,11 @@ def pose(
         arm: The arm.
         effects: Effects that may be used besides the rigid body; ``None``: all.
         progress: Called with the share of the regressor that is done.
-        posture: Where joints and base are; with links, its slopes are columns too.
+        kinematics: Where joints and base are; with links, its slopes are columns too.
         form: Which columns there are.
     """
     q = np.concatenate([motion.state.q for motion in motions])
-    columns = form(arm, q.min(axis=0), q.max(axis=0), posture)
+    columns = form(arm, q.min(axis=0), q.max(axis=0), kinematics)
     design = build_design(columns, motions, progress)
     folds = make_folds(design.time, design.part, design.state.q, design.rate)
     weighting = weigh(design)

@@ -14,8 +14,8 @@ from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
 from dvrk_gravity.estimation.splits import Folds
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
+from dvrk_gravity.identification.kinematic_calibration import kinematic_moves
 from dvrk_gravity.identification.moves import term_moves
-from dvrk_gravity.identification.posture import posture_moves
 from dvrk_gravity.identification.result import Choice
 from dvrk_gravity.identification.rigid_columns import RIGID
 from dvrk_gravity.recording.data import Array
@@ -34,14 +34,14 @@ class SelectionSettings:
             standard error (Breiman, Friedman, Olshen and Stone 1984).
         tolerated_loss: Part of ``least_gain`` that each column which goes may cost. Chosen.
         terms: How the search for terms goes on. Chosen: exact greedy search finds the same.
-        posture: How that for zeros and tilt goes on.
+        kinematics: How that for zeros and tilt goes on.
     """
 
     least_gain: float = 0.004
     standard_errors: float = 1.0
     tolerated_loss: float = 0.25
     terms: SearchSettings = field(default_factory=lambda: SearchSettings(60, lazy=0.9))
-    posture: SearchSettings = field(default_factory=lambda: SearchSettings(60))
+    kinematics: SearchSettings = field(default_factory=lambda: SearchSettings(60))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,9 +169,9 @@ class Selection:
         settings = self.settings.terms
         return self._select(chosen, term_moves, settings, lambda n: progress(1.0 - 0.9**n))
 
-    def posture(self, chosen: list[int]) -> list[int]:
+    def kinematics(self, chosen: list[int]) -> list[int]:
         """Add tilt and zeros for as long as the best of them helps."""
-        return self._select(chosen, posture_moves, self.settings.posture, lambda steps: None)
+        return self._select(chosen, kinematic_moves, self.settings.kinematics, lambda steps: None)
 
     def _select(
         self, chosen: list[int], moves: Moves, settings: SearchSettings,

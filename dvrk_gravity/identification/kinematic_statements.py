@@ -9,8 +9,8 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.estimation.covariance import NORMAL_95
 from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.identifiability import posture_name
-from dvrk_gravity.identification.posture import POSTURE, offset_joints
+from dvrk_gravity.identification.identifiability import kinematic_name
+from dvrk_gravity.identification.kinematic_calibration import KINEMATIC, offset_joints
 from dvrk_gravity.identification.problem import Problem
 from dvrk_gravity.recording.data import Array
 
@@ -29,7 +29,7 @@ def never_shown(arm: Arm) -> str:
     )
 
 
-def posture_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, ...]:
+def kinematic_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, ...]:
     """Say of zeros and tilt what would not show, and what cannot be told from each other.
 
     Args:
@@ -37,17 +37,17 @@ def posture_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, ..
         chosen: Columns of the fit; its zeros and tilt, if any, are judged like all others.
     """
     columns = problem.design.columns
-    posture = [i for i, one in enumerate(columns.columns) if one.effect in POSTURE]
-    information = _information(problem, [i for i in chosen if i not in posture], posture)
+    kinematics = [i for i, one in enumerate(columns.columns) if one.effect in KINEMATIC]
+    information = _information(problem, [i for i in chosen if i not in kinematics], kinematics)
     first = NORMAL_95 / np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information)
     second = NORMAL_95 * np.sqrt(np.diag(covariance))
     correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    names = [posture_name(columns, columns.columns[i]) for i in posture]
+    names = [kinematic_name(columns, columns.columns[i]) for i in kinematics]
     hidden, entangled = [], []
     for k, name in enumerate(names):
-        alone, together = (_shown(columns, posture[k], one[k]) for one in (first, second))
-        if first[k] > WELL * _scale(columns, posture[k]):
+        alone, together = (_shown(columns, kinematics[k], one[k]) for one in (first, second))
+        if first[k] > WELL * _scale(columns, kinematics[k]):
             hidden.append(f"{name} (±{alone})")
         elif second[k] > ENTANGLED * first[k]:
             other = int(np.argmax(np.abs(correlation[k]) - np.eye(len(names))[k]))
@@ -80,9 +80,9 @@ def _shown(columns: Columns, index: int, value: float) -> str:
     return columns.arm.joints[joint].shown(value, 1)
 
 
-def _information(problem: Problem, others: Sequence[int], posture: Sequence[int]) -> Array:
+def _information(problem: Problem, others: Sequence[int], kinematics: Sequence[int]) -> Array:
     """Return (k, k) information on zeros and tilt, the other columns of a fit unknown."""
-    both = [*others, *posture]
+    both = [*others, *kinematics]
     scale = problem.design.columns.scale[both]
     gram = problem.equations.select(both).gram
     total = np.tensordot(problem.weighting.certainty, gram, 1) + np.diag(1.0 / scale**2)

@@ -1,7 +1,7 @@
 """Zeros of joints and tilt of the base: what torque is not linear in.
 
-Around a posture that is known the torque is linear in what it is off by. Those slopes are columns
-of a fit like all others; its coefficients correct the posture, and the columns are taken anew
+Around kinematics that are known the torque is linear in what they are off by. Those slopes are
+columns of a fit like all others; its coefficients correct the kinematics, and they are taken anew
 (Gauss-Newton, with everything that is linear solved for at every step).
 """
 
@@ -20,13 +20,13 @@ from dvrk_gravity.effects.links import joints_with_weight
 from dvrk_gravity.effects.unknowns import Column, ColumnTable, Move
 from dvrk_gravity.recording.data import Array
 
-POSTURE = ("base_tilt", "joint_offset")  # effects that torque is not linear in
+KINEMATIC = ("base_tilt", "joint_offset")  # effects that torque is not linear in
 MISPLACED = 0.1  # rad, plausible size of a zero's or the base's error; 10 mm where a joint slides
 _STEP = 1e-6  # rad, of one-sided differences: half the digits of a double
 
 
 @dataclass(frozen=True, eq=False)
-class Posture:
+class KinematicCalibration:
     """Where joints and base are said to be, and the weight whose torque tells it.
 
     Attributes:
@@ -56,7 +56,7 @@ class Posture:
         """Return the columns of :meth:`slopes`, none without links to take them with."""
         if self.links is None:
             return ()
-        tilt, offset = POSTURE
+        tilt, offset = KINEMATIC
         return (
             *(
                 Column(offset, site.joint(j), 0, MISPLACED * float(arm.scale[j]))
@@ -65,8 +65,8 @@ class Posture:
             *(Column(tilt, site.THE_BASE, axis, MISPLACED) for axis in range(2)),
         )
 
-    def moved(self, arm: Arm, change: Array, links: Array, springs: Array) -> Posture:
-        """Return the posture that (k,) coefficients of :meth:`columns` ask for.
+    def moved(self, arm: Arm, change: Array, links: Array, springs: Array) -> KinematicCalibration:
+        """Return the kinematics that (k,) coefficients of :meth:`columns` ask for.
 
         Args:
             arm: The arm.
@@ -80,7 +80,7 @@ class Posture:
                 tilt[column.index] += value
             else:
                 offset[column.joint] += value
-        return Posture(offset, tilt, links, springs)
+        return KinematicCalibration(offset, tilt, links, springs)
 
     def smooth_slopes(self, arm: Arm, state: State, stride: int) -> Array:
         """Return :meth:`slopes` from every few samples of a smooth motion, by cubic splines."""
@@ -133,9 +133,9 @@ def offset_joints(arm: Arm) -> tuple[int, ...]:
     return tuple(joint for joint in joints_with_weight(arm) if joint < arm.n - 1)
 
 
-def posture_moves(columns: ColumnTable, inside: set[int]) -> Iterator[Move]:
+def kinematic_moves(columns: ColumnTable, inside: set[int]) -> Iterator[Move]:
     """Yield the tilt of the base and the zeros of joints that are not yet in."""
-    tilt, offset = POSTURE
+    tilt, offset = KINEMATIC
     free = tuple(i for i in columns.select(effect=tilt) if i not in inside)
     if free:
         yield Move(free, (), tilt)

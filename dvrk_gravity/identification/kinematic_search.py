@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from dvrk_gravity.identification.kinematic_calibration import KINEMATIC
+from dvrk_gravity.identification.kinematic_statements import kinematic_statements
 from dvrk_gravity.identification.motion import Motion
 from dvrk_gravity.identification.moves import starts
-from dvrk_gravity.identification.posture import POSTURE
-from dvrk_gravity.identification.posture_statements import posture_statements
 from dvrk_gravity.identification.problem import Problem, choose, pose, reweighed, solved
 from dvrk_gravity.recording.data import Array
 
@@ -18,7 +18,7 @@ SETTLED = 1e-4  # rad
 ROUGHLY = 1e-2  # rad, of which the slopes make as good as nothing wrong
 
 
-def around_posture(
+def around_calibration(
     problem: Problem,
     chosen: list[int],
     motions: Sequence[Motion],
@@ -29,30 +29,30 @@ def around_posture(
     The third is what can be said of zeros and tilt in these data, whether any helps or not.
 
     Their own columns stay in the fit, so that all parameters' intervals know of them. What was
-    chosen around a wrong posture may have made up for it, so the other columns are chosen anew.
+    chosen around wrong kinematics may have made up for it, so the other columns are chosen anew.
 
     Args:
-        problem: Around the posture that is assumed.
+        problem: Around the kinematics that are assumed.
         chosen: Its columns.
         motions: What it was posed of.
         report: Called with the stage and the share of it that is done.
     """
     assumed = problem.selection
-    if not any(assumed.allowed(effect) for effect in POSTURE):
+    if not any(assumed.allowed(effect) for effect in KINEMATIC):
         return problem, chosen, ()
     report("zeros and tilt", 0.0)
     around, start = _moved(problem, chosen, solved(problem, chosen).theta, motions)
     selection = around.selection
     selection.choices = []
-    found = selection.posture(start)
+    found = selection.kinematics(start)
     choices = selection.choices
     if len(found) == len(start):
         assumed.choices += choices
-        return problem, chosen, posture_statements(around, start)
+        return problem, chosen, kinematic_statements(around, start)
     report("zeros and tilt", 0.3)
     around, found = _settled(around, found, motions, ROUGHLY)
     columns = around.design.columns
-    moved = [i for i in found if columns.columns[i].effect in POSTURE]
+    moved = [i for i in found if columns.columns[i].effect in KINEMATIC]
     plain = [sorted({*one, *moved}) for one in starts(columns, around.selection.effects)]
     around.selection.choices = [one for one in (*assumed.choices, *choices) if one.kept]
     around, found = choose(around, [found, *plain], lambda share: report("choice of terms", share))
@@ -60,17 +60,17 @@ def around_posture(
     choices = [one for one in choices if one not in chosen_anew] + chosen_anew
     around, found = _settled(around, found, motions, SETTLED)
     around.selection.choices = choices
-    return around, found, posture_statements(around, found)
+    return around, found, kinematic_statements(around, found)
 
 
 def _moved(
     problem: Problem, chosen: Sequence[int], fitted: Array, motions: Sequence[Motion]
 ) -> tuple[Problem, list[int]]:
-    """Return the problem around the posture that (k,) coefficients of a fit ask for."""
+    """Return the problem around the kinematics that (k,) coefficients of a fit ask for."""
     columns, selection = problem.design.columns, problem.selection
     theta = np.zeros(len(columns.columns))
     theta[list(chosen)] = fitted
-    around = pose(motions, columns.arm, selection.effects, posture=columns.corrected(theta))
+    around = pose(motions, columns.arm, selection.effects, kinematics=columns.corrected(theta))
     same = columns.same(chosen, around.design.columns)
     return reweighed(around, same), same
 
@@ -78,14 +78,14 @@ def _moved(
 def _settled(
     problem: Problem, chosen: list[int], motions: Sequence[Motion], within: float
 ) -> tuple[Problem, list[int]]:
-    """Return the problem around the posture that a fit changes by no more than some rad."""
+    """Return the problem around the kinematics that a fit changes by no more than some rad."""
     for _ in range(STEPS):
         columns = problem.design.columns
         fitted = solved(problem, chosen).theta
         change = [
             abs(value)
             for i, value in zip(chosen, fitted.tolist(), strict=True)
-            if columns.columns[i].effect in POSTURE
+            if columns.columns[i].effect in KINEMATIC
         ]
         if max(change) < within:
             break

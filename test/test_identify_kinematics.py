@@ -18,8 +18,8 @@ from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.kinematic_calibration import KinematicCalibration, offset_joints
 from dvrk_gravity.identification.motion import read_motions
-from dvrk_gravity.identification.posture import Posture, offset_joints
 from dvrk_gravity.model import TorqueModel
 
 TERMS = ("coulomb_friction", "viscous_friction", "elastic_cable", "base_tilt", "joint_offset")
@@ -50,22 +50,24 @@ def test_slopes_are_those_of_pinocchios_torques():
     frames = link_frames(ARM)
     links = np.concatenate([frames[n].act(bodies[n]).toDynamicParameters() for n in TREE_LINKS])
     q, qd, qdd = random.uniform(-1.0, 1.0, (3, 20, N_JOINTS))
-    posture = Posture(0.1 * random.normal(size=N_JOINTS), np.array([0.1, -0.2]), links)
+    kinematics = KinematicCalibration(
+        0.1 * random.normal(size=N_JOINTS), np.array([0.1, -0.2]), links
+    )
 
     def torque(offset, tilt):
         tree = build_tree(ARM, bodies, pin.rpy.rpyToMatrix(*tilt, 0.0).T @ ARM.gravity)
         states = zip(q - offset, qd, qdd, strict=True)
         return np.array([tree.inverse_dynamics(*one) for one in states])
 
-    slopes = posture.slopes(ARM, State(q, qd, qdd))
+    slopes = kinematics.slopes(ARM, State(q, qd, qdd))
 
     for column, joint in enumerate(offset_joints(ARM)):
         step = 1e-5 * np.eye(N_JOINTS)[joint]
-        up, down = (torque(posture.offset + s, posture.tilt) for s in (step, -step))
+        up, down = (torque(kinematics.offset + s, kinematics.tilt) for s in (step, -step))
         assert slopes[..., column] == pytest.approx((up - down) / 2e-5, rel=1e-4, abs=1e-4)
     for axis in range(2):
         step = 1e-5 * np.eye(2)[axis]
-        up, down = (torque(posture.offset, posture.tilt + s) for s in (step, -step))
+        up, down = (torque(kinematics.offset, kinematics.tilt + s) for s in (step, -step))
         assert slopes[..., 5 + axis] == pytest.approx((up - down) / 2e-5, rel=1e-4, abs=1e-4)
 
 
@@ -134,15 +136,15 @@ def test_slopes_between_knots_are_those_at_every_sample():
     motion = read_motions([truth(3, 4.0, 1000.0)], ARM, "joint").parts[0]
     assert motion.filter.rate == pytest.approx(200.0)
     links = Columns(ARM, ARM.lower, ARM.upper).base.sum(axis=1)
-    columns = Columns(ARM, ARM.lower, ARM.upper, Posture(links=links))
+    columns = Columns(ARM, ARM.lower, ARM.upper, KinematicCalibration(links=links))
     history = columns.history(motion.state)
     exact, between = (columns.regressor(motion.state, history, s) for s in (1, 3))
-    posture = columns.select(effect="joint_offset") + columns.select(effect="base_tilt")
-    assert len(posture) == 7
+    kinematics = columns.select(effect="joint_offset") + columns.select(effect="base_tilt")
+    assert len(kinematics) == 7
     inside = slice(motion.filter.edge, -motion.filter.edge)  # what a fit uses
     rough = np.abs(between - exact)[inside].max(axis=(0, 1))
-    assert 0.0 < rough.max() < 1e-3 * np.abs(exact[:, :, posture]).max()
-    assert not np.delete(rough, posture).any()
+    assert 0.0 < rough.max() < 1e-3 * np.abs(exact[:, :, kinematics]).max()
+    assert not np.delete(rough, kinematics).any()
 
 
 def test_terms_that_are_found_elsewhere_say_where():
