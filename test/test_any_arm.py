@@ -270,6 +270,6 @@ def test_the_compensator_holds_the_arm_and_a_replay_says_what_it_is_to_say(known
 def test_a_compensator_without_the_weight_of_its_arm_is_refused_in_one_line(tmp_path):
     arm = made_up_arm(tmp_path)
     given = {"arm": arm.source}
-    with pytest.raises(ConfigError, match=r"^link_weight\.\*: got \[\], expected the weight of"):
+    with pytest.raises(ConfigError, match=r"^link_weight\.\*: got \[\], expected weight of link1"):
         Settings.from_parameters(given)
     assert Settings.from_parameters({**given, "link_weight.link4": (0.5, 0.0, 0.0, 0.02)})
