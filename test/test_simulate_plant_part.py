@@ -252,4 +252,4 @@ def test_what_hides_effects_has_its_physics_from_none_of_them():
     known = {path.name: effects_imported_by(path) for path in paths}
     assert {"CoulombFriction", "LinkInertia"} < known.pop("world.py")
     assert {"hide.py", "physics.py"} < set(known)
-    assert set().union(*known.values()) == {"PlantPart", "link_sizes"}
+    assert set().union(*known.values()) == {"PlantPart"}
