@@ -24,7 +24,11 @@ Array = NDArray[np.float64]
 
 LARGEST_TORQUE = 1e12  # N·m; no arm's, and sums of squares stay finite
 ARM_PARAMETER = Parameter(
-    "arm", "mtmr", "", "arm: mtml, mtmr, or the path of an MTM's .yaml file", read_only=True
+    "arm",
+    "mtmr",
+    "",
+    "arm: mtml, mtmr, or the path of an arm's .yaml or .urdf file",
+    read_only=True,
 )
 # What a console file holds beyond the model, so that converting it back loses nothing.
 CONSOLE_PARAMETER = Parameter(

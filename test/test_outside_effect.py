@@ -162,3 +162,18 @@ def test_the_docs_show_this_very_effect():
     page = (REPOSITORY / "docs" / "adding_an_effect.md").read_text()
     code = page.split("```python\n")[1].split("```")[0]
     assert code == Path(__file__).with_name("quadratic_drag.py").read_text()
+
+
+def test_a_package_whose_effect_cannot_be_imported_is_told_in_a_line(file, tmp_path):
+    info = tmp_path / "typo-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: typo\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[dvrk_gravity.effects]\nbad = no_such_module:Bad\n")
+    paths = os.pathsep.join([str(tmp_path), str(REPOSITORY)])
+    result = subprocess.run(
+        [sys.executable, "-m", "dvrk_gravity", "evaluate", "any.csv", "--model", str(file)],
+        capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": paths},
+    )  # fmt: skip
+    assert result.returncode == 2
+    assert "dvrk_gravity.effects of typo" in result.stderr
+    assert len(result.stderr.splitlines()) == 1

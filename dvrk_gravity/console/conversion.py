@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.console.check import check
-from dvrk_gravity.console.export import Export, FormError, export
+from dvrk_gravity.console.export import Export, FormError, export, require_arm
 from dvrk_gravity.console.file import N_POLYNOMIALS, ConsoleFile
 from dvrk_gravity.console.finding import Finding, Severity
 from dvrk_gravity.console.projection import (
@@ -108,6 +108,7 @@ def convert_model(model: TorqueModel, serial: str = "") -> Conversion:
         ConfigError: The file would not be safe, by the rule that is named, or has no words for
             the model at all.
     """
+    require_arm(model.arm)
     _refuse_nonsense(model)
     compensated = tuple(term for term in model.terms if term.COMPENSATED)
     notes: tuple[str, ...] = ()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity import json_file
-from dvrk_gravity.arms import GRAVITY
+from dvrk_gravity.arms import GRAVITY, Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.console.file import (
     ARMS,
@@ -59,6 +59,18 @@ class Export:
         return _dump(self.document) + "\n"
 
 
+def require_arm(arm: Arm) -> str:
+    """Return what the console calls an arm.
+
+    Raises:
+        ConfigError: It does not know it.
+    """
+    name = next((name for name, known in ARMS.items() if known == arm.name), None)
+    if name is None:
+        raise ConfigError("arm", arm.name, "mtml or mtmr: the console knows no other")
+    return name
+
+
 def export(model: TorqueModel, serial: str = "") -> Export:
     """Return the console file of a model.
 
@@ -73,9 +85,7 @@ def export(model: TorqueModel, serial: str = "") -> Export:
         FormError: The console has no place for a part of the model; it is named.
         ConfigError: The model cannot become a console file at all.
     """
-    name = next((name for name, arm in ARMS.items() if arm == model.arm.name), None)
-    if name is None:
-        raise ConfigError("arm", model.arm.name, "mtml or mtmr: the console knows no other")
+    name = require_arm(model.arm)
     beta = _beta(model)
     cable = _cable(model)
     document = json_file.loads(model.document) if model.document else _skeleton(model, serial)

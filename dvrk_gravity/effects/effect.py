@@ -78,7 +78,8 @@ class Hypothesis(ABC):
 
     Class attributes:
         EFFECT: The effect.
-        CLAIM: What is claimed, with ``{where}``, ``{joint}`` and parameters in words.
+        CLAIM: What is claimed, with ``{where}`` (the site), ``{joint}`` and ``{other}`` (the first
+            and the second of :attr:`joints`), and parameters in words by their names.
 
     Attributes:
         arm: The arm.
@@ -218,8 +219,8 @@ class Hypothesis(ABC):
     def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
         """Return what claims call site and joint."""
         del parameters
-        joint = self.names[0] if self.joints else ""
-        return {"where": self.site.words(self.arm), "joint": joint}
+        joint, other, *_ = (*self.names, "", "")
+        return {"where": self.site.words(self.arm), "joint": joint, "other": other}
 
     def _told(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
         """Return the parameters in words."""

@@ -6,6 +6,7 @@ from functools import cache
 
 from dvrk_gravity.effects.effect import Effect
 from dvrk_gravity.effects.term import Term
+from dvrk_gravity.errors import ConfigError
 
 ENTRY_POINTS = "dvrk_gravity.effects"
 _effects: dict[str, type[Effect]] = {}
@@ -29,6 +30,7 @@ def effects() -> tuple[type[Effect], ...]:
     """Return all effects, those of installed packages among them, the most readily believed first.
 
     Raises:
+        ConfigError: A package names an effect that cannot be imported.
         ValueError: Two with one name.
     """
     _load_entry_points()
@@ -60,4 +62,11 @@ def _load_entry_points() -> None:
     from importlib.metadata import entry_points
 
     for entry in entry_points(group=ENTRY_POINTS):
-        register(entry.load())
+        try:
+            effect = entry.load()
+        except (ImportError, AttributeError) as error:
+            package = entry.dist.name if entry.dist else "a package"
+            raise ConfigError(
+                f"{ENTRY_POINTS} of {package}", entry.value, f"an effect ({error})"
+            ) from error
+        register(effect)
