@@ -75,7 +75,7 @@ class Compensator(PromptNode):
         self._statistics = Statistics()
         self._told: tuple[Status, str] | None = None
         self._told_once: set[str] = set()
-        self._watchdog_timeout = math.inf
+        self._watchdog_timeout, self._watchdog_told = math.inf, False
         self._watchdog_topic = self.resolve_topic_name(TIMEOUT_TOPIC)
         self._connect()
         self.add_pre_set_parameters_callback(self._look_for_the_end)
@@ -179,6 +179,7 @@ class Compensator(PromptNode):
     def _on_watchdog_timeout(self, message: Float64) -> None:
         valid = math.isfinite(message.data) and message.data > 0.0
         self._watchdog_timeout = message.data if valid else math.inf
+        self._watchdog_told = True
         self._obstruct("watchdog", self._too_slow_for_watchdog(self._supervisor.settings.timeout))
 
     def _too_slow_for_watchdog(self, timeout: float) -> str:
@@ -202,8 +203,11 @@ class Compensator(PromptNode):
         self._hold.look()
         self._rivals.watch(self._supervisor.active)
         if self.count_publishers(self._watchdog_topic) == 0:
-            self._watchdog_timeout = math.inf
+            self._watchdog_timeout, self._watchdog_told = math.inf, False
             self._obstruct("watchdog", "")
+        elif not self._watchdog_told and not self._supervisor.active:
+            # What is latched may come seconds after its publisher is known.
+            self._obstruct("watchdog", "the watchdog has not told its time-out yet")
         if not self._others.heard_lately():
             self._obstruct("others", "")
         arm_is_there = self._arm.is_there()
