@@ -8,17 +8,17 @@ NAME = "dvrk_gravity"
 
 # `ros2 run dvrk_gravity VERB`; the same verbs as `python -m dvrk_gravity VERB`.
 EXECUTABLES = {
-    "compensator": "nodes.compensator",
-    "simulator": "nodes.simulator",
-    "watchdog": "nodes.watchdog",
-    "excite": "commands.excite",
-    "replay": "commands.replay",
-    "convert": "commands.convert",
-    "identify": "commands.identify",
-    "evaluate": "commands.evaluate",
-    "diagnose": "commands.diagnose",
-    "demo": "commands.demo",
-    "newton-euler": "commands.newton_euler",
+    "compensator": "ros.compensator",
+    "simulator": "ros.simulator",
+    "watchdog": "ros.watchdog",
+    "excite": "cli.excite",
+    "replay": "cli.replay",
+    "convert": "cli.convert",
+    "identify": "cli.identify",
+    "evaluate": "cli.evaluate",
+    "diagnose": "cli.diagnose",
+    "demo": "cli.demo",
+    "newton-euler": "cli.newton_euler",
 }
 
 

@@ -22,7 +22,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from identify import along, drawn
 
-from dvrk_gravity import text_file
+from dvrk_gravity.files import text_file
 from dvrk_gravity.recording import Recording, save_recording
 
 MEMORY_TARGET = 2.0  # GiB, whatever the length

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
 from conftest import MODEL_FILE, FakeArm
 from sensor_msgs.msg import JointState
 
-from dvrk_gravity import text_file
+from dvrk_gravity.files import text_file
 from dvrk_gravity.processes import NodeProcess, ProcessError, private_domain
 
 Fault = Callable[[FakeArm, NodeProcess], None]

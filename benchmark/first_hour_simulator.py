@@ -16,8 +16,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from dvrk_gravity import text_file
 from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.files import text_file
 from dvrk_gravity.planning import MotionLimits, exciting_motion
 from dvrk_gravity.processes import NodeProcess, private_domain
 from dvrk_gravity.simulate import PlantFile, SimulatedArm

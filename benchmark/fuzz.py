@@ -25,7 +25,7 @@ import test_fuzz_files as files
 import test_recording_bad_files as recordings
 from recording_samples import joint_state, wave, write_messages
 
-from dvrk_gravity import text_file
+from dvrk_gravity.files import text_file
 
 
 def attempts(folder: Path) -> dict[str, tuple[Any, dict[str, Any]]]:

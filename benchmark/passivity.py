@@ -31,12 +31,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity import text_file
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.compensate.limits import slew
 from dvrk_gravity.compensate.passivity import GROWTH, PassivityObserver
 from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.files import text_file
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.simulate import Plant, PlantFile, SimulatedArm

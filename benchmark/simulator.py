@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity import text_file
+from dvrk_gravity.files import text_file
 from dvrk_gravity.simulate import Measurement, PlantFile, SimulatedArm, simulate
 
 POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])

@@ -24,9 +24,9 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 from round_trip import RoundTrip
 
-from dvrk_gravity import text_file
-from dvrk_gravity.nodes.client import Client
+from dvrk_gravity.files import text_file
 from dvrk_gravity.processes import NodeProcess, private_domain
+from dvrk_gravity.ros.client import Client
 
 MODEL = Path(__file__).resolve().parents[1] / "config" / "mtmr_28002.yaml"
 BLOCK = 5.0  # s

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
 
 from test_start import largest_motion
 
-from dvrk_gravity import text_file
+from dvrk_gravity.files import text_file
 
 TARGET = 2.0  # deg
 

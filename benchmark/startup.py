@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 from round_trip import RoundTrip
 
-from dvrk_gravity import text_file
-from dvrk_gravity.cli import VERBS
-from dvrk_gravity.nodes.client import Client
+from dvrk_gravity.command_line import VERBS
+from dvrk_gravity.files import text_file
 from dvrk_gravity.processes import NodeProcess, private_domain
+from dvrk_gravity.ros.client import Client
 
 HERE = Path(__file__).resolve().parent
 RELAY = HERE / "relay.py"

@@ -24,12 +24,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity import text_file
 from dvrk_gravity.arms.mtm.beta import beta_tree
 from dvrk_gravity.compensate.limits import slew
 from dvrk_gravity.compensate.sample import Sample, SampleReader
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.compensate.supervisor import Status, Supervisor
+from dvrk_gravity.files import text_file
 from dvrk_gravity.model import TorqueModel
 
 MODEL = TorqueModel.load(Path(__file__).resolve().parents[1] / "config" / "mtmr_28002.yaml")

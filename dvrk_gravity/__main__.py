@@ -9,7 +9,7 @@ from collections.abc import Sequence
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # no traceback from the imports that follow
 
-from dvrk_gravity.cli import VERBS, run
+from dvrk_gravity.command_line import VERBS, run
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -89,7 +89,7 @@ class FakeArm:
         from std_msgs.msg import Bool
 
         from dvrk_gravity.arms.mtm import JOINT_NAMES
-        from dvrk_gravity.nodes.client import Client
+        from dvrk_gravity.ros.client import Client
 
         self.client = Client()
         self.names = list(JOINT_NAMES)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from dvrk_gravity import yaml_file
 from dvrk_gravity.arms.dh import DHRow
-from dvrk_gravity.resources import config_path
+from dvrk_gravity.files import yaml_file
+from dvrk_gravity.files.resources import config_path
 
 
 def dh_table(name: str) -> list[DHRow]:

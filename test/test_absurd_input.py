@@ -15,10 +15,10 @@ import pytest
 import yaml
 from conftest import MODEL_FILE, REPOSITORY
 
-from dvrk_gravity import yaml_file
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.files import yaml_file
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import unflatten
 from dvrk_gravity.recording import BagReader, Recording
@@ -200,7 +200,7 @@ def limited(bytes_more: int) -> None:
 LOAD = """
 import sys
 from dvrk_gravity.errors import DvrkGravityError
-from dvrk_gravity import json_file, yaml_file
+from dvrk_gravity.files import json_file, yaml_file
 from dvrk_gravity.recording import Recording
 read = {"csv": Recording.load, "yaml": yaml_file.load, "json": json_file.load}
 try:

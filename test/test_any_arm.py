@@ -17,7 +17,7 @@ from test_arms_dynamics import PANDA, UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import nominal_inertias
-from dvrk_gravity.commands.replay import replay
+from dvrk_gravity.cli.replay import replay
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError
@@ -196,7 +196,7 @@ def under_compensation(known: Identified, start: np.ndarray, listen: bool) -> Re
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Empty, Float64MultiArray
 
-    from dvrk_gravity.nodes.client import Client
+    from dvrk_gravity.ros.client import Client
 
     step = 1e-3
     arm = known.world.simulated(5, LITTLE, step)

@@ -164,7 +164,7 @@ def test_a_name_that_is_no_shipped_arm_is_refused(name):
 
 def test_the_arms_that_are_said_to_be_supported_load():
     from dvrk_gravity.arms.arm import SUPPORTED
-    from dvrk_gravity.resources import config_path
+    from dvrk_gravity.files.resources import config_path
 
     names = SUPPORTED.split(", ")
     for name in ("mtml", "mtmr"):

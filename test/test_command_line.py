@@ -9,7 +9,7 @@ import sys
 import pytest
 from conftest import CONFIG, MODEL_FILE, REPOSITORY
 
-from dvrk_gravity.cli import VERBS
+from dvrk_gravity.command_line import VERBS
 
 
 def call(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -127,7 +127,7 @@ def test_a_replay_does_not_touch_a_bag_that_exists(tmp_path):
 
 def test_the_arm_files_and_the_example_model_are_installed_and_found():
     from dvrk_gravity import TorqueModel
-    from dvrk_gravity.resources import config_path
+    from dvrk_gravity.files.resources import config_path
 
     assert TorqueModel.load(config_path("mtmr_28002.yaml")).arm.name == "mtmr"
     assert config_path("arms/mtml.yaml").read_text() == (CONFIG / "arms/mtml.yaml").read_text()

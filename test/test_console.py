@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvrk_gravity import cli
+from dvrk_gravity import command_line
 from dvrk_gravity.console.check import check_file
 from dvrk_gravity.console.export import FormError, export
 from dvrk_gravity.console.file import ConsoleFile
@@ -24,7 +24,7 @@ needs_data = pytest.mark.skipif(not REAL, reason=f"no console files in {DATA}")
 
 
 def convert(*words):
-    return cli.run("dvrk_gravity.commands.convert", [str(word) for word in words])
+    return command_line.run("dvrk_gravity.cli.convert", [str(word) for word in words])
 
 
 # --- the console's formula, written down from its definition, row by printed row -------------

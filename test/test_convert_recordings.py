@@ -3,10 +3,10 @@
 import pytest
 from recording_samples import same, shared_data, wave, write_messages
 
-from dvrk_gravity.cli import run
+from dvrk_gravity.command_line import run
 from dvrk_gravity.recording import BagReader, Recording
 
-CONVERT = "dvrk_gravity.commands.convert"
+CONVERT = "dvrk_gravity.cli.convert"
 
 
 def convert(*arguments):

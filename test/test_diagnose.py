@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity import TorqueModel, diagnose
-from dvrk_gravity.commands import diagnose as command
+from dvrk_gravity.cli import diagnose as command
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording
 from testing.hide import hide

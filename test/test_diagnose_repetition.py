@@ -11,7 +11,7 @@ from recording_samples import shared_data
 
 from dvrk_gravity import diagnose, identify
 from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.commands import diagnose as command
+from dvrk_gravity.cli import diagnose as command
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.estimation.noise import repetition_noise

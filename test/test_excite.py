@@ -15,7 +15,7 @@ import pytest
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.commands import excite
+from dvrk_gravity.cli import excite
 from dvrk_gravity.planning import MotionLimits, Move, Multisine, careful, exciting_motion
 from dvrk_gravity.recording import Recording
 
@@ -131,7 +131,7 @@ class FakeArm:
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Empty
 
-        from dvrk_gravity.nodes.client import Client
+        from dvrk_gravity.ros.client import Client
 
         self.client, self.time = Client("/MTMR", "fake_arm"), Time
         self.position = POSE.copy()
@@ -198,8 +198,8 @@ def fake(domain: int) -> Iterator[FakeArm]:
 
 @contextlib.contextmanager
 def mover(fake: FakeArm):
-    from dvrk_gravity.nodes.client import Client
-    from dvrk_gravity.nodes.mover import Mover
+    from dvrk_gravity.ros.client import Client
+    from dvrk_gravity.ros.mover import Mover
 
     with Client("/MTMR", "excite") as client, Mover(client, Arm.load("mtmr"), 200.0, 0.3) as moving:
         yield moving
@@ -255,7 +255,7 @@ def test_after_a_pause_of_ours_the_arm_is_not_sent_after_the_motion(fake: FakeAr
 def test_an_arm_that_somebody_else_commands_is_left_alone(fake: FakeArm, topic: str) -> None:
     from std_msgs.msg import Empty
 
-    from dvrk_gravity.nodes.mover import MotionError
+    from dvrk_gravity.ros.mover import MotionError
 
     other = fake.client.node.create_publisher(Empty, "hold", 10)
     send = {
@@ -304,7 +304,7 @@ def fault(fake: FakeArm, name: str) -> None:
     ],
 )
 def test_what_goes_wrong_on_the_way_holds_the_arm(fake: FakeArm, name: str, says: str) -> None:
-    from dvrk_gravity.nodes.mover import MotionError
+    from dvrk_gravity.ros.mover import MotionError
 
     with mover(fake) as moving:
         moving.connect()
@@ -326,7 +326,7 @@ def test_ctrl_c_holds_the_arm(fake: FakeArm) -> None:
 
 
 def test_the_other_hand_s_arm_is_refused(fake: FakeArm) -> None:
-    from dvrk_gravity.nodes.mover import MotionError
+    from dvrk_gravity.ros.mover import MotionError
 
     fake.position[3] = np.radians(-170.0)  # a left arm reaches it, a right one does not
     with (
@@ -337,7 +337,7 @@ def test_the_other_hand_s_arm_is_refused(fake: FakeArm) -> None:
 
 
 def test_without_an_arm_the_error_says_what_is_missing(fake: FakeArm) -> None:
-    from dvrk_gravity.nodes.mover import MotionError
+    from dvrk_gravity.ros.mover import MotionError
 
     fake.speaks = False
     with (

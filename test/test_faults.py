@@ -18,8 +18,8 @@ from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.node_parameters import node_parameters
-from dvrk_gravity.nodes.client import Client
 from dvrk_gravity.processes import NodeProcess
+from dvrk_gravity.ros.client import Client
 
 # A loaded machine may stall a test for a while: only tests of a time-out use a short one.
 PATIENT = ("-p", "timeout:=1.0", "-p", "input_depth:=100")
@@ -382,7 +382,7 @@ def test_an_elder_that_dds_brings_seconds_late_is_told_from_a_recording(monkeypa
     from rclpy.qos import ReliabilityPolicy
     from sensor_msgs.msg import JointState
 
-    from dvrk_gravity.nodes import rivals
+    from dvrk_gravity.ros import rivals
 
     now = [100.0]
     clock = SimpleNamespace(monotonic=lambda: now[0], time_ns=time.time_ns)
@@ -526,7 +526,9 @@ def test_a_full_disk_leaves_no_half_written_bag_and_no_damaged_model(tmp_path):
     model = tmp_path / "model.yaml"
     before = MODEL_FILE.read_bytes()
     model.write_bytes(before)
-    program = "from dvrk_gravity import TorqueModel; from dvrk_gravity.cli import one_line\n"
+    program = (
+        "from dvrk_gravity import TorqueModel; from dvrk_gravity.command_line import one_line\n"
+    )
     program += "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))\n"
     program += "try: TorqueModel.load(sys.argv[1]).save(sys.argv[1])\n"
     program += "except OSError as error: sys.exit(one_line(error))"

@@ -14,8 +14,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.nodes.others import COMMANDS
 from dvrk_gravity.processes import NodeProcess, private_domain
+from dvrk_gravity.ros.others import COMMANDS
 
 # A loaded machine may stall a test for a while: only tests of a time-out use a short one.
 PATIENT = ("-p", "timeout:=1.0", "-p", "input_depth:=100")
@@ -363,7 +363,7 @@ def test_a_best_effort_command_that_a_controller_obeys_is_heard_too(arm, start):
 STALLED = """
 import sys, time
 from dvrk_gravity.compensate.supervisor import Supervisor
-from dvrk_gravity.nodes import compensator
+from dvrk_gravity.ros import compensator
 quick, count = Supervisor._follow, 0
 def follow(self, *arguments):
     global count

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dvrk_gravity import cli
+from dvrk_gravity import command_line
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.arms.tree import build_tree
@@ -221,7 +221,7 @@ def test_command_lines_write_model_report_and_json(tmp_path, capsys):
     out = tmp_path / "model.yaml"
     arguments = [data, "--arm", "mtmr", "--out", str(out), "--json", str(tmp_path / "fit.json"),
                  "--terms", "coulomb_friction,elastic_cable"]  # fmt: skip
-    assert cli.run("dvrk_gravity.commands.identify", arguments) == 0
+    assert command_line.run("dvrk_gravity.cli.identify", arguments) == 0
     shown = capsys.readouterr().out
     assert "taken as joint coordinates" in shown
     assert "Butterworth" in shown
@@ -231,7 +231,7 @@ def test_command_lines_write_model_report_and_json(tmp_path, capsys):
     page = (tmp_path / "model.html").read_text()
     assert "http" not in page.replace("http-equiv", "")
     arguments = [data, "--model", str(out), "--json", str(tmp_path / "e.json")]
-    assert cli.run("dvrk_gravity.commands.evaluate", arguments) == 0
+    assert command_line.run("dvrk_gravity.cli.evaluate", arguments) == 0
     result = json.loads((tmp_path / "e.json").read_text())
     assert result["samples"] > 1000
     assert result["joints"]["outer_yaw"]["nrmse"] < 0.2
@@ -280,8 +280,8 @@ def test_a_bad_recording_gives_one_clear_line_and_no_model(kind, said, tmp_path,
     path = tmp_path / "bad.csv"
     bad(kind, path)
     out = tmp_path / "model.yaml"
-    status = cli.run(
-        "dvrk_gravity.commands.identify", [str(path), "--arm", "mtmr", "--out", str(out)]
+    status = command_line.run(
+        "dvrk_gravity.cli.identify", [str(path), "--arm", "mtmr", "--out", str(out)]
     )
     lines = capsys.readouterr().err.strip().splitlines()
     assert status == 2
@@ -293,8 +293,8 @@ def test_a_bad_recording_gives_one_clear_line_and_no_model(kind, said, tmp_path,
 
 def test_an_unknown_term_is_named(tmp_path, capsys):
     data = write(truth(8, 6.0), tmp_path / "run.csv")
-    status = cli.run(
-        "dvrk_gravity.commands.identify",
+    status = command_line.run(
+        "dvrk_gravity.cli.identify",
         [data, "--arm", "mtmr", "--out", str(tmp_path / "m.yaml"), "--terms", "magic"],
     )
     assert status == 2

@@ -13,7 +13,7 @@ from test_identify import truth as motion
 from test_static_fit import NOISE, RECORDED, between, grid, record
 from test_static_fit import truth as arm_of_poses
 
-from dvrk_gravity import cli
+from dvrk_gravity import command_line
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.errors import ConfigError
@@ -24,7 +24,7 @@ from dvrk_gravity.model import TorqueModel
 def written(files, folder):
     """Identify for the console and convert; return the model, the file and its cost."""
     words = [*map(str, files), "--arm", "mtmr", "--for-console", "--out", str(folder / "m.yaml")]
-    assert cli.run("dvrk_gravity.commands.identify", words) == 0
+    assert command_line.run("dvrk_gravity.cli.identify", words) == 0
     path = folder / "gc-MTMR-3.json"
     assert convert(folder / "m.yaml", path, "--json", folder / "cost.json") == 0
     cost = json.loads((folder / "cost.json").read_text())
@@ -134,7 +134,7 @@ def test_what_does_not_go_with_the_console_is_refused(
         (tmp_path / f"{name}.yaml").write_text(text.replace(old, new))
     motion(1, 2.0).save(tmp_path / "run.csv")
     words = ["run.csv", "--for-console", "--arm", "mtmr", "--out", "m.yaml", *options]
-    assert cli.run("dvrk_gravity.commands.identify", words) == 2
+    assert command_line.run("dvrk_gravity.cli.identify", words) == 2
     error = capsys.readouterr().err
     assert named in error
     assert error.count("\n") == 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_identify import ARM, truth
 
-from dvrk_gravity import cli
+from dvrk_gravity import command_line
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import ConfigError, RecordingError
@@ -188,8 +188,8 @@ def test_a_joint_alone_cannot_tell_gravity():
 def run(tmp_path, capsys, *arguments: str) -> tuple[int, list[str]]:
     """Return status and error lines of `identify`."""
     out = tmp_path / "model.yaml"
-    status = cli.run(
-        "dvrk_gravity.commands.identify", [*arguments, "--arm", "mtmr", "--out", str(out)]
+    status = command_line.run(
+        "dvrk_gravity.cli.identify", [*arguments, "--arm", "mtmr", "--out", str(out)]
     )
     assert out.exists() == (status < 2)
     return status, capsys.readouterr().err.strip().splitlines()

@@ -106,12 +106,12 @@ def test_a_cycle_of_any_kind_is_found(tmp_path, text):
 
 def test_only_nodes_import_ros_and_commands_where_they_begin_to_work():
     everywhere, on_import, ros = graph(PACKAGE), graph(PACKAGE, at_module_level), ros_packages()
-    assert "rclpy" in ros & on_import["dvrk_gravity.nodes.compensator_node"]
+    assert "rclpy" in ros & on_import["dvrk_gravity.ros.compensator_node"]
     for module in modules(PACKAGE):
-        if module.startswith("dvrk_gravity.nodes"):
+        if module.startswith("dvrk_gravity.ros"):
             continue
         assert not reached(module, on_import) & ros, module
-        if not module.startswith("dvrk_gravity.commands."):
+        if not module.startswith("dvrk_gravity.cli."):
             assert not reached(module, everywhere) & ros, module
 
 

@@ -18,7 +18,7 @@ from test_console import synthetic, write
 from testing.world import World
 
 EXECUTABLES = executables()
-NODES = sorted(verb for verb, module in EXECUTABLES.items() if module.startswith("nodes."))
+NODES = sorted(verb for verb, module in EXECUTABLES.items() if module.startswith("ros."))
 # These drive an arm for minutes; the demonstration is started in a test of its own.
 DRIVE_AN_ARM = {"demo", "excite"}
 # What keeps an example short: the search among all effects takes most of an identification.
@@ -126,7 +126,7 @@ def test_the_example_of_an_executable_runs(verb, words, installed, domain):
 
 @pytest.mark.parametrize(("verb", "words"), examples(NODES), ids=str)
 def test_the_example_of_a_node_starts_and_ends_with_ctrl_c(verb, words, installed, domain):
-    from dvrk_gravity.nodes.client import Client
+    from dvrk_gravity.ros.client import Client
 
     # The help's example names a model as a launch file finds it; here it lies in config/.
     words = words.replace("--params-file mtmr", "--params-file config/mtmr")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from dvrk_gravity.commands import newton_euler as command
+from dvrk_gravity.cli import newton_euler as command
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.newton_euler import JointType, inverse_dynamics, parse, read
 

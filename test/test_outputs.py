@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from conftest import CONFIG, MODEL_FILE
 
-from dvrk_gravity import outputs
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.cli import VERBS
+from dvrk_gravity.command_line import VERBS
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import outputs
 
 # Nodes write nothing.
 WITHOUT_OUTPUT = {"compensator", "simulator", "watchdog"}

@@ -14,7 +14,7 @@ import pytest
 import setuptools
 from conftest import REPOSITORY, executables
 
-from dvrk_gravity.cli import VERBS
+from dvrk_gravity.command_line import VERBS
 
 
 def test_the_table_of_parameters_in_the_docs_is_that_of_the_declarations():

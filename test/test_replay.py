@@ -9,7 +9,7 @@ import pytest
 from conftest import MODEL_FILE
 
 from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.commands.replay import _expected, replay
+from dvrk_gravity.cli.replay import _expected, replay
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import BagWriter, Recording, read_joint_states
 
@@ -94,7 +94,7 @@ def test_a_wrong_effort_fails_the_replay(tmp_path):
     # The node runs another model than the comparison: as a defect in it would look.
     other = tmp_path / "other.yaml"
     TorqueModel(model.arm, model.terms[:1], model.node).save(other)
-    from dvrk_gravity.commands import replay as module
+    from dvrk_gravity.cli import replay as module
 
     real = module._play
     module._play = lambda messages, _, *rest: real(messages, other, *rest)

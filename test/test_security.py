@@ -122,7 +122,7 @@ def test_the_search_finds_what_it_looks_for(line):
 def test_the_yaml_loader_in_use_is_a_safe_one():
     import yaml
 
-    from dvrk_gravity import yaml_file
+    from dvrk_gravity.files import yaml_file
 
     assert issubclass(yaml_file._Loader, yaml.SafeLoader)
 

@@ -14,9 +14,9 @@ from scipy.optimize import lsq_linear
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import CoulombFriction, Gravity, ViscousFriction
 from dvrk_gravity.errors import ConfigError, ShapeError
+from dvrk_gravity.files.resources import config_path
 from dvrk_gravity.gravity import LinkMass, beta_from_links
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.resources import config_path
 from dvrk_gravity.simulate import Mode, Plant, PlantFile, Sensors, SimulatedArm, simulate
 from dvrk_gravity.simulate.friction import FrictionSolver
 

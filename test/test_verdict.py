@@ -11,7 +11,7 @@ from test_identify import ARM, truth
 from test_static_fit import grid, record
 from test_static_fit import truth as posed
 
-from dvrk_gravity import cli
+from dvrk_gravity import command_line
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.errors import ConfigError
@@ -140,7 +140,7 @@ def test_a_poor_model_is_written_and_told_everywhere_with_status_1(tmp_path, cap
     out = tmp_path / "model.yaml"
     arguments = [str(tmp_path / "run.csv"), "--arm", "mtmr", "--out", str(out), "--terms", FEW[0],
                  "--json", str(tmp_path / "fit.json")]  # fmt: skip
-    assert cli.run("dvrk_gravity.commands.identify", arguments) == 1
+    assert command_line.run("dvrk_gravity.cli.identify", arguments) == 1
     shown = capsys.readouterr().out
     assert "verdict: do not compensate with this" in shown
     assert "outer_yaw: do not compensate with this: held-out error" in shown

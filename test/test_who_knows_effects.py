@@ -95,7 +95,7 @@ def test_what_uses_all_effects_names_none(room, modules):
 
 
 # The MTM's own rooms; static poses are approached and held as a master arm's calibration has them.
-OF_THE_MTM = ("arms/mtm/", "arms/yaml_arm.py", "console/", "nodes/demo/", "identification/static_")
+OF_THE_MTM = ("arms/mtm/", "arms/yaml_arm.py", "console/", "ros/demo/", "identification/static_")
 
 
 def test_no_generic_module_knows_a_number_of_joints_or_their_names(modules):

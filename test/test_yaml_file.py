@@ -13,8 +13,8 @@ from conftest import examples
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from dvrk_gravity import text_file, yaml_file
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import text_file, yaml_file
 
 BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\nb: &b [*a,*a,*a,*a,*a,*a]\nc: [*b,*b,*b,*b,*b]\n"
 WRONG = {

@@ -13,7 +13,7 @@ from dvrk_gravity.arguments import PATH
 from dvrk_gravity.arms import urdf_arm, yaml_arm
 from dvrk_gravity.arms.description import GRAVITY, SCALES, Array, Description
 from dvrk_gravity.errors import ArgumentError, ConfigError
-from dvrk_gravity.resources import config_path
+from dvrk_gravity.files.resources import config_path
 
 SUPPORTED = (
     "mtml, mtmr, or the path of an arm's .yaml file (written like config/arms/mtmr.yaml) or .urdf "

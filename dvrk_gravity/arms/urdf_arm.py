@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity import text_file
 from dvrk_gravity.arms.description import Array, Body, Description, Joint, JointKind
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import text_file
 
 _KINDS: dict[str, JointKind] = {
     "revolute": "revolute",

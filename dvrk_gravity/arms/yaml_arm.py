@@ -28,11 +28,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity import yaml_file
 from dvrk_gravity.arms.description import Array, Description, Joint, JointKind
 from dvrk_gravity.arms.dh import CONVENTIONS, Convention, DHRow, Follower, chain, link_frames
 from dvrk_gravity.arms.mtm import parallelogram
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import yaml_file
 from dvrk_gravity.parameter import is_finite
 
 _REQUIRED = ("name", "joints")

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity import json_file
 from dvrk_gravity.arms import GRAVITY, Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.console.file import (
@@ -20,6 +19,7 @@ from dvrk_gravity.console.file import (
 from dvrk_gravity.console.finding import Finding, Severity
 from dvrk_gravity.console.model_check import check_model
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import json_file
 
 # beta6, the platform's moment across the arm: +0.020 on right arms, -0.020 on left ones, kg·m.
 BETA6 = 0.020

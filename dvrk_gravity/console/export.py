@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity import json_file
 from dvrk_gravity.arms import GRAVITY, Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.console.file import (
@@ -28,6 +27,7 @@ from dvrk_gravity.console.file import (
 from dvrk_gravity.effects import DirectionalCable, ElasticCable, Gravity
 from dvrk_gravity.effects.polynomial import Range, evaluate
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import json_file
 from dvrk_gravity.model import TorqueModel
 
 # A line from 0 to full blend at this part of the amplitude is as near to the sine as a line

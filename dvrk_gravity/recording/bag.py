@@ -8,8 +8,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from dvrk_gravity import text_file, yaml_file
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.files import text_file, yaml_file
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 SUFFIXES = (".db3", ".mcap")

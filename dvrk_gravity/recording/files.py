@@ -9,10 +9,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from dvrk_gravity import text_file
 from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.files import text_file
 from dvrk_gravity.recording.bag import SUFFIXES
 from dvrk_gravity.recording.bag_writer import write_bag
 from dvrk_gravity.recording.csv_file import iterate_csv, write_csv

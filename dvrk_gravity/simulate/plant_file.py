@@ -12,15 +12,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from dvrk_gravity import yaml_file
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.arms.tree import nominal_inertias
 from dvrk_gravity.effects.link_prior import link_sizes
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import yaml_file
+from dvrk_gravity.files.resources import config_path
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import flatten
-from dvrk_gravity.resources import config_path
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import Sensors
 

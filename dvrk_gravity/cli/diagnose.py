@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dvrk_gravity import cli, outputs, text_file
-from dvrk_gravity.commands.still_joints import add_at, still_joints
+from dvrk_gravity import command_line
+from dvrk_gravity.cli.still_joints import add_at, still_joints
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import outputs, text_file
 
 if TYPE_CHECKING:
     from dvrk_gravity.diagnosis import Diagnosis
@@ -124,7 +125,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the verb and return its exit status."""
-    return cli.run(__name__, argv)
+    return command_line.run(__name__, argv)
 
 
 if __name__ == "__main__":

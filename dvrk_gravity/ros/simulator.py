@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from dvrk_gravity import cli
+from dvrk_gravity import command_line
 
 NAME = "simulator"
 EXAMPLE = "ros2 run dvrk_gravity simulator --ros-args -r __ns:=/MTMR -p friction_scale:=0.1"
@@ -20,15 +20,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit status."""
     # Here and not above: rclpy and Pinocchio are slow to load and --help needs neither.
-    from dvrk_gravity.nodes import runtime
-    from dvrk_gravity.nodes.simulator_node import Simulator
+    from dvrk_gravity.ros import runtime
+    from dvrk_gravity.ros.simulator_node import Simulator
 
     return runtime.spin(Simulator, args.ros_args)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the verb and return its exit status."""
-    return cli.run("dvrk_gravity.nodes.simulator", argv)
+    return command_line.run("dvrk_gravity.ros.simulator", argv)
 
 
 if __name__ == "__main__":

@@ -17,11 +17,11 @@ def config_path(name: str) -> Path:
     Raises:
         FileNotFoundError: No such file in any of them.
     """
-    here = Path(__file__).resolve()
-    candidates = [here.parents[1] / "config"]
+    package = Path(__file__).resolve().parents[1]
+    candidates = [package.parent / "config"]
     prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-    # <prefix>/lib/python3.X/site-packages/dvrk_gravity/resources.py
-    prefixes += here.parents[3:5]
+    # <prefix>/lib/python3.X/site-packages/dvrk_gravity
+    prefixes += package.parents[2:4]
     candidates += [prefix / "share" / PACKAGE / "config" for prefix in prefixes]
     for folder in candidates:
         path = (folder / name).resolve()

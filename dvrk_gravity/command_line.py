@@ -18,18 +18,18 @@ from dvrk_gravity.errors import DvrkGravityError
 # Verb -> (module, one line for the overview). A module is imported only when
 # its verb is called: rclpy, Pinocchio and matplotlib are slow to load.
 VERBS: dict[str, tuple[str, str]] = {
-    "compensator": ("dvrk_gravity.nodes.compensator", "node: make an MTM weightless"),
-    "simulator": ("dvrk_gravity.nodes.simulator", "node: a dVRK MTM as seen from ROS"),
-    "watchdog": ("dvrk_gravity.nodes.watchdog", "node: hold the arm when commands stop"),
-    "convert": ("dvrk_gravity.commands.convert", "console JSON <-> model, CSV <-> rosbag2"),
-    "excite": ("dvrk_gravity.commands.excite", "drive an arm to be identified, and record it"),
-    "replay": ("dvrk_gravity.commands.replay", "a bag through the real node, checked"),
-    "identify": ("dvrk_gravity.commands.identify", "recordings -> torque model"),
-    "evaluate": ("dvrk_gravity.commands.evaluate", "error of a model on recordings"),
-    "diagnose": ("dvrk_gravity.commands.diagnose", "what a model gets wrong, and the proof"),
-    "demo": ("dvrk_gravity.commands.demo", "fall, float, push, kill: the whole in simulation"),
+    "compensator": ("dvrk_gravity.ros.compensator", "node: make an MTM weightless"),
+    "simulator": ("dvrk_gravity.ros.simulator", "node: a dVRK MTM as seen from ROS"),
+    "watchdog": ("dvrk_gravity.ros.watchdog", "node: hold the arm when commands stop"),
+    "convert": ("dvrk_gravity.cli.convert", "console JSON <-> model, CSV <-> rosbag2"),
+    "excite": ("dvrk_gravity.cli.excite", "drive an arm to be identified, and record it"),
+    "replay": ("dvrk_gravity.cli.replay", "a bag through the real node, checked"),
+    "identify": ("dvrk_gravity.cli.identify", "recordings -> torque model"),
+    "evaluate": ("dvrk_gravity.cli.evaluate", "error of a model on recordings"),
+    "diagnose": ("dvrk_gravity.cli.diagnose", "what a model gets wrong, and the proof"),
+    "demo": ("dvrk_gravity.cli.demo", "fall, float, push, kill: the whole in simulation"),
     "newton-euler": (
-        "dvrk_gravity.commands.newton_euler",
+        "dvrk_gravity.cli.newton_euler",
         "torques and joint reactions of a serial chain",
     ),
 }
@@ -46,9 +46,9 @@ def run(module_name: str, argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit status (see the module docstring).
     """
-    # A node takes signals in hand when there is something to leave in order (nodes/runtime.py).
+    # A node takes signals in hand when there is something to leave in order (ros/runtime.py).
     # Before that Ctrl-C just ends it: an exception would come out of some half-done import.
-    is_node = module_name.startswith(f"{__package__}.nodes.")
+    is_node = module_name.startswith(f"{__package__}.ros.")
     signal.signal(signal.SIGINT, signal.SIG_DFL if is_node else signal.default_int_handler)
     module = importlib.import_module(module_name)
     parser = argparse.ArgumentParser(

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dvrk_gravity import cli, outputs, text_file
+from dvrk_gravity import command_line
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample, SampleReader
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.processes import NodeProcess, ProcessError, private_domain
 from dvrk_gravity.recording import BagReader, BagWriter, read_joint_states
 
@@ -79,7 +80,7 @@ def replay(
     """Play a bag into a compensator of its own and compare its answers with what is due.
 
     The node is the compensator without its supervisor, on topics that no arm has. Due is what the
-    model compensates (:func:`~dvrk_gravity.commands.replay_reference.compensation`) with all of
+    model compensates (:func:`~dvrk_gravity.cli.replay_reference.compensation`) with all of
     its friction, and without limits.
 
     Args:
@@ -136,7 +137,7 @@ def _expected(bag: Path, topic: str | None, model: TorqueModel) -> list[Sample]:
 
 def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
     """Return (N, n) torques that are due, friction only where a velocity came along, N·m."""
-    from dvrk_gravity.commands.replay_reference import compensation
+    from dvrk_gravity.cli.replay_reference import compensation
     from dvrk_gravity.node_parameters import node_parameters
 
     # As the node gets them: the model file's settings, and over them those of the replay.
@@ -168,8 +169,8 @@ def _play(
     from rclpy.serialization import deserialize_message
     from sensor_msgs.msg import JointState
 
-    from dvrk_gravity.nodes.client import Client
-    from dvrk_gravity.nodes.replayed import COMMANDS, MEASURED
+    from dvrk_gravity.ros.client import Client
+    from dvrk_gravity.ros.replayed import COMMANDS, MEASURED
 
     answers: list[tuple[int, int, Any, bytes]] = []
 
@@ -181,7 +182,7 @@ def _play(
     arguments = ["--params-file", str(model_file)]
     for name, value in _bare(joints).items():
         arguments += ["-p", f"{name}:={json.dumps(value)}"]
-    program = ("-m", "dvrk_gravity.nodes.replayed")
+    program = ("-m", "dvrk_gravity.ros.replayed")
     with Client() as client, NodeProcess(None, *arguments, program=program) as node:
         publisher = client.node.create_publisher(JointState, MEASURED, 1000)
         client.node.create_subscription(JointState, COMMANDS, on_answer, 1000, raw=True)
@@ -211,7 +212,7 @@ def _feed(
 ) -> list[tuple[int, bytes]]:  # fmt: skip
     """Publish all messages, wait for the last answers; return when each was sent (ns)."""
     published = []
-    progress = cli.Progress("replay", len(messages))
+    progress = command_line.Progress("replay", len(messages))
     start, first = time.monotonic(), messages[0][0]
     for sent, (received, data) in enumerate(messages):
         if recorded:
@@ -292,4 +293,4 @@ def run(arguments: argparse.Namespace) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of ``ros2 run dvrk_gravity replay``."""
-    return cli.run(__name__, argv)
+    return command_line.run(__name__, argv)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from dvrk_gravity import cli
+from dvrk_gravity import command_line
 
 NAME = "watchdog"
 EXAMPLE = "ros2 run dvrk_gravity watchdog --ros-args -r __ns:=/MTMR -p watchdog_timeout:=0.05"
@@ -19,12 +19,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit status."""
     # Here and not above: rclpy and Pinocchio are slow to load and --help needs neither.
-    from dvrk_gravity.nodes import runtime
-    from dvrk_gravity.nodes.watchdog_node import Watchdog
+    from dvrk_gravity.ros import runtime
+    from dvrk_gravity.ros.watchdog_node import Watchdog
 
     return runtime.spin(Watchdog, arguments.ros_args)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of ``ros2 run dvrk_gravity watchdog``."""
-    return cli.run("dvrk_gravity.nodes.watchdog", argv)
+    return command_line.run("dvrk_gravity.ros.watchdog", argv)

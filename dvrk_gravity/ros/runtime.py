@@ -19,10 +19,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from dvrk_gravity import yaml_file
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.nodes.executor import PromptExecutor, PromptNode
+from dvrk_gravity.files import yaml_file
 from dvrk_gravity.parameter import Parameter
+from dvrk_gravity.ros.executor import PromptExecutor, PromptNode
 
 STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 """Timers run on it: a simulated or stepped clock must not stop a watch on the input."""

@@ -7,9 +7,9 @@ import time
 
 from rclpy.node import Node
 
-from dvrk_gravity.nodes.hold import TOPIC as HOLD
-from dvrk_gravity.nodes.hold import hears
-from dvrk_gravity.nodes.others import LATELY, named, node_names
+from dvrk_gravity.ros.hold import TOPIC as HOLD
+from dvrk_gravity.ros.hold import hears
+from dvrk_gravity.ros.others import LATELY, named, node_names
 
 MEASURED = "measured_js"
 

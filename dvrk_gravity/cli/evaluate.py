@@ -7,8 +7,9 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from dvrk_gravity import cli, outputs, text_file
+from dvrk_gravity import command_line
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import outputs, text_file
 
 NAME = "evaluate"
 EXAMPLE = "python -m dvrk_gravity evaluate other.csv --model model.yaml"
@@ -50,4 +51,4 @@ def run(arguments: argparse.Namespace) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of ``ros2 run dvrk_gravity evaluate``."""
-    return cli.run(__name__, argv)
+    return command_line.run(__name__, argv)

@@ -7,8 +7,8 @@ import math
 from pathlib import Path
 from typing import Any, NoReturn
 
-from dvrk_gravity import text_file
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import text_file
 
 MAX_DEPTH = 20
 

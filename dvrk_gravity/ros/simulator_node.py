@@ -19,8 +19,8 @@ from std_msgs.msg import Bool, Empty
 from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.errors import DvrkGravityError
 from dvrk_gravity.model import all_parameters, arm_of
-from dvrk_gravity.nodes import runtime
 from dvrk_gravity.parameter import Parameter, check_all
+from dvrk_gravity.ros import runtime
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 
 STEP = 1e-3

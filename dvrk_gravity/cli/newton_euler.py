@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity import cli, outputs, text_file
+from dvrk_gravity import command_line
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import outputs, text_file
 
 NAME = "newton-euler"
 EXAMPLE = "newton-euler config/exercises/3_2_with_gravity.yaml --json loads.json"
@@ -98,7 +99,7 @@ def _fixed(value: float, decimals: int) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the verb and return its exit status."""
-    return cli.run(__name__, argv)
+    return command_line.run(__name__, argv)
 
 
 if __name__ == "__main__":

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity import outputs, text_file
-from dvrk_gravity.cli import one_line
+from dvrk_gravity.command_line import one_line
 from dvrk_gravity.console.check import FILE_NAME, check_file
 from dvrk_gravity.console.conversion import Conversion, convert_model
 from dvrk_gravity.console.file import ConsoleFile
 from dvrk_gravity.console.finding import Finding, Severity
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.model import TorqueModel
 
 JSON_SUFFIX = ".json"

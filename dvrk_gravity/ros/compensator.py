@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from dvrk_gravity import cli
+from dvrk_gravity import command_line
 
 NAME = "compensator"
 EXAMPLE = (
@@ -21,12 +21,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit status."""
     # Here and not above: rclpy and Pinocchio are slow to load and --help needs neither.
-    from dvrk_gravity.nodes import runtime
-    from dvrk_gravity.nodes.compensator_node import Compensator
+    from dvrk_gravity.ros import runtime
+    from dvrk_gravity.ros.compensator_node import Compensator
 
     return runtime.spin(Compensator, arguments.ros_args)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of ``ros2 run dvrk_gravity compensator``."""
-    return cli.run("dvrk_gravity.nodes.compensator", argv)
+    return command_line.run("dvrk_gravity.ros.compensator", argv)

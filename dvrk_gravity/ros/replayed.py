@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from dvrk_gravity import cli
+from dvrk_gravity import command_line
 
 NAME = "replayed"
 EXAMPLE = "python -m dvrk_gravity replay my_bag --model config/mtmr_28002.yaml (which starts this)"
@@ -27,8 +27,8 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.compensate.supervisor import Supervisor
     from dvrk_gravity.compensate.unsupervised import Unsupervised
     from dvrk_gravity.errors import ConfigError
-    from dvrk_gravity.nodes import runtime
-    from dvrk_gravity.nodes.compensator_node import Compensator
+    from dvrk_gravity.ros import runtime
+    from dvrk_gravity.ros.compensator_node import Compensator
 
     class Replayed(Compensator):
         """The compensator's way from message to message, with the bare model in between."""
@@ -56,8 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of ``python -m dvrk_gravity.nodes.replayed``."""
-    return cli.run("dvrk_gravity.nodes.replayed", argv)
+    """Entry point of ``python -m dvrk_gravity.ros.replayed``."""
+    return command_line.run("dvrk_gravity.ros.replayed", argv)
 
 
 if __name__ == "__main__":

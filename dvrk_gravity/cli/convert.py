@@ -6,8 +6,9 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from dvrk_gravity import cli, outputs
+from dvrk_gravity import command_line
 from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.files import outputs
 from dvrk_gravity.recording import Recording, iterate_recording, save_recording
 
 NAME = "convert"
@@ -64,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Convert by the kind of the input and return 0, or return the check's status."""
     if arguments.check is not None:
-        from dvrk_gravity.commands import convert_console
+        from dvrk_gravity.cli import convert_console
 
         if arguments.input is not None:
             raise ConfigError("--check", str(arguments.input), "no IN or OUT beside it")
@@ -78,7 +79,7 @@ def _converter(path: Path) -> Callable[[argparse.Namespace], int]:
     if path.is_dir() or path.suffix.lower() in RECORDING_SUFFIXES:
         return _convert_recording
     if path.suffix.lower() in CONSOLE_SUFFIXES:
-        from dvrk_gravity.commands import convert_console  # with Pinocchio: not for --help
+        from dvrk_gravity.cli import convert_console  # with Pinocchio: not for --help
 
         return lambda arguments: convert_console.convert(
             arguments.input, arguments.output, arguments.json
@@ -115,4 +116,4 @@ def _convert_recording(arguments: argparse.Namespace) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of ``ros2 run dvrk_gravity convert``."""
-    return cli.run(__name__, argv)
+    return command_line.run(__name__, argv)

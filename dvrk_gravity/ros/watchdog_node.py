@@ -9,11 +9,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty, Float64, Float64MultiArray, String
 
 from dvrk_gravity.model import all_parameters, arm_of
-from dvrk_gravity.nodes import runtime
-from dvrk_gravity.nodes.arm_link import ArmLink
-from dvrk_gravity.nodes.executor import PromptNode
-from dvrk_gravity.nodes.hold import Hold
 from dvrk_gravity.parameter import check_all
+from dvrk_gravity.ros import runtime
+from dvrk_gravity.ros.arm_link import ArmLink
+from dvrk_gravity.ros.executor import PromptNode
+from dvrk_gravity.ros.hold import Hold
 
 TIMEOUT_TOPIC = "watchdog_timeout"
 """Latched: the watchdog's time-out, s, which a compensator's own must not exceed."""

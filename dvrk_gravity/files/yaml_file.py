@@ -12,8 +12,8 @@ from typing import Any
 
 import yaml
 
-from dvrk_gravity import text_file
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import text_file
 
 DEEPEST = 50
 """Levels that lists and mappings may be nested; loaders take seconds to refuse thousands."""

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
-from dvrk_gravity import cli, outputs, text_file
-from dvrk_gravity.commands.still_joints import add_at, still_joints
+from dvrk_gravity import command_line
+from dvrk_gravity.cli.still_joints import add_at, still_joints
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.recording.data import Coordinates
 
 NAME = "identify"
@@ -67,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     still = still_joints(arguments.at, arm)
     recordings = [RecordingFile(path, arguments.topic, arm=arm) for path in arguments.recordings]
     validate = [RecordingFile(path, arguments.topic, arm=arm) for path in arguments.validate]
-    progress = cli.Progress("identify", 100)
+    progress = command_line.Progress("identify", 100)
     fit = identify(
         recordings,
         arm,
@@ -110,4 +111,4 @@ def _coordinates(text: str | None) -> Coordinates | list[Coordinates] | None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of ``ros2 run dvrk_gravity identify``."""
-    return cli.run(__name__, argv)
+    return command_line.run(__name__, argv)

@@ -8,9 +8,10 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from dvrk_gravity import cli, outputs
+from dvrk_gravity import command_line
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.resources import config_path
+from dvrk_gravity.files import outputs
+from dvrk_gravity.files.resources import config_path
 
 NAME = "demo"
 EXAMPLE = "python -m dvrk_gravity demo --out out/demo"
@@ -30,9 +31,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the demonstration; print a table as it goes, then draw it."""
     # Here and not above: ROS and matplotlib are slow to load and --help needs neither.
     from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.nodes.demo import picture
-    from dvrk_gravity.nodes.demo.scenario import POSES, Scenario
     from dvrk_gravity.processes import private_domain
+    from dvrk_gravity.ros.demo import picture
+    from dvrk_gravity.ros.demo.scenario import POSES, Scenario
 
     model = arguments.model or config_path("mtmr_28002.yaml")
     outputs.check_folder("--out", arguments.out, [PICTURE], [model], [BAG])
@@ -69,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _row(phase: object) -> None:
-    from dvrk_gravity.nodes.demo.scenario import Phase
+    from dvrk_gravity.ros.demo.scenario import Phase
 
     assert isinstance(phase, Phase)
     yaw, shoulder, elbow, platform, pitch, wrist_yaw, roll = phase.drift
@@ -79,4 +80,4 @@ def _row(phase: object) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of ``ros2 run dvrk_gravity demo``."""
-    return cli.run("dvrk_gravity.commands.demo", argv)
+    return command_line.run("dvrk_gravity.cli.demo", argv)

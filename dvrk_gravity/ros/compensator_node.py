@@ -29,15 +29,15 @@ from dvrk_gravity.compensate.supervisor import Status, Supervisor
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import all_parameters
 from dvrk_gravity.node_parameters import node_parameters
-from dvrk_gravity.nodes import operating_state, runtime
-from dvrk_gravity.nodes.arm_link import MEASURED, ArmLink
-from dvrk_gravity.nodes.diagnostics import Diagnostics
-from dvrk_gravity.nodes.executor import PromptNode
-from dvrk_gravity.nodes.hold import Hold
-from dvrk_gravity.nodes.others import Others
-from dvrk_gravity.nodes.rivals import LISTEN, Rivals
-from dvrk_gravity.nodes.watchdog_node import TIMEOUT_TOPIC
-from dvrk_gravity.nodes.wire import CommandWriter, JointStateReader
+from dvrk_gravity.ros import operating_state, runtime
+from dvrk_gravity.ros.arm_link import MEASURED, ArmLink
+from dvrk_gravity.ros.diagnostics import Diagnostics
+from dvrk_gravity.ros.executor import PromptNode
+from dvrk_gravity.ros.hold import Hold
+from dvrk_gravity.ros.others import Others
+from dvrk_gravity.ros.rivals import LISTEN, Rivals
+from dvrk_gravity.ros.watchdog_node import TIMEOUT_TOPIC
+from dvrk_gravity.ros.wire import CommandWriter, JointStateReader
 
 # DDS sends what was lost again, seconds later: an old effort must not come after a hold.
 _COMMANDS = QoSProfile(depth=10, lifespan=Duration(seconds=0.1))

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dvrk_gravity import cli, outputs
+from dvrk_gravity import command_line
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.nodes.mover import Mover
+    from dvrk_gravity.ros.mover import Mover
 
 NAME = "excite"
 EXAMPLE = "python -m dvrk_gravity excite --arm mtmr --out my_bag"
@@ -63,8 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
     from rclpy.exceptions import InvalidNamespaceException
     from rclpy.validate_namespace import validate_namespace
 
-    from dvrk_gravity.nodes.client import Client
-    from dvrk_gravity.nodes.mover import Mover
+    from dvrk_gravity.ros.client import Client
+    from dvrk_gravity.ros.mover import Mover
 
     namespace = f"/{(arguments.namespace or arm.name.upper()).strip('/')}"
     try:
@@ -120,7 +121,7 @@ def _follow(
     record: Callable[[bytes], None] | None = None,
 ) -> None:
     print(f"{what}: {duration:.0f} s; Ctrl-C holds the arm", flush=True)
-    progress = cli.Progress(what, 100)
+    progress = command_line.Progress(what, 100)
     try:
         mover.follow(path, duration, record, lambda part: progress.update(round(100 * part)))
     finally:
@@ -129,4 +130,4 @@ def _follow(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of ``ros2 run dvrk_gravity excite``."""
-    return cli.run(__name__, argv)
+    return command_line.run(__name__, argv)

@@ -23,7 +23,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from dvrk_gravity.nodes.others import LATELY, named
+from dvrk_gravity.ros.others import LATELY, named
 
 LISTEN = LATELY
 """How long nothing must have been heard before we command, s."""

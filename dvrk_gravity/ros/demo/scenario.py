@@ -16,9 +16,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty
 
 from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.nodes.client import Client
 from dvrk_gravity.processes import NodeProcess, ProcessError
 from dvrk_gravity.recording import BagWriter
+from dvrk_gravity.ros.client import Client
 
 Array = NDArray[np.float64]
 

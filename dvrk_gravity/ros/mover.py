@@ -17,11 +17,11 @@ from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.errors import DvrkGravityError
-from dvrk_gravity.nodes.arm_link import ArmLink
-from dvrk_gravity.nodes.client import Client
-from dvrk_gravity.nodes.hold import Hold
-from dvrk_gravity.nodes.others import COMMANDS, named
 from dvrk_gravity.processes import ProcessError
+from dvrk_gravity.ros.arm_link import ArmLink
+from dvrk_gravity.ros.client import Client
+from dvrk_gravity.ros.hold import Hold
+from dvrk_gravity.ros.others import COMMANDS, named
 
 Array = NDArray[np.float64]
 Path = Callable[[float], tuple[Array, Array]]

@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 
 from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.nodes.demo.scenario import Kill, Phase
+from dvrk_gravity.ros.demo.scenario import Kill, Phase
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
