@@ -19,6 +19,7 @@ from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.files import json_file, text_file, yaml_file
 from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.parameter import Parameter, Value, check_all, flatten, unflatten
+from dvrk_gravity.uncertainty import SUFFIX, ModelUncertainty
 
 Array = NDArray[np.float64]
 
@@ -44,6 +45,11 @@ VERDICT_PARAMETER = Parameter(
     choices=(NO_VERDICT, *VERDICTS), read_only=True,
 )  # fmt: skip
 REASON_PARAMETER = Parameter("identification.reason", "", "", "why it says so", read_only=True)
+UNCERTAINTY_PARAMETER = Parameter(
+    "identification.uncertainty", "", "",
+    "file beside the model's that says how sure it is: the parameters' covariance, the known error",
+    read_only=True,
+)  # fmt: skip
 OFFSET = "joint_offset"
 
 
@@ -69,6 +75,7 @@ def _declared(arm: Arm, effects: tuple[type[Term], ...]) -> Mapping[str, Paramet
         CONSOLE_PARAMETER,
         VERDICT_PARAMETER,
         REASON_PARAMETER,
+        UNCERTAINTY_PARAMETER,
         *(entry for effect in effects for entry in effect.schema(arm)),
     )
     return {entry.name: entry for entry in declared}
@@ -96,6 +103,7 @@ class TorqueModel:
             are measured ones; its terms are functions of the true ones.
         verdict: What the identification said of it, one of ``VERDICTS``, or ``NO_VERDICT``.
         reason: Why it said so.
+        uncertainty: How sure it is; ``None`` if it was not identified, or does not tell.
     """
 
     arm: Arm
@@ -105,6 +113,7 @@ class TorqueModel:
     joint_offset: Array = field(default_factory=lambda: np.zeros(0))
     verdict: str = NO_VERDICT
     reason: str = ""
+    uncertainty: ModelUncertainty | None = None
 
     def __post_init__(self) -> None:
         """Put zeros where no offset is given."""
@@ -115,14 +124,24 @@ class TorqueModel:
     def load(cls, path: str | Path) -> TorqueModel:
         """Load a model from a ROS 2 parameter file (``/**: ros__parameters:``).
 
+        Beside it may lie the file of its uncertainty. Without that, or after coefficients were
+        changed by hand, it is a model that does not tell how sure it is.
+
         Raises:
             ConfigError: Naming the file, the parameter, the value and what was expected.
         """
         content = yaml_file.load(path_of("model", path, A_MODEL))
         try:
-            return cls.from_parameters(flatten(_ros_parameters(content)))
+            values = flatten(_ros_parameters(content))
+            model = cls.from_parameters(values)
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
+        name = str(values.get(UNCERTAINTY_PARAMETER.name, ""))
+        beside = Path(path).parent / Path(name).name
+        if not name or not beside.exists():
+            return model
+        uncertainty = ModelUncertainty.load(beside)
+        return replace(model, uncertainty=uncertainty) if uncertainty.fits(model.terms) else model
 
     @classmethod
     def of(cls, given: TorqueModel | str | Path) -> TorqueModel:
@@ -188,6 +207,8 @@ class TorqueModel:
     def save(self, path: str | Path, comment: str = "") -> None:
         """Write the model as a ROS 2 parameter file, whole or not at all.
 
+        If it is known how sure it is, that is written to :func:`uncertainty_file` beside it.
+
         Args:
             path: File to write; one that exists is replaced.
             comment: Lines put on top, without ``#``.
@@ -196,7 +217,12 @@ class TorqueModel:
             OSError: The file cannot be written.
         """
         head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
-        body = yaml_file.dump({"/**": {"ros__parameters": unflatten(self.parameters())}})
+        values = self.parameters()
+        if self.uncertainty is not None:
+            beside = uncertainty_file(path)
+            self.uncertainty.save(beside)
+            values[UNCERTAINTY_PARAMETER.name] = beside.name
+        body = yaml_file.dump({"/**": {"ros__parameters": unflatten(values)}})
         text_file.write(path, head + body)
 
     def torque(
@@ -259,6 +285,11 @@ class TorqueModel:
     def physical(self) -> TorqueModel:
         """Return the model of the arm itself: friction whole, not by the console's ratio."""
         return replace(self, terms=tuple(term.whole() for term in self.terms))
+
+
+def uncertainty_file(path: str | Path) -> Path:
+    """Return the path of the file, beside a model's, that says how sure the model is."""
+    return Path(path).with_suffix(SUFFIX)
 
 
 def _ros_parameters(content: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -79,6 +79,7 @@ class CrossValidation:
         self._counts = np.maximum(self._usable.sum(axis=0), 1)
         self._pairs = data.pairs(self._rows)
         self._intraclass = np.zeros(joints)  # (n,) correlation of residuals of two copies
+        self._model = data.model_columns[self._rows]
         self.weight = np.zeros(joints)
         self.weigh(self._residual)
 
@@ -143,6 +144,12 @@ class CrossValidation:
             return np.zeros((len(weight), 0))
         return np.hstack(columns) * weight[:, None]
 
+    def _beside_model(self, candidates: Sequence[Candidate]) -> Array:
+        """Return the columns of the model's own parameters, and then those of candidates."""
+        weight = self._weights.reshape(-1)
+        model = self._model.reshape(len(weight), -1) * weight[:, None]
+        return np.hstack([model, self._design(candidates)])
+
     @property
     def _target(self) -> Array:
         return (self._residual * self._weights).reshape(-1)
@@ -157,19 +164,30 @@ class CrossValidation:
         known = self.data.samples_per_independent * self.data.copies
         return np.diag(known * np.concatenate(ridges))
 
+    def _ridge_beside_model(self, candidates: Sequence[Candidate]) -> Array:
+        known = self.data.samples_per_independent * self.data.copies
+        own = self._model.shape[2]
+        ridge = np.zeros((own + sum(c.size for c in candidates),) * 2)
+        ridge[:own, :own] = known * np.eye(own)
+        ridge[own:, own:] = self._ridge(candidates)
+        return ridge
+
     def _regression(self, candidates: Sequence[Candidate]) -> Regression:
-        return Regression(self._design(candidates), self._ridge(candidates), self.settings.trace)
+        return Regression(
+            self._beside_model(candidates), self._ridge_beside_model(candidates),
+            self.settings.trace,
+        )  # fmt: skip
 
     def out_of_fold(self, candidates: Sequence[Candidate]) -> Array:
         """Return (R, n) errors of the choice's samples, each from a fit that left its fold out."""
-        design, target = self._design(candidates), self._target
+        design, target = self._beside_model(candidates), self._target
         error = target.copy()
         if design.shape[1]:
             folds = [
                 NormalEquations.of(design[rows][:, None], target[rows][:, None])
                 for rows in self._folds
             ]
-            whole, ridge = NormalEquations.total(folds), self._ridge(candidates)
+            whole, ridge = NormalEquations.total(folds), self._ridge_beside_model(candidates)
             for rows, fold in zip(self._folds, folds, strict=True):
                 rest = whole - fold
                 theta = solve(rest.gram[0] + ridge, rest.cross[0], self.settings.trace)
@@ -229,9 +247,10 @@ class CrossValidation:
         square = (target**2).reshape(-1, self.joints).sum(axis=0)
         found = []
         for candidate in pool:
-            columns = base.residual(self._design([candidate]))
-            own = Regression(columns, self._ridge([candidate]), self.settings.trace)
-            error = own.residual(target)
+            raw = self._design([candidate])
+            columns = base.residual(raw)
+            gram = raw.T @ columns + self._ridge([candidate])
+            error = target - columns @ solve(gram, raw.T @ target, self.settings.trace)
             left = (error**2).reshape(-1, self.joints).sum(axis=0)
             used = (square > 0.0) & (left > 0.0)
             gain = 0.5 * float(self.samples[used] @ np.log(square[used] / left[used]))
@@ -242,32 +261,32 @@ class CrossValidation:
     def residual(self, candidates: Sequence[Candidate]) -> Array:
         """Return (T, n) what a fit of candidates to the samples of choice leaves everywhere."""
         residual = self.data.residual.copy()
-        if candidates:
-            theta = self.parameters(candidates)
-            columns = np.concatenate([candidate.columns() for candidate in candidates], axis=2)
-            residual -= columns @ theta
-        return residual
+        theta = self._regression(candidates).coefficients(self._target)
+        columns = [self.data.model_columns, *(candidate.columns() for candidate in candidates)]
+        return residual - np.concatenate(columns, axis=2) @ theta
 
     def parameters(self, candidates: Sequence[Candidate]) -> Array:
         """Return parameters (k,) on all the samples of choice."""
-        return self._regression(candidates).coefficients(self._target)
+        return self._regression(candidates).coefficients(self._target)[self._model.shape[2] :]
 
     def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
 
         The covariance is the jackknife's over blocks.
         """
-        design, target = self._design(candidates), self._target
+        design, target = self._beside_model(candidates), self._target
         block = np.repeat(self._block, self.joints)
         order = np.argsort(block, kind="stable")
         edges = np.flatnonzero(np.diff(block[order], prepend=-1))[1:]
         pieces = list(
             zip(np.split(design[order], edges), np.split(target[order], edges), strict=True)
         )
-        return block_jackknife(
-            [x.T @ x for x, _ in pieces], [x.T @ y for x, y in pieces], self._ridge(candidates),
-            self.settings.trace,
+        theta, covariance = block_jackknife(
+            [x.T @ x for x, _ in pieces], [x.T @ y for x, y in pieces],
+            self._ridge_beside_model(candidates), self.settings.trace,
         )  # fmt: skip
+        own = self._model.shape[2]
+        return theta[own:], covariance[own:, own:]
 
     def contains(self, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]) -> bool:
         """Tell whether a larger hypothesis is a smaller one with needless parameters."""

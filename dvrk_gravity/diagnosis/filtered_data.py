@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.findings import FloorFrom
+from dvrk_gravity.diagnosis.model_error import model_columns
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.estimation.noise import band_noise, pairs_a_period_apart, repetition_noise
 from dvrk_gravity.estimation.splits import (
@@ -122,6 +123,17 @@ class FilteredData:
             pieces.append(piece)
         reduced = np.concatenate(pieces)
         return reduced.reshape(len(reduced), *columns.shape[1:])
+
+    @cached_property
+    def model_columns(self) -> Array:
+        """(T, n, d) changes of the model's torque by its parameters, of unit variance each."""
+        return self.reduce(model_columns(self.motion))
+
+    @cached_property
+    def known_error(self) -> Array:
+        """(n,) RMS error that the model is known to have, N·m; zero where it does not tell."""
+        known = self.motion.model.uncertainty
+        return np.zeros(self.motion.arm.n) if known is None else np.nan_to_num(known.error)
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:

@@ -103,15 +103,8 @@ class HeldOut:
 
     def error(self, candidates: Sequence[Candidate]) -> Array:
         """Return (H, n) errors of a fit to the samples of choice; NaN where nothing can be said."""
-        residual = self._validation.data.residual[self._held].copy()
-        if candidates:
-            theta = self._validation.parameters(candidates)
-            residual -= self._predicted(candidates, theta)
+        residual = self._validation.residual(candidates)[self._held]
         return np.where(self._usable, residual, np.nan)
-
-    def _predicted(self, candidates: Sequence[Candidate], theta: Array) -> Array:
-        columns = np.concatenate([one.columns(self._held) for one in candidates], axis=2)
-        return columns @ theta
 
     def rmse(self, error: Array) -> Array:
         """Return (n,) root mean squares over the usable held-out samples, N·m."""

@@ -43,6 +43,7 @@ class SelectionSettings:
             scale of Kass and Raftery (1995).
         overlap: Part of a torque that another must reproduce to stand in its place. Chosen.
         rejected: Alternatives that are shown though they are worse.
+        consequence: Part of a joint's known error that a finding must explain beyond it.
     """
 
     alpha: float = 0.01
@@ -56,6 +57,7 @@ class SelectionSettings:
     equal_least: float = 5.0
     overlap: float = 0.5
     rejected: int = 8
+    consequence: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +250,11 @@ class Selection:
         used = (self.validation.weight > 0.0) & candidate.acts
         removed = float(np.max(1.0 - after.rms[used] / before.rms[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
+        known = settings.consequence * self.validation.data.known_error
+        gone = before.rms**2 - after.rms**2 > np.maximum(known, 0.0) ** 2
+        matters = bool(np.any(gone[used]))
         passes = gain > 0.0 and removed > settings.least_gain and p_value < settings.alpha
+        passes = passes and matters
         return EffectTrial(candidate, gain, passes and possible, after, p_value, removed, possible)
 
     def _without(

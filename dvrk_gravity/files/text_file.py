@@ -54,6 +54,11 @@ def read(path: str | Path, kind: str) -> str:
 
 
 def write(path: str | Path, text: str) -> None:
+    """Write a text in UTF-8, whole or not at all; see :func:`write_bytes`."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: str | Path, content: bytes) -> None:
     """Write a file whole or not at all: to a temporary name beside it, then moved.
 
     Raises:
@@ -63,8 +68,8 @@ def write(path: str | Path, text: str) -> None:
     temporary = ""
     try:
         handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
         os.chmod(temporary, 0o644)

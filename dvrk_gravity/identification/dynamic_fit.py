@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.arrays import as_value
-from dvrk_gravity.estimation.covariance import autocorrelated_scores, sandwich
+from dvrk_gravity.estimation.covariance import Uncertainty, autocorrelated_scores, sandwich
 from dvrk_gravity.estimation.normal_equations import Solution, fit
 from dvrk_gravity.estimation.splits import Folds, FoldSettings
 from dvrk_gravity.identification.columns import Columns
@@ -19,6 +19,7 @@ from dvrk_gravity.identification.holding import holding
 from dvrk_gravity.identification.identifiability import describe
 from dvrk_gravity.identification.kinematic_search import around_calibration
 from dvrk_gravity.identification.motion import Source, read_motions
+from dvrk_gravity.identification.model_uncertainty import known_error, model_uncertainty
 from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.physical import certificate, physical_links
 from dvrk_gravity.identification.problem import Problem, choose, pose, solved
@@ -55,6 +56,7 @@ class Estimate:
         parameters: Named, with intervals.
         identifiability: What the data determine.
         holding: Certainty of the torque that holds the arm still, by joint.
+        spread: Covariance of the coefficients.
     """
 
     solution: Solution
@@ -64,6 +66,7 @@ class Estimate:
     parameters: tuple[FittedParameter, ...]
     identifiability: Identifiability
     holding: Mapping[str, Holding]
+    spread: Uncertainty
 
 
 def fit_dynamic(
@@ -107,8 +110,12 @@ def fit_dynamic(
     )
     verdict = judge(held_out, training, found.holding, arm, coordinates)
     model = _model(columns, chosen, found.solution, found.links)
+    uncertainty = model_uncertainty(
+        columns, chosen, found.solution.theta, found.spread,
+        known_error(design, found.blind, cutoff), model,
+    )  # fmt: skip
     return Fit(
-        model=replace(model, verdict=verdict.level, reason=verdict.reason),
+        model=replace(model, verdict=verdict.level, reason=verdict.reason, uncertainty=uncertainty),
         held_out=held_out,
         training=training,
         parameters=found.parameters,
@@ -154,7 +161,7 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) ->
     held = holding(
         lambda q: _at_rest(columns, index, q), solution.theta, spread, design.state.q, columns.arm
     )
-    return Estimate(solution, links, predicted, blind, parameters, identifiability, held)
+    return Estimate(solution, links, predicted, blind, parameters, identifiability, held, spread)
 
 
 def _at_rest(columns: Columns, chosen: Sequence[int], q: Array) -> Array:

@@ -1,0 +1,46 @@
+"""Files of named arrays (NumPy's .npz), read without running anything that they hold."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import text_file
+
+Array = NDArray[np.float64]
+
+MAX_BYTES = 100_000_000
+
+
+def write(path: Path, arrays: Mapping[str, Array]) -> None:
+    """Write arrays by name, whole or not at all.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)
+    text_file.write_bytes(path, stream.getvalue())
+
+
+def load(path: Path) -> dict[str, Array]:
+    """Return the arrays by name, as numbers.
+
+    Raises:
+        ConfigError: No such file, or one of something else; it names the file.
+    """
+    try:
+        if not text_file.is_file(path) or path.stat().st_size > MAX_BYTES:
+            raise ConfigError("", "something else", "a file of arrays (.npz)", path)
+        with np.load(path, allow_pickle=False) as found:
+            return {name: np.asarray(found[name], dtype=float) for name in found.files}
+    except OSError as error:
+        raise ConfigError("", error.strerror, "a readable file of arrays (.npz)", path) from error
+    except (ValueError, TypeError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+        raise ConfigError("", "something else", "a file of arrays (.npz)", path) from error

@@ -1,0 +1,151 @@
+"""How sure a model is: its parameters' posterior, and the error that it never explained.
+
+Both come from the recordings that it was identified from, and lie in a file beside the model's,
+which names it: every torque that a model predicts is tau + T u + e, with T the change of torque by
+independent changes of the parameters of one standard deviation each, u ~ N(0, 1), and e the error
+that stayed on data which the fit had not seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.effects import LinearTerm, State, Term
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import array_file
+
+Array = NDArray[np.float64]
+
+SUFFIX = ".uncertainty.npz"
+_SAME = 1e-6  # relative, by which a number that went through a text file may differ
+_TURN = 1e-4  # m/s^2, of differences by the direction of gravity, in which weight is linear
+
+
+@dataclass(frozen=True, eq=False)
+class ModelUncertainty:
+    """The posterior of a model's parameters, and its known error.
+
+    Attributes:
+        coefficients: By term, its (k,) coefficients that the posterior is about.
+        deviations: By term, (k, d) changes of its coefficients in each of d directions: independent
+            ones, of one standard deviation each. Those that data leave open are there with their
+            prior.
+        offset: (n, d) changes of the joints' zeros, rad.
+        gravity: (3, d) changes of gravity in the base frame, m/s^2.
+        error: (n,) RMS of the error on data that the fit had not seen, in joint space, N·m; NaN
+            where it is not known.
+        band: Hz; that error is what is left below this.
+        together: (n,) s in which errors hang together: the residual's correlation time.
+    """
+
+    coefficients: Mapping[str, Array]
+    deviations: Mapping[str, Array]
+    offset: Array
+    gravity: Array
+    error: Array
+    band: float
+    together: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def size(self) -> int:
+        """Number of directions."""
+        return int(self.offset.shape[1])
+
+    def torque(self, terms: Iterable[Term], state: State) -> Array:
+        """Return (N, n, d) changes of torque in each direction, at (N, n) *true* states.
+
+        The joints' zeros are left to who knows the slope of the torque by position.
+        """
+        total = np.zeros((*state.q.shape, self.size))
+        for term in terms:
+            if term.NAME in self.deviations and isinstance(term, LinearTerm):
+                memory = term.memory(state)
+                total += term.columns(state, memory) @ self.deviations[term.NAME]
+            vector = term.gravity_vector
+            if vector is not None and self.gravity.any():
+                here = term.torque(State(state.q))
+                for axis in range(3):
+                    if self.gravity[axis].any():
+                        turned = term.with_gravity(vector + _TURN * np.eye(3)[axis])
+                        slope = (turned.torque(State(state.q)) - here) / _TURN
+                        total += slope[..., None] * self.gravity[axis]
+        return total
+
+    def fits(self, terms: Iterable[Term]) -> bool:
+        """Tell whether terms have the coefficients that the posterior is about."""
+        known = {term.NAME: term.theta for term in terms if isinstance(term, LinearTerm)}
+        return all(
+            name in known
+            and known[name].shape == theta.shape
+            and np.allclose(known[name], theta, rtol=_SAME, atol=_SAME * np.abs(theta).max())
+            for name, theta in self.coefficients.items()
+        )
+
+    def save(self, path: Path) -> None:
+        """Write the file, whole or not at all.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        arrays: dict[str, Any] = {
+            "offset": self.offset, "gravity": self.gravity, "error": self.error,
+            "band": np.array(self.band), "together": self.together,
+        }  # fmt: skip
+        for name, theta in self.coefficients.items():
+            arrays[f"coefficients/{name}"] = theta
+            arrays[f"deviations/{name}"] = self.deviations[name]
+        array_file.write(path, arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> ModelUncertainty:
+        """Read the file.
+
+        Raises:
+            ConfigError: Naming the file, if it is not such a one.
+        """
+        arrays = array_file.load(path)
+        try:
+            named = {
+                kind: {
+                    name.removeprefix(f"{kind}/"): array
+                    for name, array in arrays.items()
+                    if name.startswith(f"{kind}/")
+                }
+                for kind in ("coefficients", "deviations")
+            }
+            found = cls(
+                named["coefficients"], named["deviations"], arrays["offset"], arrays["gravity"],
+                arrays["error"], float(arrays["band"]), arrays["together"],
+            )  # fmt: skip
+        except (KeyError, TypeError, ValueError) as error:
+            raise _unusable(path, f"an uncertainty as identify writes it ({error})") from error
+        found._check(path)
+        return found
+
+    def _check(self, path: Path) -> None:
+        shapes = {
+            **{f"deviations of {n}": (len(t), self.size) for n, t in self.coefficients.items()},
+            "gravity": (3, self.size),
+            "error": (len(self.offset),),
+        }
+        arrays = {
+            **{f"deviations of {n}": self.deviations.get(n) for n in self.coefficients},
+            "gravity": self.gravity,
+            "error": self.error,
+        }
+        for name, shape in shapes.items():
+            array = arrays[name]
+            if array is None or array.shape != shape:
+                raise _unusable(path, f"{name} of shape {shape}")
+            if name != "error" and not np.isfinite(array).all():
+                raise _unusable(path, f"finite {name}")
+
+
+def _unusable(path: Path, expected: str) -> ConfigError:
+    return ConfigError("uncertainty", path.name, expected).in_file(path)
