@@ -9,7 +9,7 @@ import pytest
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation.splits import inner_slabs, slabs
 from dvrk_gravity.identification import static_report

@@ -22,7 +22,7 @@ from dvrk_gravity.effects import (
     ViscousFriction,
     rigid_body,
 )
-from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.gravity import regressor as gravity_regressor
 from dvrk_gravity.model import TorqueModel

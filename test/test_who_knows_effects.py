@@ -74,6 +74,12 @@ def test_few_modules_know_an_effect_by_its_name(effect, modules):
     assert len(knowing) <= MOST, knowing
 
 
+def test_each_file_beside_base_is_one_effect():
+    own = [e for e in effects.effects() if e.__module__.startswith("dvrk_gravity.effects.")]
+    files = {path.stem for path in PACKAGE.glob("effects/*.py")} - {"__init__"}
+    assert {effect.__module__.split(".")[-1] for effect in own} == files == {e.NAME for e in own}
+
+
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_exception_is_one(room, modules):
     known = {effect.__name__ for effect in effects.effects()}
@@ -82,9 +88,10 @@ def test_every_exception_is_one(room, modules):
 
 
 @pytest.mark.parametrize(
-    "room", ["compensate/", "simulate/plant.py", "simulate/effects.py", "diagnosis/extend.py",
-             "diagnosis/words.py", "diagnosis/selection.py", "diagnosis/cross_validation.py",
-             "identification/columns.py", "identification/moves.py", "model.py"],
+    "room", ["effects/base/", "compensate/", "simulate/plant.py", "simulate/effects.py",
+             "diagnosis/extend.py", "diagnosis/words.py", "diagnosis/selection.py",
+             "diagnosis/cross_validation.py", "identification/columns.py",
+             "identification/moves.py", "model.py"],
 )  # fmt: skip
 def test_what_uses_all_effects_names_none(room, modules):
     classes = {effect.__name__ for effect in effects.effects()}

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.arrays import Array, as_value
-from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.evidence import Filtered, Motion, Residual
-from dvrk_gravity.effects.meaning import Meaning, meanings
-from dvrk_gravity.effects.merging import position_offset
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Term
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.evidence import Filtered, Motion, Residual
+from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.merging import position_offset
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import polynomial
-from dvrk_gravity.effects.arrays import Array, as_array, as_value, joint_array
+from dvrk_gravity.effects.base import polynomial
+from dvrk_gravity.effects.base.arrays import Array, as_array, as_value, joint_array
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Evaluator, Term
 from dvrk_gravity.effects.elastic_cable import ElasticCable
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Evaluator, Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 

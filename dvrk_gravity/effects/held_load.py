@@ -10,11 +10,11 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import polynomial
-from dvrk_gravity.effects.arrays import Array, as_value
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Term
+from dvrk_gravity.effects.base import polynomial
+from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 

@@ -8,23 +8,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.arrays import Array, as_value, diagonal_columns, motor_columns
-from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
-from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.friction_sites import (
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.arrays import Array, as_value, diagonal_columns, motor_columns
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.friction_sites import (
     friction_places,
     friction_sites,
     moves_between,
     where,
 )
-from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, effort_of_motor, site_columns
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.polynomial import Range
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import LinearTerm, Unknowns
+from dvrk_gravity.effects.base.unknowns import (
+    PART,
+    ColumnTable,
+    Move,
+    effort_of_motor,
+    site_columns,
+)
+from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.arrays import as_value
+from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.estimation.covariance import autocorrelated_scores, sandwich
 from dvrk_gravity.estimation.normal_equations import Solution, fit
 from dvrk_gravity.estimation.splits import Folds, FoldSettings

@@ -9,8 +9,8 @@ from numpy.polynomial import chebyshev, polynomial
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.effects.arrays import as_value
-from dvrk_gravity.effects.polynomial import MAX_DEGREE
+from dvrk_gravity.effects.base.arrays import as_value
+from dvrk_gravity.effects.base.polynomial import MAX_DEGREE
 from dvrk_gravity.identification.static_solver import (
     Composition,
     PoseSolution,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.estimation.normal_equations import NormalEquations, Solution, fit
 from dvrk_gravity.estimation.robust import RobustSettings, RobustState, reweighted
 from dvrk_gravity.identification.static_columns import (

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.arrays import Array, as_array, as_value, joint_array
+from dvrk_gravity.effects.base.arrays import Array, as_array, as_value, joint_array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
