@@ -16,7 +16,7 @@ from dvrk_gravity.effects.base.arrays import (
     as_array,
     as_value,
     diagonal_columns,
-    joint_array,
+    joint_arrays,
     motor_columns,
 )
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
@@ -91,10 +91,7 @@ class CoulombFriction(LinearTerm):
             ("motor_negative", "N·m", "at the motor, turning down"),
             ("transition_velocity", "rad/s", "friction full from there"),
         )
-        return tuple(
-            joint_array(arm, f"{cls.NAME}.{name}", unit, meaning, 0.0)
-            for name, unit, meaning in declared
-        )
+        return joint_arrays(arm, cls.NAME, declared, lower=0.0)
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> CoulombFriction | None:

@@ -11,6 +11,7 @@ from numpy.polynomial import Chebyshev, Polynomial
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base import polynomial, site
 from dvrk_gravity.effects.base.arrays import Array, diagonal_columns
+from dvrk_gravity.effects.base.by_joint import write_rows
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
@@ -73,7 +74,7 @@ class ElasticCable(LinearTerm):
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
-        coefficients = polynomial.write_coefficients(self.arm, self.NAME, self.coefficients)
+        coefficients = write_rows(self.arm, self.NAME, self.coefficients)
         return coefficients | self.valid.parameters(self.NAME)
 
     def torque(self, state: State) -> Array:

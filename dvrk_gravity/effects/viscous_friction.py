@@ -14,7 +14,7 @@ from dvrk_gravity.effects.base.arrays import (
     as_array,
     as_value,
     diagonal_columns,
-    joint_array,
+    joint_arrays,
     motor_columns,
 )
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
@@ -53,12 +53,11 @@ class ViscousFriction(Friction):
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         """See :meth:`Term.schema`."""
-        return tuple(
-            joint_array(
-                arm, f"{cls.NAME}.{place}", "N·m·s/rad", f"viscous friction at the {place}", 0.0
-            )
-            for place in ("joint", "motor")
+        declared = (
+            ("joint", "N·m·s/rad", "viscous friction at the joint"),
+            ("motor", "N·m·s/rad", "viscous friction at the motor"),
         )
+        return joint_arrays(arm, cls.NAME, declared, lower=0.0)
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ViscousFriction | None:

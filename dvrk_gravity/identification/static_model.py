@@ -8,6 +8,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
 from dvrk_gravity.effects.base.arrays import as_value
+from dvrk_gravity.effects.base.by_joint import write_rows
 from dvrk_gravity.effects.base.polynomial import MAX_DEGREE
 from dvrk_gravity.identification.static_solver import (
     Composition,
@@ -111,9 +112,7 @@ def _held(table: Table, solution: PoseSolution) -> dict[str, Value]:
         "held_load.orders": tuple(float(order) for function in index for order in function)
     }
     for kind, size in sizes.items():
-        for joint, name in enumerate(table.arm.joint_names):
-            if size[:, joint].any():
-                values[f"held_load.{kind}.{name}"] = as_value(size[:, joint])
+        values |= write_rows(table.arm, f"held_load.{kind}", size)
     return values | _range("held_load", table)
 
 
