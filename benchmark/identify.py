@@ -23,7 +23,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
-from dvrk_gravity.effects.link_prior import base_directions
+from dvrk_gravity.effects.base.link_prior import base_directions
 from dvrk_gravity.estimation.normal_equations import NormalEquations
 from dvrk_gravity.files import text_file
 from dvrk_gravity.identification import identify

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State, Term, terms
-from dvrk_gravity.effects.arrays import as_array
+from dvrk_gravity.effects.base.arrays import as_array
 from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.files import json_file, text_file, yaml_file
 from dvrk_gravity.node_parameters import node_parameters

@@ -9,14 +9,21 @@ from typing import Self
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import Hypothesis, LinearTerm, State, site
-from dvrk_gravity.effects.arrays import Array, as_array, as_value, diagonal_columns, joint_array
-from dvrk_gravity.effects.effect import Setting, Values, spread
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.meaning import MORE, meanings, size
-from dvrk_gravity.effects.merging import added
-from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.effects.unknowns import PART
+from dvrk_gravity.effects import Hypothesis, LinearTerm, State
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.arrays import (
+    Array,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_array,
+)
+from dvrk_gravity.effects.base.effect import Setting, Values, spread
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.meaning import MORE, meanings, size
+from dvrk_gravity.effects.base.merging import added
+from dvrk_gravity.effects.base.polynomial import Range
+from dvrk_gravity.effects.base.unknowns import PART
 from dvrk_gravity.parameter import Parameter, Value
 
 

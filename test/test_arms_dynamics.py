@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree, nominal_inertias
-from dvrk_gravity.effects import rigid_body
+from dvrk_gravity.effects.base import rigid_body
 
 TILTED = np.array([1.3, -2.1, -9.4])
 ROBOTS = Path(pin.__file__).parents[4] / "share" / "example-robot-data" / "robots"

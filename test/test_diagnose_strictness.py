@@ -12,7 +12,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.findings import Gain
 from dvrk_gravity.diagnosis.held_out import HeldOut, JudgementSettings, Unconfirmed
 from dvrk_gravity.diagnosis.selection import Selection, SelectionSettings
-from dvrk_gravity.effects import site
+from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.torque_offset import OffsetHypothesis
 
 ARM = Arm.load("mtmr")

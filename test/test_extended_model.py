@@ -15,7 +15,8 @@ from dvrk_gravity.diagnosis.extend import extended
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.run import hypotheses
-from dvrk_gravity.effects import Hypothesis, site
+from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.cogging import RippleHypothesis
 from dvrk_gravity.effects.contact import PushHypothesis, WallHypothesis
 from dvrk_gravity.effects.elastic_cable import CableHypothesis

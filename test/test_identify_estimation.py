@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import State, rigid_body
-from dvrk_gravity.effects.link_prior import base_directions, beta_map
+from dvrk_gravity.effects import State
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.link_prior import base_directions, beta_map
 from dvrk_gravity.estimation.covariance import autocorrelated_scores, sandwich
 from dvrk_gravity.estimation.normal_equations import NormalEquations, fit
 from dvrk_gravity.gravity import regressor as gravity_regressor

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.effects import State
-from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.errors import ConfigError, ShapeError
 
 BETA = "beta: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0]"

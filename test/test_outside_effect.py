@@ -20,7 +20,7 @@ from test_identify import truth
 from dvrk_gravity import TorqueModel, diagnose, effects, identify
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.effects import registry
+from dvrk_gravity.effects.base import registry
 from dvrk_gravity.identification.columns import identified
 from dvrk_gravity.report.diagnosis import render
 from dvrk_gravity.simulate import PlantFile

@@ -13,7 +13,7 @@ from conftest import REPOSITORY
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import CoulombFriction, PlantPart, State, Term
-from dvrk_gravity.effects.plant_part import SLOWEST, secant_damping
+from dvrk_gravity.effects.base.plant_part import SLOWEST, secant_damping
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import Plant, PlantFile, SimulatedArm
 

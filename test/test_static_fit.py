@@ -9,7 +9,7 @@ import pytest
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation.splits import inner_slabs, slabs
 from dvrk_gravity.identification import static_report
@@ -128,7 +128,7 @@ def test_shoulder_over_a_short_range_is_not_told_from_its_cable():
     q[:, 1] = np.radians([-12.0, 5.0, 22.0])[slabs(q[:, 1])]
     poses, _ = read_poses(record(truth(), q), ARM, "joint")
     table = Table.of(poses, ARM)
-    _, solution, _, weight = fit_poses(table, [Composition(((j,),), 0.1) for j in range(7)], ARM)
+    _, solution, _, weight = fit_poses(table, [Composition(((j,),), 0.1) for j in range(7)])
     spread = static_report.uncertainty(table, solution, weight)
     statements = static_report.identifiability(table, solution, spread).statements
     expected = "beta2 (arm_y) and directional_cable.positive.shoulder_pitch[0] cannot be separated"

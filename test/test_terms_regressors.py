@@ -20,9 +20,9 @@ from dvrk_gravity.effects import (
     StribeckFriction,
     TorqueOffset,
     ViscousFriction,
-    rigid_body,
 )
-from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.gravity import regressor as gravity_regressor
 from dvrk_gravity.model import TorqueModel

@@ -26,9 +26,9 @@ from dvrk_gravity.diagnosis.findings import (
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.run import hypotheses
 from dvrk_gravity.diagnosis.words import rows, sentence_of, told
-from dvrk_gravity.effects.effect import Hypothesis
-from dvrk_gravity.effects.evidence import Residual
-from dvrk_gravity.effects.meaning import Estimate
+from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.effects.base.evidence import Residual
+from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.quantity import quantity
 from dvrk_gravity.report.diagnosis import render

@@ -20,7 +20,7 @@ from dvrk_gravity.effects import (
     RotorInertia,
     ViscousFriction,
 )
-from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording

@@ -145,7 +145,7 @@ def _followers(
     content: dict[str, Any], joints: Sequence[Joint], table: Sequence[DHRow], convention: Convention
 ) -> tuple[Follower, ...]:
     names = tuple(joint.name for joint in joints)
-    if "parallelogram" in content or names == parallelogram.JOINT_NAMES:
+    if "parallelogram" in content or parallelogram.named_alike(names):
         return _parallelogram(content, joints, table, convention)
     rows = content.get("followers", [])
     if not isinstance(rows, list):
@@ -194,24 +194,10 @@ def _parallelogram(
     for key in ("followers", "convention"):
         if key in content and content[key] not in ([], "standard"):
             raise ConfigError(key, content[key], "nothing beside parallelogram, as an MTM's file")
-    names = parallelogram.JOINT_NAMES
-    if len(joints) != len(names):
-        raise ConfigError("joints", f"{len(joints)} joints", f"the {len(names)} of an MTM")
-    for joint, name in zip(joints, names, strict=True):
-        if (joint.name, joint.kind) != (name, "revolute"):
-            raise ConfigError(
-                f"joints.{name}", f"{joint.kind} {joint.name}", "an MTM's joints in their order"
-            )
     side = _number("parallelogram", content.get("parallelogram"))
     if side <= 0:
         raise ConfigError("parallelogram", side, "a positive length")
-    for joint, row, angles in zip(joints, table, parallelogram.ANGLES, strict=True):
-        found = np.degrees([row.alpha, row.offset])
-        if not np.allclose(found, angles, atol=1e-9):
-            raise ConfigError(
-                f"joints.{joint.name}", f"alpha {found[0]:g}, offset {found[1]:g}",
-                f"alpha {angles[0]}, offset {angles[1]}, as an MTM's gravity model has them",
-            )  # fmt: skip
+    parallelogram.check(joints, table)
     return parallelogram.followers(table, side)
 
 

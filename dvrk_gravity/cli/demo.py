@@ -30,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the demonstration; print a table as it goes, then draw it."""
     # Here and not above: ROS and matplotlib are slow to load and --help needs neither.
+    from dvrk_gravity.arms.mtm import is_mtm
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.processes import private_domain
     from dvrk_gravity.ros.demo import picture
@@ -37,15 +38,17 @@ def run(arguments: argparse.Namespace) -> int:
 
     model = arguments.model or config_path("mtmr_28002.yaml")
     outputs.check_folder("--out", arguments.out, [PICTURE], [model], [BAG])
-    TorqueModel.load(model)  # tells what is wrong with it before anything starts
+    arm = TorqueModel.load(model).arm  # tells what is wrong with it before anything starts
+    if not is_mtm(arm):
+        raise ConfigError("arm", arm.name, "a master arm, as the simulated one", model)
     arguments.out.mkdir(parents=True, exist_ok=True)
     bag = arguments.out / BAG
     if bag.exists():
         if not (bag / "metadata.yaml").is_file():
             raise ConfigError("--out", str(bag), "no such folder, or a bag of an earlier demo")
         shutil.rmtree(bag)
-    start = time.monotonic()
-    with private_domain(), Scenario(model, bag, arguments.friction_scale) as scenario:
+    start, joints = time.monotonic(), arm.joint_names
+    with private_domain(), Scenario(model, joints, bag, arguments.friction_scale) as scenario:
         print("simulator, watchdog and compensator run as three processes\n")
         print(f"{'':34}largest distance of a joint from where it was let go of, deg")
         print(f"{'':34}{'yaw':>7}{'shoulder':>10}{'elbow':>7}{'platform':>10}"
@@ -64,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         _row(kill.after)
     print(f"\nthe watchdog's hold came {kill.hold_after * 1e3:.0f} ms after the kill")
     target = arguments.out / PICTURE
-    picture.draw(target, fall, floats, pushed, rest, kill)
+    picture.draw(target, joints, fall, floats, pushed, rest, kill)
     print(f"picture: {target}\nbag:     {bag}\n{time.monotonic() - start:.0f} s in all")
     return 0
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.effects import Term
-from dvrk_gravity.effects.term import Evaluator
+from dvrk_gravity.effects.base.term import Evaluator
 
 Array = NDArray[np.float64]
 Parts = Callable[[Array, "Array | None", "Array | None"], tuple[Array, Array]]

@@ -25,7 +25,7 @@ from dvrk_gravity.console.file import (
     sample_torques,
 )
 from dvrk_gravity.effects import DirectionalCable, ElasticCable, Gravity
-from dvrk_gravity.effects.polynomial import Range, evaluate
+from dvrk_gravity.effects.base.polynomial import Range, evaluate
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
 from dvrk_gravity.model import TorqueModel

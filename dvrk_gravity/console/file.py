@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import GRAVITY
 from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.effects import DirectionalCable
-from dvrk_gravity.effects.arrays import as_value
+from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
 from dvrk_gravity.model import TorqueModel

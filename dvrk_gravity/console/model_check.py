@@ -11,7 +11,7 @@ from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.console.file import Array, ConsoleFile, sample_torques
 from dvrk_gravity.console.finding import Finding, Severity
 from dvrk_gravity.effects import DirectionalCable
-from dvrk_gravity.effects.polynomial import evaluate
+from dvrk_gravity.effects.base.polynomial import evaluate
 from dvrk_gravity.model import TorqueModel
 
 # A limit counts as exceeded when the model passes it by more than this, N·m.

@@ -26,7 +26,7 @@ from dvrk_gravity.effects import (
     HeldLoad,
     State,
 )
-from dvrk_gravity.effects.polynomial import Range, evaluate
+from dvrk_gravity.effects.base.polynomial import Range, evaluate
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.node_parameters import node_parameters

@@ -36,7 +36,7 @@ from dvrk_gravity.diagnosis.readings import ReadingScore
 from dvrk_gravity.diagnosis.selection import EffectTrial, SelectedEffect
 from dvrk_gravity.diagnosis.separate import separation
 from dvrk_gravity.diagnosis.words import sentence_of
-from dvrk_gravity.effects.meaning import Estimate
+from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.unknown import Unknown
 from dvrk_gravity.estimation.covariance import NORMAL_95
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.effects.effect import Hypothesis
+from dvrk_gravity.effects.base.effect import Hypothesis
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.effects.effect import Effect, Hypothesis
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.estimation import evidence
 from dvrk_gravity.estimation.covariance import block_jackknife
 from dvrk_gravity.estimation.noise import correlation_time, design_effect, intraclass_correlation

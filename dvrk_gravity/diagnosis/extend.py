@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.motion import Motion
-from dvrk_gravity.effects.effect import Hypothesis, Values
+from dvrk_gravity.effects.base.effect import Hypothesis, Values
 from dvrk_gravity.model import TorqueModel
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.in_simulation import InSimulation
-from dvrk_gravity.effects.meaning import Estimate
+from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
 

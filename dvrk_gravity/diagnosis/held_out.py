@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.findings import Gain
-from dvrk_gravity.effects.effect import Hypothesis
-from dvrk_gravity.effects.meaning import Estimate
+from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.estimation import evidence
 from dvrk_gravity.estimation.covariance import NORMAL_95
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import State, rigid_body
+from dvrk_gravity.effects import State
+from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass
 

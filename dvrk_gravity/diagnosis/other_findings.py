@@ -23,8 +23,8 @@ from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import ReadingScore
 from dvrk_gravity.diagnosis.selection import EffectTrial
-from dvrk_gravity.effects.effect import Hypothesis
-from dvrk_gravity.effects.meaning import Estimate
+from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.unknown import Unknown
 from dvrk_gravity.effects.wrong_coordinates import WrongCoordinates
 from dvrk_gravity.quantity import quantity

@@ -26,8 +26,8 @@ from dvrk_gravity.diagnosis.selection import (
     Selection,
     SelectionSettings,
 )
-from dvrk_gravity.effects.effect import Hypothesis
-from dvrk_gravity.effects.site import Kind
+from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.unknown import nameless
 from dvrk_gravity.estimation.selection import eliminate_backward
 from dvrk_gravity.identification.motion import known_still

@@ -14,8 +14,8 @@ from dvrk_gravity.diagnosis.cross_validation import (
     most_parsimonious,
     parsimony,
 )
-from dvrk_gravity.effects.effect import Hypothesis
-from dvrk_gravity.effects.evidence import Residual
+from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.effects.base.evidence import Residual
 from dvrk_gravity.estimation import evidence
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, eliminate_backward, select
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.findings import Finding, Gain
-from dvrk_gravity.effects.effect import Hypothesis
-from dvrk_gravity.effects.meaning import Estimate
+from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.effects.base.meaning import Estimate
 
 
 def title(effect: str) -> str:

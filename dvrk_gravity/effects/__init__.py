@@ -8,12 +8,16 @@ believed less readily than those of the package.
 
 from __future__ import annotations
 
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis
+from dvrk_gravity.effects.base.plant_part import FrictionWithMemory, PlantPart
+from dvrk_gravity.effects.base.registry import effects, named, rank, register, terms
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import LinearTerm, Term
 from dvrk_gravity.effects.base_tilt import BaseTilt
 from dvrk_gravity.effects.cogging import Cogging
 from dvrk_gravity.effects.contact import Contact
 from dvrk_gravity.effects.coulomb_friction import CoulombFriction
 from dvrk_gravity.effects.directional_cable import DirectionalCable
-from dvrk_gravity.effects.effect import Effect, Hypothesis
 from dvrk_gravity.effects.effort_saturation import EffortSaturation
 from dvrk_gravity.effects.elastic_cable import ElasticCable
 from dvrk_gravity.effects.gravity import Gravity
@@ -24,14 +28,10 @@ from dvrk_gravity.effects.link_com import LinkCom
 from dvrk_gravity.effects.link_inertia import LinkInertia
 from dvrk_gravity.effects.link_weight import LinkWeight
 from dvrk_gravity.effects.payload import Payload
-from dvrk_gravity.effects.plant_part import FrictionWithMemory, PlantPart
 from dvrk_gravity.effects.presliding_hysteresis import PreslidingHysteresis
-from dvrk_gravity.effects.registry import effects, named, rank, register, terms
 from dvrk_gravity.effects.rotor_inertia import RotorInertia
 from dvrk_gravity.effects.shown_torque import ShownTorque
-from dvrk_gravity.effects.state import State
 from dvrk_gravity.effects.stribeck_friction import StribeckFriction
-from dvrk_gravity.effects.term import LinearTerm, Term
 from dvrk_gravity.effects.thermal_drift import ThermalDrift
 from dvrk_gravity.effects.time_delay import TimeDelay
 from dvrk_gravity.effects.torque_offset import TorqueOffset

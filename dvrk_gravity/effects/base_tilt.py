@@ -10,12 +10,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting
-from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.gravity import Gravity, with_beta
-from dvrk_gravity.effects.meaning import Meaning, meanings
-from dvrk_gravity.effects.merging import Values
 
 Array = NDArray[np.float64]
 

@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.arrays import Array, as_value
-from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.evidence import Filtered, Motion, Residual
-from dvrk_gravity.effects.meaning import Meaning, meanings
-from dvrk_gravity.effects.merging import position_offset
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Term
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.effects.base import by_joint, site
+from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.evidence import Filtered, Motion, Residual
+from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.merging import position_offset
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.parameter import Parameter, Value
 
 _FIELDS = (
@@ -76,13 +75,11 @@ class Cogging(Term):
         numbers: dict[str, list[float]] = {field: [] for field, _, _ in _FIELDS}
         for motor, joint in enumerate(arm.joint_names):
             names = [f"{cls.NAME}.{field}.{joint}" for field in numbers]
-            given = [values.get(name) or () for name in names]
-            count = max(len(one) for one in given if isinstance(one, tuple))
+            given = [by_joint.numbers(values, name) for name in names]
+            count = max(map(len, given))
+            expected = f"{count}: amplitude, cycles_per_revolution, phase of each ripple"
             for total, name, one in zip(numbers.values(), names, given, strict=True):
-                assert isinstance(one, tuple)
-                if len(one) != count:
-                    expected = f"{count}: amplitude, cycles_per_revolution, phase of each ripple"
-                    raise ConfigError(name, f"{len(one)} numbers", expected)
+                by_joint.check_count(name, one, count, expected)
                 total.extend(one)
             motors += [motor] * count
         if not motors:

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.arrays import Array, as_array, as_value, joint_array
-from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.evidence import Motion, Residual
-from dvrk_gravity.effects.meaning import Estimate, Meaning, meanings
-from dvrk_gravity.effects.merging import array, position_offset
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Term
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.arrays import Array, as_array, as_value, joint_arrays
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.evidence import Motion, Residual
+from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.merging import array, position_offset
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -63,12 +63,13 @@ class Contact(Term):
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         """See :meth:`Term.schema`."""
-        return (
-            joint_array(arm, "contact.above", "N·m/rad", "stiffness of a wall above a position"),
-            joint_array(arm, "contact.above_position", "rad", "where it begins"),
-            joint_array(arm, "contact.below", "N·m/rad", "stiffness of a wall below a position"),
-            joint_array(arm, "contact.below_position", "rad", "where it begins"),
+        declared = (
+            ("above", "N·m/rad", "stiffness of a wall above a position"),
+            ("above_position", "rad", "where it begins"),
+            ("below", "N·m/rad", "stiffness of a wall below a position"),
+            ("below_position", "rad", "where it begins"),
         )
+        return joint_arrays(arm, cls.NAME, declared)
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Contact | None:

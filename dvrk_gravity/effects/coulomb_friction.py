@@ -10,32 +10,38 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.arrays import (
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.arrays import (
     Array,
     as_array,
     as_value,
     diagonal_columns,
-    joint_array,
+    joint_arrays,
     motor_columns,
 )
-from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.friction_sites import (
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.friction_sites import (
     friction_places,
     friction_sites,
     likely_columns,
     moves_between,
     where,
 )
-from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
-from dvrk_gravity.effects.merging import array
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.effects.site import Kind
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Evaluator, LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, effort_of_motor, site_columns
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, meanings, size
+from dvrk_gravity.effects.base.merging import array
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.polynomial import Range
+from dvrk_gravity.effects.base.site import Kind
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Unknowns
+from dvrk_gravity.effects.base.unknowns import (
+    PART,
+    ColumnTable,
+    Move,
+    effort_of_motor,
+    site_columns,
+)
 from dvrk_gravity.parameter import Parameter, Value
 
 _DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance
@@ -85,10 +91,7 @@ class CoulombFriction(LinearTerm):
             ("motor_negative", "N·m", "at the motor, turning down"),
             ("transition_velocity", "rad/s", "friction full from there"),
         )
-        return tuple(
-            joint_array(arm, f"{cls.NAME}.{name}", unit, meaning, 0.0)
-            for name, unit, meaning in declared
-        )
+        return joint_arrays(arm, cls.NAME, declared, lower=0.0)
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> CoulombFriction | None:

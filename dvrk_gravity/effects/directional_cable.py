@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import polynomial
-from dvrk_gravity.effects.arrays import Array, as_array, as_value, joint_array
+from dvrk_gravity.effects.base import polynomial
+from dvrk_gravity.effects.base.arrays import Array, as_array, as_value, joint_arrays
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Evaluator, Term
 from dvrk_gravity.effects.elastic_cable import ElasticCable
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Evaluator, Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -56,13 +56,16 @@ class DirectionalCable(Term):
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         """See :meth:`Term.schema`."""
         name = cls.NAME
+        blend = (
+            ("dead_band", "rad/s", "both sets averaged below"),
+            ("saturation_velocity", "rad/s", "blend full from there"),
+            ("ratio", "", "part of the difference applied"),
+        )
         return (
             *polynomial.declare_coefficients(arm, f"{name}.positive", "cable torque moving up"),
             *polynomial.declare_coefficients(arm, f"{name}.negative", "cable torque moving down"),
             *polynomial.declare_range(arm, name),
-            joint_array(arm, f"{name}.dead_band", "rad/s", "both sets averaged below", 0.0),
-            joint_array(arm, f"{name}.saturation_velocity", "rad/s", "blend full from there", 0.0),
-            joint_array(arm, f"{name}.ratio", "", "part of the difference applied", 0.0),
+            *joint_arrays(arm, name, blend, lower=0.0),
             Parameter(
                 f"{name}.blend", "linear", "",
                 "how the blend rises between dead band and saturation velocity",

@@ -9,16 +9,23 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import polynomial, site
-from dvrk_gravity.effects.arrays import Array, diagonal_columns
-from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
-from dvrk_gravity.effects.merging import position_offset
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Evaluator, LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, effort_of_motor, site_columns
+from dvrk_gravity.effects.base import polynomial, site
+from dvrk_gravity.effects.base.arrays import Array, diagonal_columns
+from dvrk_gravity.effects.base.by_joint import write_rows
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.base.merging import position_offset
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Unknowns
+from dvrk_gravity.effects.base.unknowns import (
+    PART,
+    ColumnTable,
+    Move,
+    effort_of_motor,
+    site_columns,
+)
 from dvrk_gravity.parameter import Parameter, Value
 
 DEGREE = 7  # highest power of a joint's own position that identification tries
@@ -67,7 +74,7 @@ class ElasticCable(LinearTerm):
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
-        coefficients = polynomial.write_coefficients(self.arm, self.NAME, self.coefficients)
+        coefficients = write_rows(self.arm, self.NAME, self.coefficients)
         return coefficients | self.valid.parameters(self.NAME)
 
     def torque(self, state: State) -> Array:

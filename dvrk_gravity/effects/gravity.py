@@ -13,12 +13,12 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.arms.mtm.beta import beta_tree
 from dvrk_gravity.arms.tree import Tree
-from dvrk_gravity.effects.arrays import Array, as_value
-from dvrk_gravity.effects.merging import Values
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Evaluator, LinearTerm
-from dvrk_gravity.effects.weight import gravity_parameters, weight_evaluator
+from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.merging import Values
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Evaluator, LinearTerm
+from dvrk_gravity.effects.base.weight import gravity_parameters, weight_evaluator
 from dvrk_gravity.parameter import Parameter, Value
 
 _SIZES = (10, 12, 14)  # of beta

@@ -10,11 +10,12 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import polynomial
-from dvrk_gravity.effects.arrays import Array, as_value
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Term
+from dvrk_gravity.effects.base import polynomial
+from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.by_joint import numbers, read_rows, write_rows
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -79,7 +80,7 @@ class HeldLoad(Term):
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> HeldLoad | None:
         """See :meth:`Term.from_parameters`."""
-        flat = np.array(values.get(f"{cls.NAME}.orders") or ())
+        flat = np.array(numbers(values, f"{cls.NAME}.orders"))
         if not len(flat):
             return None
         n = arm.n
@@ -90,19 +91,11 @@ class HeldLoad(Term):
                 f"whole numbers, {n} for each function",
             )
         orders = flat.astype(np.int64).reshape(-1, n)
-        sizes = {kind: np.zeros(orders.shape) for kind in _KINDS}
-        for kind in _KINDS:
-            for column, joint in enumerate(arm.joint_names):
-                given = values.get(f"{cls.NAME}.{kind}.{joint}") or ()
-                assert isinstance(given, tuple)
-                if given and len(given) != len(orders):
-                    raise ConfigError(
-                        f"{cls.NAME}.{kind}.{joint}",
-                        f"{len(given)} numbers",
-                        f"{len(orders)}, one for each function in {cls.NAME}.orders",
-                    )
-                if given:
-                    sizes[kind][:, column] = given
+        expected = f"{len(orders)}, one for each function in {cls.NAME}.orders"
+        sizes = {
+            kind: read_rows(arm, values, f"{cls.NAME}.{kind}", len(orders), expected)
+            for kind in _KINDS
+        }
         valid = polynomial.Range.from_parameters(arm, cls.NAME, values)
         used = orders.any(axis=0)
         for column in np.flatnonzero(used & ~np.isfinite(valid.upper - valid.lower)).tolist():
@@ -115,14 +108,13 @@ class HeldLoad(Term):
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
-        sizes = {
-            f"{self.NAME}.{kind}.{joint}": as_value(getattr(self, kind)[:, column])
-            for kind in _KINDS
-            for column, joint in enumerate(self.arm.joint_names)
-            if getattr(self, kind)[:, column].any()
-        }
+        mean, difference = (
+            write_rows(self.arm, f"{self.NAME}.{kind}", getattr(self, kind)) for kind in _KINDS
+        )
         orders = as_value(self.orders.astype(float).ravel())
-        return {f"{self.NAME}.orders": orders, **sizes, **self.valid.parameters(self.NAME)}
+        return (
+            {f"{self.NAME}.orders": orders} | mean | difference | self.valid.parameters(self.NAME)
+        )
 
     def torque(self, state: State) -> Array:
         """Return (…, n) torques, N·m: both parts, the mean, or zero, by what is known."""

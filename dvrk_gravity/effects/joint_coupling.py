@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.meaning import Estimate, Meaning, meanings
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting, Values
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.friction_sites import mixed_motors
-from dvrk_gravity.effects.meaning import READS, Meaning, meanings
-from dvrk_gravity.effects.merging import position_offset
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, Values
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.friction_sites import mixed_motors
+from dvrk_gravity.effects.base.meaning import READS, Meaning, meanings
+from dvrk_gravity.effects.base.merging import position_offset
 
 Array = NDArray[np.float64]
 

@@ -11,22 +11,23 @@ from numpy.typing import NDArray
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.gravity import with_beta
-from dvrk_gravity.effects.link_change import with_link
-from dvrk_gravity.effects.link_prior import beta_map, prior_scale, weight_directions
-from dvrk_gravity.effects.link_weight import weight_regressor, with_weight
-from dvrk_gravity.effects.links import (
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.link_prior import beta_map, prior_scale, weight_directions
+from dvrk_gravity.effects.base.links import (
     AXES,
     joints_with_weight,
     link_columns,
     link_name,
+    links_of_joints,
     moment_directions,
 )
-from dvrk_gravity.effects.meaning import Estimate, Meaning, size
-from dvrk_gravity.effects.merging import Values
+from dvrk_gravity.effects.base.meaning import Estimate, Meaning, size
+from dvrk_gravity.effects.base.merging import Values
+from dvrk_gravity.effects.gravity import link_beta, with_beta
+from dvrk_gravity.effects.link_inertia import with_inertia
+from dvrk_gravity.effects.link_weight import weight_regressor, with_weight
 
 Array = NDArray[np.float64]
 
@@ -225,6 +226,25 @@ class LinkWeightsHypothesis(Hypothesis):
     def correction(self) -> str:
         """See :meth:`Hypothesis.correction`."""
         return "fitting them anew beside all else"
+
+
+def with_link(arm: Arm, values: Values, joint: int, change: Array) -> Values | None:
+    """Return a model's parameters with (10,) more of a joint's link, in the joint's frame.
+
+    ``None`` if the model has no weights that could be others.
+    """
+    index = links_of_joints(arm)[joint]
+    body = arm.bodies[index]
+    if is_mtm(arm):
+        # beta is made of first moments in the link's own frame.
+        moment = change[1:4] - change[0] * body.frame.translation
+        beta = link_beta(body.name, float(change[0]), body.frame.rotation.T @ moment)
+        result = with_beta(values, beta)
+    else:
+        weights = np.zeros((len(arm.bodies), 4))
+        weights[index] = change[:4]
+        result = with_weight(arm, values, weights)
+    return None if result is None else with_inertia(values=result, body=body.name, change=change)
 
 
 def _plausible(arm: Arm) -> tuple[float, ...]:

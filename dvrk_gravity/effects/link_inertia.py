@@ -8,23 +8,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import rigid_body, site
-from dvrk_gravity.effects.arrays import Array, as_value
-from dvrk_gravity.effects.effect import Hypothesis, Setting
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.link_prior import prior_scale
-from dvrk_gravity.effects.links import (
+from dvrk_gravity.effects.base import rigid_body, site
+from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.link_prior import prior_scale
+from dvrk_gravity.effects.base.links import (
     AXES,
     inertia_directions,
     joints_with_weight,
     link_columns,
     link_name,
 )
-from dvrk_gravity.effects.meaning import MORE, Estimate, meanings, size
-from dvrk_gravity.effects.merging import Values
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import LinearTerm
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, meanings, size
+from dvrk_gravity.effects.base.merging import Values
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import LinearTerm
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
 

@@ -11,24 +11,24 @@ import pinocchio as pin
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import Tree, build_tree
-from dvrk_gravity.effects import rigid_body, site
-from dvrk_gravity.effects.arrays import Array, as_value
-from dvrk_gravity.effects.effect import Hypothesis, Setting
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.link_change import with_link
-from dvrk_gravity.effects.links import (
+from dvrk_gravity.effects.base import rigid_body, site
+from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.links import (
     AXES,
     joints_with_weight,
     link_columns,
     link_name,
     mass_directions,
 )
-from dvrk_gravity.effects.meaning import Meaning, meanings
-from dvrk_gravity.effects.merging import Values
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Evaluator, Term
-from dvrk_gravity.effects.weight import weight_evaluator
+from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.merging import Values
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Evaluator, Term
+from dvrk_gravity.effects.base.weight import weight_evaluator
+from dvrk_gravity.effects.link_com import with_link
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 

@@ -8,24 +8,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.arrays import Array, as_value, diagonal_columns, motor_columns
-from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
-from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.friction_sites import (
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.arrays import Array, as_value, diagonal_columns, motor_columns
+from dvrk_gravity.effects.base.by_joint import numbers, read_rows, write_rows
+from dvrk_gravity.effects.base.dahl import Elements, build_up, dahl
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.friction_sites import (
     friction_places,
     friction_sites,
     moves_between,
     where,
 )
-from dvrk_gravity.effects.meaning import MORE, Estimate, Meaning, meanings, size
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, effort_of_motor, site_columns
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.polynomial import Range
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import LinearTerm, Unknowns
+from dvrk_gravity.effects.base.unknowns import (
+    PART,
+    ColumnTable,
+    Move,
+    effort_of_motor,
+    site_columns,
+)
+from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
 from dvrk_gravity.parameter import Parameter, Value
 
 _MOST = 8
@@ -94,33 +101,21 @@ class PreslidingHysteresis(LinearTerm):
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> PreslidingHysteresis | None:
         """See :meth:`Term.from_parameters`."""
-        displacement = values.get(f"{cls.NAME}.displacement") or ()
-        assert isinstance(displacement, tuple)
-        levels = {place: np.zeros((len(displacement), arm.n)) for place in _PLACES}
-        for place in _PLACES:
-            for column, joint in enumerate(arm.joint_names):
-                given = values.get(f"{cls.NAME}.{place}.{joint}") or ()
-                assert isinstance(given, tuple)
-                if given and len(given) != len(displacement):
-                    raise ConfigError(
-                        f"{cls.NAME}.{place}.{joint}",
-                        f"{len(given)} numbers",
-                        f"{len(displacement)}, as many as {cls.NAME}.displacement",
-                    )
-                if given:
-                    levels[place][:, column] = given
-        return cls(arm, np.array(displacement), **levels) if displacement else None
+        displacement = numbers(values, f"{cls.NAME}.displacement")
+        if not displacement:
+            return None
+        expected = f"{len(displacement)}, as many as {cls.NAME}.displacement"
+        joint, motor = (
+            read_rows(arm, values, f"{cls.NAME}.{place}", len(displacement), expected)
+            for place in _PLACES
+        )
+        return cls(arm, np.array(displacement), joint, motor)
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
         values: dict[str, Value] = {f"{self.NAME}.displacement": as_value(self.displacement)}
         for place in _PLACES:
-            levels = getattr(self, place)
-            values |= {
-                f"{self.NAME}.{place}.{joint}": as_value(levels[:, column])
-                for column, joint in enumerate(self.arm.joint_names)
-                if levels[:, column].any()
-            }
+            values |= write_rows(self.arm, f"{self.NAME}.{place}", getattr(self, place))
         return values
 
     def torque(self, state: State) -> Array:
@@ -167,7 +162,7 @@ class PreslidingHysteresis(LinearTerm):
 
     def plant(self) -> PlantPart:
         """See :meth:`Term.plant`: elements with a state, relaxed at first."""
-        return PlantPart(memory=Elements(self))
+        return PlantPart(memory=Elements(self.arm, self.displacement, self.joint, self.motor))
 
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
@@ -256,53 +251,7 @@ class PreslidingHysteresis(LinearTerm):
         position = np.stack([state.q, self.arm.actuator_position(state.q)], axis=-2)
         if before is None:
             before = np.broadcast_to(np.sign(motion[0]), (count, 2, n))
-        return _build_up(position, before, self.displacement)
-
-
-class Elements:
-    """The elements of a term on their way, dz = (sign(dx) - z) |dx| / displacement (Dahl 1968).
-
-    Over one step an element pushes with what it has at the step's beginning plus its present
-    stiffness times the way to come; the stiffness goes into the mass matrix, h^2 K, as an
-    implicit spring's does, so that short displacements need no short steps. Along the way that was
-    gone the states are exact.
-    """
-
-    def __init__(self, term: PreslidingHysteresis) -> None:
-        """Start relaxed."""
-        # Elements at the joints, then at the motors; those without a level are left out.
-        levels = np.hstack([term.joint, term.motor])
-        element, row = np.nonzero(levels)
-        self._level = levels[element, row]
-        self._displacement = term.displacement[element]
-        to_motor = term.arm.joint_to_actuator
-        self._rows = np.vstack([np.eye(len(to_motor)), to_motor])[row]
-        self._state = np.zeros(len(self._level))
-
-    def reset(self) -> None:
-        """Relax all elements."""
-        self._state[:] = 0.0
-
-    def torque(self, qd: Array) -> tuple[Array, Array]:
-        """Return the friction at (n,) velocities: (n,) N·m, and stiffness (n, n) N·m/rad."""
-        slope = self._level / self._displacement
-        slope = slope * (1.0 - self._state * np.sign(self._rows.dot(qd)))
-        return (self._level * self._state).dot(self._rows), (self._rows.T * slope).dot(self._rows)
-
-    def go(self, way: Array) -> None:
-        """Follow the joints along (n,) rad."""
-        step = self._rows.dot(way)
-        goal = np.sign(step)
-        self._state = goal + (self._state - goal) * np.exp(-np.abs(step) / self._displacement)
-
-
-def _build_up(position: Array, first: Array, displacement: Array) -> Array:
-    """Return (N, K, 2, n) states along (N, 2, n) positions from (K, 2, n) ``first`` ones on."""
-    out = np.empty((len(position), *first.shape))
-    for k, place, index in np.ndindex(*first.shape):
-        way = position[:, place, index]
-        out[:, k, place, index] = dahl(way, float(displacement[k]), float(first[k, place, index]))
-    return out
+        return build_up(position, before, self.displacement)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -381,28 +330,3 @@ def _known_coulomb(motion: Motion, where: site.Site) -> float:
     """Return the model's Coulomb friction at a site, a joint's with its motor's, N·m."""
     term = motion.model.term(CoulombFriction.NAME)
     return term.at(where) if isinstance(term, CoulombFriction) else 0.0
-
-
-def dahl(position: Array, displacement: float, first: float) -> Array:
-    """Return (N,) states of an element in [-1, 1] along (N,) positions, from its first state on.
-
-    Between reversals z = s + (z0 - s) exp(-way / displacement), which is exact: what happens on
-    the way is known as soon as the states at the reversals are, and these follow one another.
-    """
-    step = np.diff(position)
-    if not len(step):
-        return np.full(len(position), first)
-    sign = np.sign(step)
-    starts = np.flatnonzero(np.diff(sign, prepend=np.nan))  # of runs that go one way
-    way = np.concatenate([[0.0], np.cumsum(np.abs(step))])
-    ends = np.append(starts[1:], len(step))
-    left = np.exp(-(way[ends] - way[starts]) / displacement).tolist()
-    at_start, state = [], first
-    for goal, kept in zip(sign[starts].tolist(), left, strict=True):
-        at_start.append(state)
-        # Where nothing moves, nothing is lost: of a zero step all is kept.
-        state = goal + (state - goal) * kept
-    run = np.repeat(np.arange(len(starts)), ends - starts)
-    along = np.exp(-(way[1:] - way[starts][run]) / displacement)
-    states = sign + (np.array(at_start)[run] - sign) * along
-    return np.concatenate([[first], states])

@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.arrays import Array, as_array, as_value, joint_array, motor_columns
-from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.link_prior import rotors_beside_links
-from dvrk_gravity.effects.meaning import MORE, meanings, size
-from dvrk_gravity.effects.merging import added
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.effects.site import Kind
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import LinearTerm, Unknowns
-from dvrk_gravity.effects.unknowns import ColumnTable, Move, site_columns, unit_way
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.arrays import Array, as_array, as_value, joint_array, motor_columns
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.link_prior import rotors_beside_links
+from dvrk_gravity.effects.base.meaning import MORE, meanings, size
+from dvrk_gravity.effects.base.merging import added
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.polynomial import Range
+from dvrk_gravity.effects.base.site import Kind
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import LinearTerm, Unknowns
+from dvrk_gravity.effects.base.unknowns import ColumnTable, Move, site_columns, unit_way
 from dvrk_gravity.parameter import Parameter, Value
 
 _PART = 0.05  # of a motor's largest torque that a rad/s^2 may plausibly take

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import registry
-from dvrk_gravity.effects.arrays import Array, as_array, as_value, joint_array
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Term
+from dvrk_gravity.effects.base import registry
+from dvrk_gravity.effects.base.arrays import Array, as_array, as_value, joint_arrays
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -41,12 +41,11 @@ class ShownTorque(Term):
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         """See :meth:`Term.schema`."""
-        low = "least torque measured at poses, less its noise"
-        high = "greatest torque measured at poses, plus its noise"
-        return (
-            joint_array(arm, f"{cls.NAME}.lower", "N·m", low),
-            joint_array(arm, f"{cls.NAME}.upper", "N·m", high),
+        declared = (
+            ("lower", "N·m", "least torque measured at poses, less its noise"),
+            ("upper", "N·m", "greatest torque measured at poses, plus its noise"),
         )
+        return joint_arrays(arm, cls.NAME, declared)
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ShownTorque | None:

@@ -9,22 +9,22 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.arrays import (
+from dvrk_gravity.effects.base.arrays import (
     Array,
     as_array,
     as_value,
     diagonal_columns,
-    joint_array,
+    joint_arrays,
     motor_columns,
 )
-from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.friction_sites import friction_sites
-from dvrk_gravity.effects.meaning import Meaning, meanings
-from dvrk_gravity.effects.merging import array
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Friction
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.friction_sites import friction_sites
+from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.merging import array
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Friction
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -72,10 +72,7 @@ class StribeckFriction(Friction):
             ("motor_velocity", "rad/s", "the motor's speed that leaves 1/e"),
             ("transition_velocity", "rad/s", "sign complete from there"),
         )
-        return tuple(
-            joint_array(arm, f"{cls.NAME}.{name}", unit, meaning, 0.0)
-            for name, unit, meaning in declared
-        )
+        return joint_arrays(arm, cls.NAME, declared, lower=0.0)
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> StribeckFriction | None:

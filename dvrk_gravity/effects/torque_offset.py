@@ -8,15 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.arrays import Array, as_array, as_value, diagonal_columns, joint_array
-from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.meaning import READS, meanings, size
-from dvrk_gravity.effects.merging import added
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import LinearTerm
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.arrays import (
+    Array,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_array,
+)
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.meaning import READS, meanings, size
+from dvrk_gravity.effects.base.merging import added
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import LinearTerm
 from dvrk_gravity.parameter import Parameter, Value
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.effect import Effect, Hypothesis, Setting, spread
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.meaning import Meaning, meanings
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, spread
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.meaning import Meaning, meanings
 
 Array = NDArray[np.float64]
 Basis = Callable[[Motion], Array]

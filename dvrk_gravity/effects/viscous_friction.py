@@ -9,31 +9,31 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.arrays import (
+from dvrk_gravity.effects.base.arrays import (
     Array,
     as_array,
     as_value,
     diagonal_columns,
-    joint_array,
+    joint_arrays,
     motor_columns,
 )
-from dvrk_gravity.effects.effect import Hypothesis, Setting, Values, spread
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.friction_sites import (
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.friction_sites import (
     friction_places,
     friction_sites,
     likely_columns,
     moves_between,
     where,
 )
-from dvrk_gravity.effects.meaning import MORE, meanings, size
-from dvrk_gravity.effects.merging import array
-from dvrk_gravity.effects.plant_part import PlantPart
-from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.effects.site import Kind
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.term import Evaluator, Friction
-from dvrk_gravity.effects.unknowns import PART, ColumnTable, Move, effort_of_motor, unit_way
+from dvrk_gravity.effects.base.meaning import MORE, meanings, size
+from dvrk_gravity.effects.base.merging import array
+from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.polynomial import Range
+from dvrk_gravity.effects.base.site import Kind
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.term import Evaluator, Friction
+from dvrk_gravity.effects.base.unknowns import PART, ColumnTable, Move, effort_of_motor, unit_way
 from dvrk_gravity.parameter import Parameter, Value
 
 
@@ -53,12 +53,11 @@ class ViscousFriction(Friction):
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         """See :meth:`Term.schema`."""
-        return tuple(
-            joint_array(
-                arm, f"{cls.NAME}.{place}", "N·m·s/rad", f"viscous friction at the {place}", 0.0
-            )
-            for place in ("joint", "motor")
+        declared = (
+            ("joint", "N·m·s/rad", "viscous friction at the joint"),
+            ("motor", "N·m·s/rad", "viscous friction at the motor"),
         )
+        return joint_arrays(arm, cls.NAME, declared, lower=0.0)
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> ViscousFriction | None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.effect import Effect
+from dvrk_gravity.effects.base.effect import Effect
 
 Array = NDArray[np.float64]
 

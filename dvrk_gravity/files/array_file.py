@@ -25,7 +25,7 @@ def write(path: Path, arrays: Mapping[str, Array]) -> None:
         OSError: The file cannot be written.
     """
     stream = io.BytesIO()
-    np.savez_compressed(stream, **arrays)
+    np.savez_compressed(stream, allow_pickle=False, **arrays)
     text_file.write_bytes(path, stream.getvalue())
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.arrays import as_value
+from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.estimation.covariance import Uncertainty, autocorrelated_scores, sandwich
 from dvrk_gravity.estimation.normal_equations import Solution, fit
 from dvrk_gravity.estimation.splits import Folds, FoldSettings
@@ -18,8 +18,8 @@ from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.holding import holding
 from dvrk_gravity.identification.identifiability import describe
 from dvrk_gravity.identification.kinematic_search import around_calibration
-from dvrk_gravity.identification.motion import Source, read_motions
 from dvrk_gravity.identification.model_uncertainty import known_error, model_uncertainty
+from dvrk_gravity.identification.motion import Source, read_motions
 from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.physical import certificate, physical_links
 from dvrk_gravity.identification.problem import Problem, choose, pose, solved

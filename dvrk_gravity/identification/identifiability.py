@@ -10,10 +10,10 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.effects import rigid_body
-from dvrk_gravity.effects.link_prior import base_directions, beta_map, samples
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.link_prior import base_directions, beta_map, samples
+from dvrk_gravity.effects.base.unknowns import Column
 from dvrk_gravity.effects.presliding_hysteresis import DISPLACEMENTS
-from dvrk_gravity.effects.unknowns import Column
 from dvrk_gravity.estimation.covariance import Uncertainty
 from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.gravity import BETA_NAMES

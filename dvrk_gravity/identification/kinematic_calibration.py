@@ -15,9 +15,10 @@ import pinocchio as pin
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import State, rigid_body, site
-from dvrk_gravity.effects.links import joints_with_weight
-from dvrk_gravity.effects.unknowns import Column, ColumnTable, Move
+from dvrk_gravity.effects import State
+from dvrk_gravity.effects.base import rigid_body, site
+from dvrk_gravity.effects.base.links import joints_with_weight
+from dvrk_gravity.effects.base.unknowns import Column, ColumnTable, Move
 from dvrk_gravity.recording.data import Array
 
 KINEMATIC = ("base_tilt", "joint_offset")  # effects that torque is not linear in

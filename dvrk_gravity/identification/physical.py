@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import rigid_body
-from dvrk_gravity.effects.link_prior import link_sizes, prior_scale
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.link_prior import link_sizes, prior_scale
 from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.recording.data import Array

@@ -14,11 +14,12 @@ import numpy as np
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.effects import Gravity, LinkInertia, LinkWeight, State, Term, rigid_body
-from dvrk_gravity.effects.link_prior import base_directions, beta_map
+from dvrk_gravity.effects import Gravity, LinkInertia, LinkWeight, State, Term
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.link_prior import base_directions, beta_map
+from dvrk_gravity.effects.base.site import THE_ARM
+from dvrk_gravity.effects.base.unknowns import PART, Column
 from dvrk_gravity.effects.link_weight import OF_WEIGHT
-from dvrk_gravity.effects.site import THE_ARM
-from dvrk_gravity.effects.unknowns import PART, Column
 from dvrk_gravity.recording.data import Array
 
 SPRINGS = 4  # entries of an MTM's beta, arm and forearm, that a balancing spring can add to

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.effects.unknowns import Move
+from dvrk_gravity.effects.base.unknowns import Move
 from dvrk_gravity.estimation.normal_equations import NormalEquations, solve_signed
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
 from dvrk_gravity.estimation.splits import Folds

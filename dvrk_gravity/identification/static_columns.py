@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.console import N_POLYNOMIALS
+from dvrk_gravity.effects.base.polynomial import MAX_DEGREE, Range
 from dvrk_gravity.effects.held_load import pose_functions
-from dvrk_gravity.effects.polynomial import MAX_DEGREE, Range
 from dvrk_gravity.identification.static_poses import Poses
 from dvrk_gravity.recording.data import Array
 

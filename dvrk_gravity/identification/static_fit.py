@@ -57,7 +57,7 @@ def fit_static(
     report("fit", 0.0)
     tried: list[result.Choice] = []
     table = Table.of(poses, arm, for_console)
-    model, solution, _, weight = fit_poses(table, choose(table, arm.joint_names, tried.append), arm)
+    model, solution, _, weight = fit_poses(table, choose(table, tried.append))
     spread = static_report.uncertainty(table, solution, weight)
     fitted = model.torque(poses.q, direction=poses.direction)
 
@@ -66,7 +66,7 @@ def fit_static(
 
     measured = shown(poses.effort)
     training = joint_errors(arm.joint_names, measured, shown(fitted))
-    held = holding(lambda q: solution.at_rest(table, q, arm), solution.theta, spread, poses.q, arm)
+    held = holding(lambda q: solution.at_rest(table, q), solution.theta, spread, poses.q, arm)
     # Poses left out of the fit count in the errors that are printed, but are no fault of the model.
     used = np.all(weight > 0.0, axis=1)
     unseen = used[held_out]
@@ -106,7 +106,7 @@ def predict_unseen(
 def fit_model(poses: Poses, arm: Arm, for_console: bool = False) -> TorqueModel:
     """Return the model that :func:`fit_static` would choose for some poses."""
     table = Table.of(poses, arm, for_console)
-    return fit_poses(table, choose(table, arm.joint_names), arm)[0]
+    return fit_poses(table, choose(table))[0]
 
 
 def _held_out(

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.effects.arrays import as_value
-from dvrk_gravity.effects.polynomial import MAX_DEGREE
+from dvrk_gravity.effects.base.arrays import as_value
+from dvrk_gravity.effects.base.by_joint import write_rows
+from dvrk_gravity.effects.base.polynomial import MAX_DEGREE
 from dvrk_gravity.identification.static_solver import (
     Composition,
     PoseSolution,
@@ -29,7 +28,7 @@ SATURATION = 0.2  # rad/s
 
 
 def fit_poses(
-    table: Table, choices: Sequence[Composition], arm: Arm
+    table: Table, choices: Sequence[Composition]
 ) -> tuple[TorqueModel, PoseSolution, Array, Array]:
     """Fit what was chosen and build the model.
 
@@ -37,6 +36,7 @@ def fit_poses(
         The model, the solution, (n,) robust residual scale in N·m and (N, n) weights.
     """
     solution, scale, weight = solve_robust(table, choices)
+    arm = table.arm
     values: dict[str, Value] = {"arm": arm.source or arm.name, "beta": as_value(solution.beta)}
     values["gravity_vector"] = as_value(arm.gravity)
     values |= _cables(table, solution)
@@ -78,7 +78,7 @@ def _powers(series: Array, argument: polynomial.Polynomial) -> Array:
 
 def _cables(table: Table, solution: PoseSolution) -> dict[str, Value]:
     values: dict[str, Value] = {}
-    for joint, name in enumerate(JOINT_NAMES):
+    for joint, name in enumerate(table.arm.joint_names):
         sides = {
             side: rows @ solution.theta for side, rows in cable_rows(table, solution, joint).items()
         }
@@ -88,7 +88,7 @@ def _cables(table: Table, solution: PoseSolution) -> dict[str, Value]:
             values[f"directional_cable.{side}.{name}"] = as_value(powers[: degree + 1])
     settings = {"dead_band": DEAD_BAND, "saturation_velocity": SATURATION, "ratio": RATIO}
     for setting, value in settings.items():
-        values[f"directional_cable.{setting}"] = (value,) * N_JOINTS
+        values[f"directional_cable.{setting}"] = (value,) * table.arm.n
     return values | _range("directional_cable", table)
 
 
@@ -96,7 +96,7 @@ def _held(table: Table, solution: PoseSolution) -> dict[str, Value]:
     """Return the parameters of the functions of other joints' positions, if there are any."""
     index: dict[tuple[int, ...], int] = {}
     entries = []
-    for joint in range(N_JOINTS):
+    for joint in range(table.arm.n):
         columns = table.joints[joint]
         for place, column in zip(solution.places(joint), solution.columns[joint], strict=True):
             if columns.group[column] != 0:
@@ -105,16 +105,14 @@ def _held(table: Table, solution: PoseSolution) -> dict[str, Value]:
                 entries.append((kind, joint, function, solution.theta[place]))
     if not index:
         return {}
-    sizes = {kind: np.zeros((len(index), N_JOINTS)) for kind in ("mean", "difference")}
+    sizes = {kind: np.zeros((len(index), table.arm.n)) for kind in ("mean", "difference")}
     for kind, joint, function, value in entries:
         sizes[kind][function, joint] = value
     values: dict[str, Value] = {
         "held_load.orders": tuple(float(order) for function in index for order in function)
     }
     for kind, size in sizes.items():
-        for joint, name in enumerate(JOINT_NAMES):
-            if size[:, joint].any():
-                values[f"held_load.{kind}.{name}"] = as_value(size[:, joint])
+        values |= write_rows(table.arm, f"held_load.{kind}", size)
     return values | _range("held_load", table)
 
 

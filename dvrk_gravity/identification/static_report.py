@@ -7,7 +7,6 @@ from itertools import product
 
 import numpy as np
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.estimation.covariance import Uncertainty, clustered_scores, sandwich
 from dvrk_gravity.estimation.splits import masks, sequential
 from dvrk_gravity.gravity import BETA_NAMES
@@ -76,7 +75,7 @@ def _quantities(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str
     identity = np.eye(len(solution.theta))
     for k in range(N_BETA):
         yield f"beta{k + 1} ({BETA_NAMES[k]})", "N·m", identity[k]
-    for joint, name in enumerate(JOINT_NAMES):
+    for joint, name in enumerate(table.arm.joint_names):
         for side, rows in cable_rows(table, solution, joint).items():
             for power, row in enumerate(rows):
                 if row.any():
@@ -85,8 +84,8 @@ def _quantities(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str
 
 
 def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> Iterator[str]:
-    poses = table.poses
-    for joint, name in enumerate(JOINT_NAMES):
+    poses, names = table.poses, table.arm.joint_names
+    for joint, name in enumerate(names):
         if joint not in poses.moving:
             yield (
                 f"{name} was posed at {np.degrees(poses.q[:, joint].mean()):.0f} deg only: a "
@@ -101,7 +100,7 @@ def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> It
     for k in range(N_BETA):
         first = f"beta{k + 1} ({BETA_NAMES[k]})"
         for joint, power in product(poses.moving, (0, 1)):
-            second = f"directional_cable.positive.{JOINT_NAMES[joint]}[{power}]"
+            second = f"directional_cable.positive.{names[joint]}[{power}]"
             if second not in quantities:
                 continue
             together = spread.correlation(quantities[first], quantities[second])
@@ -109,5 +108,5 @@ def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> It
                 low, high = np.degrees([poses.lower[joint], poses.upper[joint]])
                 yield (
                     f"{first} and {second} cannot be separated (correlation {together:+.3f}): "
-                    f"a wider range of {JOINT_NAMES[joint]} than {low:.0f} to {high:.0f} deg would"
+                    f"a wider range of {names[joint]} than {low:.0f} to {high:.0f} deg would"
                 )

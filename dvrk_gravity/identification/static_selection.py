@@ -74,7 +74,6 @@ class JointSearch:
     Attributes:
         table: All columns.
         joint: The joint.
-        names: Names of all joints.
         beta: (10,) of all joints, N·m, about which this joint's own may vary.
         train: Sums over what each held-out slab leaves.
         test: Sums over each slab.
@@ -87,7 +86,6 @@ class JointSearch:
 
     table: Table
     joint: int
-    names: Sequence[str]
     beta: Array
     train: tuple[NormalEquations, ...]
     test: tuple[NormalEquations, ...]
@@ -160,12 +158,13 @@ class JointSearch:
 
     def _choice(self, trial: Trial[Group], before: Composed, kept: bool) -> Choice:
         assert isinstance(trial, GroupTrial)
+        names = self.table.arm.joint_names
         total = self.factor @ [test.power[0] for test in self.test]
         old, new = (
             float(np.sqrt(max(made.errors.sum(), 0.0) / total)) for made in (before, trial.after)
         )
         return Choice(
-            f"held_load {self.names[self.joint]}: function of {describe(trial.move, self.names)}",
+            f"held_load {names[self.joint]}: function of {describe(trial.move, names)}",
             kept,
             old,
             new,
@@ -176,7 +175,6 @@ class JointSearch:
 
 def choose(
     table: Table,
-    names: Sequence[str],
     note: Callable[[Choice], None] = lambda choice: None,
     settings: PoseSelectionSettings | None = None,
 ) -> tuple[Composition, ...]:
@@ -184,12 +182,11 @@ def choose(
 
     Args:
         table: Columns at the poses that may be seen.
-        names: Of the joints.
         note: Told every group that was tried.
         settings: When a group is kept.
     """
     settings = settings or PoseSelectionSettings()
-    joints = range(len(names))
+    joints = range(table.arm.n)
     poses = table.poses
     spread = np.maximum(poses.effort.std(axis=0), 1e-3)
     _, own, _ = solve_robust(table, [Composition(((j,),), 1e-6 * spread[j]) for j in joints])
@@ -210,7 +207,7 @@ def choose(
         tested = (*of_slabs, *of_order)
         test = tuple(NormalEquations.of(x[mask], y[mask], w[mask]) for mask in tested)
         search = JointSearch(
-            table, joint, names, solution.beta, tuple(total - part for part in test), test, factor,
+            table, joint, solution.beta, tuple(total - part for part in test), test, factor,
             float(own[joint]), float(rest[joint]), note, settings,
         )  # fmt: skip
         chosen.append(search.run())

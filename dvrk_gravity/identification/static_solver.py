@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.polynomial import Range
+from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.estimation.normal_equations import NormalEquations, Solution, fit
 from dvrk_gravity.estimation.robust import RobustSettings, RobustState, reweighted
 from dvrk_gravity.identification.static_columns import (
@@ -65,6 +65,7 @@ class Table:
     """Everything linear about some poses.
 
     Attributes:
+        arm: The arm.
         poses: The poses.
         valid: Range that they cover.
         gravity: (N, n, 10) columns.
@@ -72,6 +73,7 @@ class Table:
         matrices: Their (N, p) values.
     """
 
+    arm: Arm
     poses: Poses
     valid: Range
     gravity: Array
@@ -86,12 +88,12 @@ class Table:
             joint_columns(joint, poses, for_console) for joint in range(poses.q.shape[1])
         )
         matrices = tuple(columns.matrix(poses, valid) for columns in joints)
-        return cls(poses, valid, gravity_rows(poses, arm), joints, matrices)
+        return cls(arm, poses, valid, gravity_rows(poses, arm), joints, matrices)
 
-    def at(self, poses: Poses, arm: Arm) -> Table:
+    def at(self, poses: Poses) -> Table:
         """Return the same columns at other poses."""
         matrices = tuple(columns.matrix(poses, self.valid) for columns in self.joints)
-        return replace(self, poses=poses, gravity=gravity_rows(poses, arm), matrices=matrices)
+        return replace(self, poses=poses, gravity=gravity_rows(poses, self.arm), matrices=matrices)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,10 +123,10 @@ class PoseSolution(Solution):
             torque[:, joint] += matrix[:, self.columns[joint]] @ self.theta[self.places(joint)]
         return torque
 
-    def at_rest(self, table: Table, q: Array, arm: Arm) -> Array:
+    def at_rest(self, table: Table, q: Array) -> Array:
         """Return (K, n, p) torques of all coefficients at (K, n) positions, if nothing sticks."""
         nowhere = np.zeros(q.shape)
-        there = table.at(Poses(q, nowhere, nowhere, np.zeros(len(q), dtype=np.int64)), arm)
+        there = table.at(Poses(q, nowhere, nowhere, np.zeros(len(q), dtype=np.int64)))
         rows = np.zeros((*q.shape, len(self.theta)))
         rows[:, :, :N_BETA] = there.gravity
         for joint, matrix in enumerate(there.matrices):

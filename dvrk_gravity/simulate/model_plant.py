@@ -17,7 +17,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.arms.tree import link_frames
 from dvrk_gravity.effects import LinkInertia, RotorInertia, State
-from dvrk_gravity.effects.link_prior import prior_scale
+from dvrk_gravity.effects.base.link_prior import prior_scale
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification.physical import certificate, nearest_bodies
 from dvrk_gravity.model import TorqueModel

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.description import Description
+from dvrk_gravity.arms.description import Description, Joint
 from dvrk_gravity.arms.dh import DHRow, Follower
+from dvrk_gravity.errors import ConfigError
 
 JOINT_NAMES = (
     "outer_yaw",
@@ -36,6 +37,33 @@ def is_mtm(arm: Description) -> bool:
     The file of an arm with these joints is only read if it has an MTM's angles, too.
     """
     return arm.joint_names == JOINT_NAMES and arm.body_names == BODIES
+
+
+def named_alike(joints: Sequence[str]) -> bool:
+    """Tell whether joints have the names of a master arm's, in their order."""
+    return tuple(joints) == JOINT_NAMES
+
+
+def check(joints: Sequence[Joint], table: Sequence[DHRow]) -> None:
+    """Make sure that a chain is an MTM's, whatever its lengths: gY(q) beta counts on it.
+
+    Raises:
+        ConfigError: Other joints, or other angles.
+    """
+    if len(joints) != N_JOINTS:
+        raise ConfigError("joints", f"{len(joints)} joints", f"the {N_JOINTS} of an MTM")
+    for joint, name in zip(joints, JOINT_NAMES, strict=True):
+        if (joint.name, joint.kind) != (name, "revolute"):
+            raise ConfigError(
+                f"joints.{name}", f"{joint.kind} {joint.name}", "an MTM's joints in their order"
+            )
+    for joint, row, angles in zip(joints, table, ANGLES, strict=True):
+        found = np.degrees([row.alpha, row.offset])
+        if not np.allclose(found, angles, atol=1e-9):
+            raise ConfigError(
+                f"joints.{joint.name}", f"alpha {found[0]:g}, offset {found[1]:g}",
+                f"alpha {angles[0]}, offset {angles[1]}, as an MTM's gravity model has them",
+            )  # fmt: skip
 
 
 def followers(table: Sequence[DHRow], side: float) -> tuple[Follower, Follower]:

@@ -8,7 +8,6 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.ros.demo.scenario import Kill, Phase
 
 matplotlib.use("Agg")
@@ -16,11 +15,17 @@ from matplotlib import pyplot as plt
 
 
 def draw(
-    path: Path, fall: Phase, floats: Sequence[Phase], pushed: Phase, rest: Phase, kill: Kill
+    path: Path,
+    joints: Sequence[str],
+    fall: Phase,
+    floats: Sequence[Phase],
+    pushed: Phase,
+    rest: Phase,
+    kill: Kill,
 ) -> None:
     """Draw how far the joints go from where they are let go of, each part in a panel."""
     figure, axes = plt.subplots(1, 4, figsize=(15, 4.6), sharey=True, layout="constrained")
-    colours = [f"C{joint}" for joint in range(len(JOINT_NAMES))]
+    colours = [f"C{joint}" for joint in range(len(joints))]
     parts = (
         ("Without compensation", (fall,)),
         (f"With it, at {len(floats)} poses", floats),
@@ -34,7 +39,7 @@ def draw(
             start = phases[0].position[0] if going_on else phase.position[0]
             shift = phases[0].time[-1] if going_on else 0.0
             moved = np.degrees(phase.position - start)
-            for joint, name in enumerate(JOINT_NAMES):
+            for joint, name in enumerate(joints):
                 axis.plot(
                     phase.time + shift,
                     moved[:, joint],

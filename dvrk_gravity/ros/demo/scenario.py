@@ -15,7 +15,6 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.processes import NodeProcess, ProcessError
 from dvrk_gravity.recording import BagWriter
 from dvrk_gravity.ros.client import Client
@@ -46,7 +45,7 @@ class Phase:
     Attributes:
         title: What happens.
         time: (N,) s since its start.
-        position: (N, 7) measured joint positions, rad.
+        position: (N, n) measured joint positions, rad.
     """
 
     title: str
@@ -55,7 +54,7 @@ class Phase:
 
     @property
     def drift(self) -> Array:
-        """(7,) largest distance from where each joint was at the start, deg."""
+        """(n,) largest distance from where each joint was at the start, deg."""
         return np.degrees(np.abs(self.position - self.position[0]).max(axis=0))
 
 
@@ -75,9 +74,12 @@ class Kill:
 class Scenario:
     """Runs the parts one after the other (context manager); needs a ROS domain of its own."""
 
-    def __init__(self, model: Path, bag: Path, friction_scale: float) -> None:
-        """Store the arguments; processes start with ``with``."""
+    def __init__(
+        self, model: Path, joints: Sequence[str], bag: Path, friction_scale: float
+    ) -> None:
+        """Store the arguments, names of the model's joints among them; ``with`` starts all."""
         self._model, self._bag = model, bag
+        self._joints = tuple(joints)
         self._friction_scale = friction_scale
         self._stack = ExitStack()
         self._positions: list[tuple[float, list[float]]] = []
@@ -161,7 +163,7 @@ class Scenario:
         """A hand pushes the floating arm and lets go: the motion, and the rest after it."""
         self._go_to(POSES[0])
         self._start()
-        hand = JointState(name=JOINT_NAMES, effort=PUSH_EFFORT)
+        hand = JointState(name=self._joints, effort=PUSH_EFFORT)
         mark, start = len(self._positions), time.monotonic()
         self._watch("pushed", PUSH, lambda: self._push.publish(hand))
         self._client.spin(COAST)
@@ -197,7 +199,7 @@ class Scenario:
             return bool((np.abs(recent() - pose) < tolerance).all())
 
         for _ in range(10):
-            self._move.publish(JointState(name=JOINT_NAMES, position=pose))
+            self._move.publish(JointState(name=self._joints, position=pose))
             self._client.spin(0.5)
             self._client.wait(
                 lambda: bool((np.ptp(recent(), axis=0) < still).all()), "the arm to stand still"
@@ -218,7 +220,7 @@ class Scenario:
         """Return what was measured since there were ``mark`` samples."""
         when = np.array([stamp for stamp, _ in self._positions[mark:]])
         position = np.array([values for _, values in self._positions[mark:]])
-        return Phase(title, when - start, position.reshape(-1, N_JOINTS))
+        return Phase(title, when - start, position.reshape(-1, len(self._joints)))
 
 
 def _arguments(parameters: dict[str, Any]) -> Sequence[str]:

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.evidence import Filtered, Motion, Residual
-from dvrk_gravity.effects.meaning import Estimate, Meaning
-from dvrk_gravity.effects.site import Kind, Site
+from dvrk_gravity.effects.base.evidence import Filtered, Motion, Residual
+from dvrk_gravity.effects.base.meaning import Estimate, Meaning
+from dvrk_gravity.effects.base.site import Kind, Site
 
 Array = NDArray[np.float64]
 Setting = Mapping[str, float]

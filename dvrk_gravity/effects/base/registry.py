@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from functools import cache
 
-from dvrk_gravity.effects.effect import Effect
-from dvrk_gravity.effects.term import Term
+from dvrk_gravity.effects.base.effect import Effect
+from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
 
 ENTRY_POINTS = "dvrk_gravity.effects"

@@ -10,13 +10,13 @@ from typing import ClassVar, Self
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.arrays import Array
-from dvrk_gravity.effects.effect import Effect
-from dvrk_gravity.effects.plant_part import PlantPart, secant_damping
-from dvrk_gravity.effects.polynomial import Range
-from dvrk_gravity.effects.site import THE_ARM, Kind
-from dvrk_gravity.effects.state import State
-from dvrk_gravity.effects.unknowns import Column, ColumnTable, Move, site_columns
+from dvrk_gravity.effects.base.arrays import Array
+from dvrk_gravity.effects.base.effect import Effect
+from dvrk_gravity.effects.base.plant_part import PlantPart, secant_damping
+from dvrk_gravity.effects.base.polynomial import Range
+from dvrk_gravity.effects.base.site import THE_ARM, Kind
+from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.unknowns import Column, ColumnTable, Move, site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
 Evaluator = Callable[[Array, "Array | None"], Array]

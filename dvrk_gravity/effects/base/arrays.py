@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +29,15 @@ def motor_columns(arm: Arm, values: Array) -> Array:
 def joint_array(arm: Arm, name: str, unit: str, meaning: str, lower: float = -np.inf) -> Parameter:
     """Declare an optional array with a number for each joint of an arm."""
     return Parameter(name, (), unit, meaning, lower=lower, lengths=(arm.n,))
+
+
+def joint_arrays(
+    arm: Arm, name: str, declared: Iterable[tuple[str, str, str]], lower: float = -np.inf
+) -> tuple[Parameter, ...]:
+    """Declare such arrays of an effect, each by its own name, unit and meaning."""
+    return tuple(
+        joint_array(arm, f"{name}.{own}", unit, meaning, lower) for own, unit, meaning in declared
+    )
 
 
 def as_array(value: Value | None, n: int, default: float) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import GRAVITY
-from dvrk_gravity.effects.evidence import Motion
+from dvrk_gravity.effects.base.evidence import Motion
 
 Array = NDArray[np.float64]
 

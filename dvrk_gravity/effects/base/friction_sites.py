@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import site
-from dvrk_gravity.effects.evidence import Motion
-from dvrk_gravity.effects.unknowns import ColumnTable, Move
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.unknowns import ColumnTable, Move
 
 
 def friction_sites(motion: Motion) -> Iterator[site.Site]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.site import Kind, Site
+from dvrk_gravity.effects.base.site import Kind, Site
 
 Array = NDArray[np.float64]
 

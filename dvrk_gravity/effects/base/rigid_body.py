@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dvrk_gravity.arms import Arm, mtm
-from dvrk_gravity.effects.arrays import Array
+from dvrk_gravity.effects.base.arrays import Array
 
 PER_LINK = 10
 COLUMNS = PER_LINK * len(mtm.BODIES)  # of an MTM

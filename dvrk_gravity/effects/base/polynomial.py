@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.arrays import Array, as_array, as_value, joint_array
+from dvrk_gravity.effects.base.arrays import Array, as_array, as_value, joint_arrays
+from dvrk_gravity.effects.base.by_joint import numbers
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
@@ -34,36 +35,23 @@ def declare_coefficients(arm: Arm, prefix: str, meaning: str) -> Iterator[Parame
 
 def declare_range(arm: Arm, prefix: str) -> tuple[Parameter, ...]:
     """Declare the range of positions outside which the polynomial's argument is held."""
-    return (
-        joint_array(
-            arm, f"{prefix}.valid_lower", "rad", "lower edge of the range it was fitted on"
-        ),
-        joint_array(
-            arm, f"{prefix}.valid_upper", "rad", "upper edge of the range it was fitted on"
-        ),
+    declared = (
+        ("valid_lower", "rad", "lower edge of the range it was fitted on"),
+        ("valid_upper", "rad", "upper edge of the range it was fitted on"),
     )
+    return joint_arrays(arm, prefix, declared)
 
 
 def read_coefficients(arm: Arm, prefix: str, values: Mapping[str, Value]) -> Array | None:
     """Return (degree + 1, n) coefficients, lowest power first; ``None`` if not given."""
-    given = {joint: values.get(f"{prefix}.{joint}", ()) for joint in arm.joint_names}
-    length = max(len(value) for value in given.values() if isinstance(value, tuple))
+    given = [numbers(values, f"{prefix}.{joint}") for joint in arm.joint_names]
+    length = max(map(len, given))
     if length == 0:
         return None
     coefficients = np.zeros((length, len(given)))
-    for column, value in enumerate(given.values()):
-        if isinstance(value, tuple):
-            coefficients[: len(value), column] = value
+    for column, value in enumerate(given):
+        coefficients[: len(value), column] = value
     return coefficients
-
-
-def write_coefficients(arm: Arm, prefix: str, coefficients: Array) -> dict[str, Value]:
-    """Return the values that :func:`read_coefficients` reads; joints with zeros only left out."""
-    return {
-        f"{prefix}.{joint}": as_value(coefficients[:, column])
-        for column, joint in enumerate(arm.joint_names)
-        if coefficients[:, column].any()
-    }
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ import pinocchio as pin
 
 from dvrk_gravity.arms.description import GRAVITY
 from dvrk_gravity.arms.tree import Tree
-from dvrk_gravity.effects.arrays import Array
-from dvrk_gravity.effects.term import Evaluator
+from dvrk_gravity.effects.base.arrays import Array
+from dvrk_gravity.effects.base.term import Evaluator
 from dvrk_gravity.parameter import Parameter
 
 

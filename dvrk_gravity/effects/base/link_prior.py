@@ -11,7 +11,7 @@ from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.arms.mtm.sizes import SIZES
-from dvrk_gravity.effects import rigid_body
+from dvrk_gravity.effects.base import rigid_body
 
 Array = NDArray[np.float64]
 
