@@ -250,7 +250,7 @@ class Selection:
         used = (self.validation.weight > 0.0) & candidate.acts
         removed = float(np.max(1.0 - after.rms[used] / before.rms[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
-        known = settings.consequence * self.validation.data.known_error
+        known = settings.consequence * self.validation.known_error
         gone = before.rms**2 - after.rms**2 > np.maximum(known, 0.0) ** 2
         matters = bool(np.any(gone[used]))
         passes = gain > 0.0 and removed > settings.least_gain and p_value < settings.alpha
