@@ -6,13 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 import pinocchio as pin
-import yaml
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
@@ -28,24 +26,9 @@ CRANK_FRAME = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  #
 ROBOTS = Path(pin.__file__).parents[4] / "share" / "example-robot-data" / "robots"
 UR5 = ROBOTS / "ur_description" / "urdf" / "ur5_robot.urdf"
 PANDA = ROBOTS / "panda_description" / "urdf" / "panda.urdf"
-URDFS = {"ur5": f"{UR5}", "panda": f"{PANDA}#panda_hand"}  # the Panda's fingers are held
-CHAIN = {
-    "name": "chain",
-    "joints": [
-        {"name": "yaw", "alpha": 90, "a": 0.05, "d": 0.3, "offset": 20, "lower": -120,
-         "upper": 120, "effort_limit": 40},
-        {"name": "pitch", "alpha": -70, "a": 0.25, "d": -0.02, "offset": -15, "lower": -80,
-         "upper": 95, "effort_limit": 35},
-        {"name": "insertion", "type": "prismatic", "alpha": 35, "a": 0.03, "d": 0.1, "offset": 40,
-         "lower": 0.02, "upper": 0.24, "effort_limit": 60},
-        {"name": "roll", "alpha": 10, "a": 0.02, "d": 0.04, "offset": 90, "lower": -170,
-         "upper": 170, "effort_limit": 5},
-    ],
-    "actuator_to_joint": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0.01, 0.05, 0], [0, 0, 0, 1]],
-    "actuator_effort_limit": [40, 35, 3, 5],
-    "base_rpy": [0, 0, 0],
-}  # fmt: skip
-"""A made-up chain that turns, turns, slides and turns."""
+FILES = {"ur5": f"{UR5}", "panda": f"{PANDA}#panda_hand"}  # the Panda's fingers are held
+CHAIN = Path(__file__).with_name("chain.yaml")  # turns, turns, slides, turns
+SLIDES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +85,8 @@ class MujocoArm:
         fields = (engine.body_mass, engine.body_ipos, engine.body_iquat, engine.body_inertia)
         known = [field[body].copy() for field in fields]
         point = (self.frames[joint] @ np.append(place, 1.0))[:3]
-        total, centre, full = _combined(*known, mass, point)
+        held, at, quat, about = known
+        total, centre, full = _combined(float(held), at, quat, about, mass, point)
         moments, axes = np.linalg.eigh(full + inertia * np.eye(3))
         axes[:, 2] *= np.linalg.det(axes)
         turned = np.roll(Rotation.from_matrix(axes).as_quat(), 1)
@@ -118,12 +102,7 @@ class MujocoArm:
 
 def arm_of(name: str) -> Arm:
     """Return an arm: ``mtml``, ``mtmr``, ``ur5``, ``panda``, or ``chain``, the made-up one."""
-    if name == "chain":
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "chain.yaml"
-            path.write_text(yaml.safe_dump(CHAIN))
-            return Arm.load(path)
-    return Arm.load(URDFS.get(name, name))
+    return Arm.load(str(CHAIN) if name == "chain" else FILES.get(name, name))
 
 
 def mtm(name: str, inertias: Mapping[str, pin.Inertia], gravity: ArrayLike) -> MujocoArm:
@@ -167,22 +146,15 @@ def chain(inertias: Sequence[pin.Inertia], gravity: ArrayLike) -> MujocoArm:
         inertias: Of its links, in their frames.
         gravity: (3,) in the base frame, m/s^2.
     """
-    rows: list[dict[str, float]] = CHAIN["joints"]  # type: ignore[assignment]
-    angles = ("alpha", "offset")
-    table = [
-        DHRow(**{key: math.radians(row[key]) if key in angles else row[key]
-                 for key in ("alpha", "a", "d", "offset")})
-        for row in rows
-    ]  # fmt: skip
-    fixed = [fixed_part(row) for row in table]
+    fixed = [fixed_part(row) for row in dh_table(str(CHAIN))]
     whole = ""
-    for i in reversed(range(len(rows))):
+    for i in reversed(range(len(fixed))):
         before = fixed[i - 1] if i else np.eye(4)
-        kind = "slide" if rows[i].get("type") == "prismatic" else "hinge"
+        kind = "slide" if i == SLIDES else "hinge"
         whole = body_xml(f"link{i + 1}", before, fixed[i], inertias[i], whole, kind)
     model = _compiled(whole, gravity)
-    bodies = np.array([model.body(f"link{i + 1}").id for i in range(len(rows))])
-    return MujocoArm(model, np.eye(len(rows)), bodies, np.array(fixed))
+    bodies = np.array([model.body(f"link{i + 1}").id for i in range(len(fixed))])
+    return MujocoArm(model, np.eye(len(fixed)), bodies, np.array(fixed))
 
 
 def urdf(arm: Arm, factors: Sequence[float]) -> MujocoArm:
@@ -218,10 +190,11 @@ def urdf(arm: Arm, factors: Sequence[float]) -> MujocoArm:
 
 
 def dh_table(name: str) -> list[DHRow]:
-    """Return the rows of a shipped arm's file, in rad and m."""
+    """Return the rows of an arm's file, given by its path or a shipped arm's name, in rad and m."""
+    path = Path(name) if name.endswith(".yaml") else config_path(f"arms/{name}.yaml")
     return [
         DHRow(math.radians(row["alpha"]), row["a"], row["d"], math.radians(row["offset"]))
-        for row in yaml_file.load(config_path(f"arms/{name}.yaml"))["joints"]
+        for row in yaml_file.load(path)["joints"]
     ]
 
 
