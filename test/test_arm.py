@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import yaml
 from conftest import CONFIG
-from dh_table import dh_table
 from scipy.spatial.transform import Rotation
 
 from dvrk_gravity.arms import Arm, gravity_in_base
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import ConfigError
+from testing.mujoco_arms import dh_table
 
 DH = (  # alpha, a, d, offset [deg, m]
     (90, 0.0, 0.0, -90),

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_tree import mujoco_arm
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
@@ -16,6 +14,7 @@ from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.effects import Gravity, LinkInertia
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
+from testing.mujoco_arms import mtm
 from testing.world import World
 
 ARM = Arm.load("mtmr")
@@ -53,14 +52,7 @@ def recording(links, friction=0.0) -> Recording:
         q += part * size * np.sin(phase)
         qd += part * size * omega * np.cos(phase)
         qdd -= part * size * omega**2 * np.sin(phase)
-    engine, expand = mujoco_arm(links)
-    engine.opt.gravity[:] = DOWN
-    data = mujoco.MjData(engine)
-    effort = np.empty_like(q)
-    for row in range(len(time)):
-        data.qpos, data.qvel, data.qacc = expand @ q[row], expand @ qd[row], expand @ qdd[row]
-        mujoco.mj_inverse(engine, data)
-        effort[row] = data.qfrc_inverse @ expand
+    effort = mtm("mtmr", links, DOWN).torque(q, qd, qdd)
     effort[:, 3] += friction * np.tanh(qd[:, 3] / 0.04)
     effort += NOISE * random.standard_normal(effort.shape)
     position = q + 1e-4 * random.standard_normal(q.shape)

@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from dh_table import dh_table
 from scipy.optimize import lsq_linear
 
 from dvrk_gravity.arms import Arm
@@ -19,6 +18,7 @@ from dvrk_gravity.gravity import LinkMass, beta_from_links
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import Mode, Plant, PlantFile, Sensors, SimulatedArm, simulate
 from dvrk_gravity.simulate.friction import FrictionSolver
+from testing.mujoco_arms import dh_table
 
 ROTORS = np.array([0.0043, 0.0026, 0.0038, 0.00012, 0.000062, 0.000062, 0.000015])
 # Motor angles from joint angles, written out: a3 = q2 + q3, a4 = q4 + 0.6697 q3.

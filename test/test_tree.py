@@ -2,42 +2,20 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from dh_table import dh_table
-from scipy.spatial.transform import Rotation
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import BODIES, beta_tree
 from dvrk_gravity.arms.tree import build_tree, link_frames
+from testing.mujoco_arms import CRANK_FRAME, SIDE, dh_table, fixed_part, mtm, turn
 
 ARM = Arm.load("mtmr")
 TABLE = dh_table("mtmr")
-SIDE = 0.1  # m, the parallelogram's short side
 DOWN = np.array([0.0, 0.0, -9.81])
 TILTED = np.array([1.3, -2.1, -9.4])
-CRANK_FRAME = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # in frame 3
-
-
-def turn(axis: str, angle: float) -> np.ndarray:
-    """4 x 4 rotation."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler(axis, angle).as_matrix()
-    return matrix
-
-
-def shift(x: float, y: float, z: float) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, 3] = x, y, z
-    return matrix
-
-
-def fixed_part(joint) -> np.ndarray:
-    """Distal frame seen from the joint's own, at its zero: what DH puts after the rotation."""
-    return turn("z", joint.offset) @ shift(joint.a, 0, joint.d) @ turn("x", joint.alpha)
 
 
 def dh_frames(q: np.ndarray) -> list[np.ndarray]:
@@ -139,62 +117,11 @@ def test_regressor_times_inertial_parameters_is_the_torque(tree, motions):
         )
 
 
-def body_xml(name: str, place: np.ndarray, frame: np.ndarray, inertia: pin.Inertia, inner: str):
-    """A MuJoCo body that turns about its z, with an inertia given in ``frame``."""
-    rotation = frame[:3, :3]
-    lever = frame @ np.append(inertia.lever, 1.0)
-    i = rotation @ inertia.inertia @ rotation.T
-
-    def text(values) -> str:
-        return " ".join(repr(float(value)) for value in values)
-
-    w_last = Rotation.from_matrix(place[:3, :3]).as_quat()
-    return (
-        f'<body name="{name}" pos="{text(place[:3, 3])}" quat="{text(np.roll(w_last, 1))}">'
-        f'<joint name="{name}" axis="0 0 1"/>'
-        f'<inertial mass="{inertia.mass!r}" pos="{text(lever[:3])}" fullinertia="'
-        f'{text([i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]])}"/>{inner}</body>'
-    )
-
-
-def mujoco_arm(inertias) -> tuple[mujoco.MjModel, np.ndarray]:
-    """The same arm built otherwise: the crank on link 1 by q2 + q3, the bar on the crank's tip."""
-    fixed = [fixed_part(joint) for joint in TABLE]
-    chain = ""
-    for number in range(7, 1, -1):
-        body = f"link{number}"
-        chain = body_xml(body, fixed[number - 2], fixed[number - 1], inertias[body], chain)
-    offset2, offset3 = TABLE[1].offset, TABLE[2].offset
-    # At q2 = q3 = 0 the crank's x axis lies along the forearm's.
-    upright = fixed[0] @ turn("z", offset2 + offset3)
-    tip = shift(SIDE, 0, 0)
-    crank_frame = np.eye(4)
-    crank_frame[:3, :3] = turn("x", TABLE[2].alpha)[:3, :3] @ CRANK_FRAME
-    bar_place = tip @ turn("z", -offset3)  # along the arm again
-    bar = body_xml("bar", bar_place, turn("z", np.pi), inertias["bar"], "")
-    crank = body_xml("crank", upright, tip @ crank_frame, inertias["crank"], bar)
-    whole = body_xml("link1", np.eye(4), fixed[0], inertias["link1"], chain + crank)
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian"/><option gravity="{TILTED[0]} {TILTED[1]} {TILTED[2]}"/>'
-        f"<worldbody>{whole}</worldbody></mujoco>"
-    )
-    expand = np.zeros((model.nv, 7))
-    for number in range(1, 8):
-        expand[model.joint(f"link{number}").dofadr[0], number - 1] = 1.0
-    expand[model.joint("crank").dofadr[0], [1, 2]] = 1.0
-    expand[model.joint("bar").dofadr[0], 2] = -1.0
-    return model, expand
-
-
 def test_mujoco_finds_the_same_torques_for_the_same_motion(tree, inertias, motions):
-    model, expand = mujoco_arm(inertias)
-    data = mujoco.MjData(model)
-    for q, qd, qdd in motions:
-        data.qpos[:], data.qvel[:], data.qacc[:] = expand @ q, expand @ qd, expand @ qdd
-        mujoco.mj_inverse(model, data)
-        np.testing.assert_allclose(
-            tree.inverse_dynamics(q, qd, qdd), data.qfrc_inverse @ expand, rtol=1e-9, atol=1e-9
-        )
+    q, qd, qdd = np.moveaxis(motions, 1, 0)
+    expected = [tree.inverse_dynamics(*sample) for sample in motions]
+    found = mtm("mtmr", inertias, TILTED).torque(q, qd, qdd)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("length", [10, 12, 14])
