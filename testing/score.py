@@ -38,7 +38,10 @@ class Equivalence:
     ends: bool = False
 
 
-_AXIS = "the first link's inertia about its axis is the rotor's to the last digit, the last one's all but"
+_AXIS = (
+    "the first link's inertia about its axis is the rotor's to the last digit, "
+    "the last one's all but"
+)
 EQUIVALENT = (
     Equivalence("payload", "link_com",
                 "a mass on a link turns about its joint by its first moment alone: what it adds to "

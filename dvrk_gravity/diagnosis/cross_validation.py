@@ -89,6 +89,11 @@ class CrossValidation:
         return self.data.residual.shape[1]
 
     @property
+    def known_error(self) -> Array:
+        """(n,) RMS error that the model is known to have; see ``FilteredData``."""
+        return self.data.known_error
+
+    @property
     def samples(self) -> Array:
         """(n,) independent samples of each joint, about."""
         # Of what comes back with the motion, the copies are no news.
