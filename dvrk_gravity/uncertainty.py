@@ -9,7 +9,7 @@ that stayed on data which the fit had not seen.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 SUFFIX = ".uncertainty.npz"
 _SAME = 1e-6  # relative, by which a number that went through a text file may differ
+_BY_JOINT = ("error", "together", "lower", "upper", "speed")
 _TURN = 1e-4  # m/s^2, of differences by the direction of gravity, in which weight is linear
 
 
@@ -42,6 +43,9 @@ class ModelUncertainty:
             where it is not known.
         band: Hz; that error is what is left below this.
         together: (n,) s in which errors hang together: the residual's correlation time.
+        lower: (n,) least true position that it was identified on.
+        upper: (n,) greatest one.
+        speed: (n,) greatest speed.
     """
 
     coefficients: Mapping[str, Array]
@@ -50,7 +54,10 @@ class ModelUncertainty:
     gravity: Array
     error: Array
     band: float
-    together: Array = field(default_factory=lambda: np.zeros(0))
+    together: Array
+    lower: Array
+    upper: Array
+    speed: Array
 
     @property
     def size(self) -> int:
@@ -95,7 +102,8 @@ class ModelUncertainty:
         """
         arrays: dict[str, Any] = {
             "offset": self.offset, "gravity": self.gravity, "error": self.error,
-            "band": np.array(self.band), "together": self.together,
+            "band": np.array(self.band), "together": self.together, "lower": self.lower,
+            "upper": self.upper, "speed": self.speed,
         }  # fmt: skip
         for name, theta in self.coefficients.items():
             arrays[f"coefficients/{name}"] = theta
@@ -121,7 +129,8 @@ class ModelUncertainty:
             }
             found = cls(
                 named["coefficients"], named["deviations"], arrays["offset"], arrays["gravity"],
-                arrays["error"], float(arrays["band"]), arrays["together"],
+                arrays["error"], float(arrays["band"]), arrays["together"], arrays["lower"],
+                arrays["upper"], arrays["speed"],
             )  # fmt: skip
         except (KeyError, TypeError, ValueError) as error:
             raise _unusable(path, f"an uncertainty as identify writes it ({error})") from error
@@ -132,12 +141,12 @@ class ModelUncertainty:
         shapes = {
             **{f"deviations of {n}": (len(t), self.size) for n, t in self.coefficients.items()},
             "gravity": (3, self.size),
-            "error": (len(self.offset),),
+            **{name: (len(self.offset),) for name in _BY_JOINT},
         }
         arrays = {
             **{f"deviations of {n}": self.deviations.get(n) for n in self.coefficients},
             "gravity": self.gravity,
-            "error": self.error,
+            **{name: getattr(self, name) for name in _BY_JOINT},
         }
         for name, shape in shapes.items():
             array = arrays[name]

@@ -40,7 +40,7 @@ def files(recording, tmp_path_factory):
 def test_findings_have_the_documented_format(files):
     content = json.loads((files / "out" / "findings.json").read_text())
 
-    assert content["format"] == 1
+    assert content["format"] == 2
     assert content["verdict"] == "explained"
     (finding,) = content["findings"]
     assert finding["effect"] == "viscous_friction"

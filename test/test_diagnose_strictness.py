@@ -31,6 +31,7 @@ class Scores:
 
     def __init__(self, p_value: float) -> None:
         self.weight = np.ones(7)
+        self.known_error = np.zeros(7)
         self._p_value = p_value
 
     def score(self, candidates) -> Score:

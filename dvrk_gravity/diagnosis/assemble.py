@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.diagnosis.ambiguity import ambiguities
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.extend import extended
+from dvrk_gravity.diagnosis.extend import extended, updated
 from dvrk_gravity.diagnosis.findings import (
     FLOORS,
     Alternative,
@@ -23,6 +24,7 @@ from dvrk_gravity.diagnosis.findings import (
     ordered,
 )
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed, estimates, setting_columns
+from dvrk_gravity.diagnosis.known import expected_error, known
 from dvrk_gravity.diagnosis.load import Loaded
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.other_findings import (
@@ -41,9 +43,24 @@ from dvrk_gravity.effects.unknown import Unknown
 from dvrk_gravity.estimation.covariance import NORMAL_95
 
 Array = NDArray[np.float64]
-_ABOVE_FLOOR = 2.5  # times the noise: more than that is structure, if it lasts
-_FAR_ABOVE_FLOOR = 5.0  # more than that cannot be noise, of whatever colour
-_LASTING = 0.6  # part of an error that lasts as long as a motion does, and noise does not
+
+
+@dataclass(frozen=True)
+class ShapelessSettings:
+    """When error that depends on nothing tried is told.
+
+    Attributes:
+        above: Times the noise, or the model's known error: more is structure, if it lasts. Chosen.
+        far_above: Times likewise: more cannot be noise, of whatever colour. Chosen.
+        lasting: Part of an error that lasts as long as a motion does, and noise does not. Chosen.
+    """
+
+    above: float = 2.5
+    far_above: float = 5.0
+    lasting: float = 0.6
+
+
+_SHAPELESS = ShapelessSettings()
 Readings = Sequence[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]]
 
 
@@ -54,6 +71,7 @@ def assemble(
     accepted: Sequence[SelectedEffect],
     unknown: Sequence[EffectTrial],
     unconfirmed: Sequence[Unconfirmed],
+    minor: Sequence[EffectTrial],
     pool: Sequence[Candidate],
 ) -> Diagnosis:
     """Put everything together; see :class:`dvrk_gravity.diagnosis.run.Outcome`."""
@@ -65,12 +83,16 @@ def assemble(
     slices = _slices(named)
     found = [(one.hypothesis, theta[rows]) for one, rows in zip(named, slices, strict=True)]
     model, carried = extended(loaded.motion, found)
+    if found:
+        model = updated(model, validation, named, held_out)
     findings = []
-    first = held_out.error([])
+    first = data.residual[held_out.rows]
+    first = np.where(data.usable[held_out.rows], first, np.nan)
     if readings:
         score, before, alike = readings[0]
         first = as_read_before(before, data, held_out)
-        findings.append(reading_finding(score, alike, first, held_out.error([]), held_out))
+        read_rightly = np.where(data.usable, data.residual, np.nan)[held_out.rows]
+        findings.append(reading_finding(score, alike, first, read_rightly, held_out))
     of_accepted = []
     for i, one in enumerate(accepted):
         rows = slices[i]
@@ -90,12 +112,15 @@ def assemble(
     told = {name for finding in nameless for name in finding.joints}
     seen = validation.score(named).rms  # out of fold: a push's edge may hide in a held-out block
     # A floor that high frequencies show takes the noise for white; one of repetition need not.
-    noise = np.full(len(after), source != "repetition") & (held_out.lasting(last) <= _LASTING)
+    lasting = held_out.lasting(last) > _SHAPELESS.lasting
+    noise = np.full(len(after), source != "repetition") & ~lasting
+    expected = expected_error(data, held_out)
+    left = np.fmax(floor, expected)
     shapeless = [
         joint
         for joint in range(len(after))
         if min(after[joint], seen[joint])
-        > (_FAR_ABOVE_FLOOR if noise[joint] else _ABOVE_FLOOR) * floor[joint]
+        > (_SHAPELESS.far_above if noise[joint] else _SHAPELESS.above) * left[joint]
         and names[joint] not in told
     ]
     findings += [
@@ -104,9 +129,11 @@ def assemble(
     return Diagnosis(
         verdict=_verdict(findings),
         findings=tuple(findings),
+        known=known(validation, held_out, minor, named, expected),
         before=by_joint(names, held_out.rmse(first)),
         after=by_joint(names, after),
         floor=by_joint(names, floor),
+        expected=by_joint(names, expected),
         floor_from=source,
         samples=int((data.block >= 0).sum()),
         held_out=held_out.samples,
@@ -189,6 +216,7 @@ def _finding(
         sentence=sentence_of(hypothesis, parameters, gain, hypothesis.arm.joint_names[joints[0]]),
         picture=picture_of(validation.data, held_out, hypothesis, joints[0], before, after),
         in_model=carried,
+        remedy=hypothesis.remedy(carried),
     )
 
 

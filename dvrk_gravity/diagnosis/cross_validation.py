@@ -17,6 +17,7 @@ from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.estimation import evidence
 from dvrk_gravity.estimation.covariance import block_jackknife
+from dvrk_gravity.estimation.evidence import EvidenceSettings
 from dvrk_gravity.estimation.noise import correlation_time, design_effect, intraclass_correlation
 from dvrk_gravity.estimation.normal_equations import NormalEquations, Regression, solve
 
@@ -40,6 +41,8 @@ class CrossValidationSettings:
         profile: Log-likelihood lost at the ends of a 95 % profile interval: half the 95 % point of
             chi-squared with one degree of freedom.
         refine_steps: Evaluations in the search for a setting. Chosen.
+        cluster: Correlation times of the model's known error in a block of the jackknife: of an
+            exponential correlation four leave an eighth of the variance unseen (Künsch 1989).
         fixed_points: Rounds in the search for a setting that its own fit tells. Chosen.
     """
 
@@ -52,6 +55,7 @@ class CrossValidationSettings:
     profile: float = 1.92
     refine_steps: int = 12
     fixed_points: int = 3
+    cluster: float = 4.0
 
 
 class CrossValidation:
@@ -87,6 +91,11 @@ class CrossValidation:
     def joints(self) -> int:
         """Number of joints n."""
         return self.data.residual.shape[1]
+
+    @property
+    def model_size(self) -> int:
+        """Number of directions in which the model may be off."""
+        return int(self._model.shape[2])
 
     @property
     def known_error(self) -> Array:
@@ -141,6 +150,16 @@ class CrossValidation:
         """Return a hypothesis with its columns."""
         columns = hypothesis.build(self.data.motion, hypothesis.setting)
         return Candidate.of(hypothesis, self.data.reduce(columns))
+
+    @property
+    def _clustered(self) -> int:
+        """Blocks that count as one: as long as errors hang together, but ten of them at least."""
+        uncertainty = self.data.motion.model.uncertainty
+        if uncertainty is None or self.data.band is None:
+            return 1
+        span = self.settings.cluster * float(np.max(np.nan_to_num(uncertainty.together)))
+        most = self.data.count // EvidenceSettings().fewest_blocks
+        return max(1, min(round(span / self.data.blocks.settings.duration), most))
 
     def _design(self, candidates: Sequence[Candidate]) -> Array:
         columns = [c.columns(self._rows).reshape(-1, c.size) for c in candidates]
@@ -274,13 +293,32 @@ class CrossValidation:
         """Return parameters (k,) on all the samples of choice."""
         return self._regression(candidates).coefficients(self._target)[self._model.shape[2] :]
 
+    def moved(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (T, n) torque by which the model's own parameters moved beside candidates."""
+        theta = self._regression(candidates).coefficients(self._target)
+        return self.data.model_columns @ theta[: self._model.shape[2]]
+
+    def posterior(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
+        """Return mean (d + k,) and covariance of the model's directions and of parameters.
+
+        Of Gaussian noise of which as many samples are independent as the residual's correlation
+        leaves.
+        """
+        regression = self._regression(candidates)
+        theta = regression.coefficients(self._target)
+        error = self.out_of_fold(candidates)
+        known = self.data.samples_per_independent * self.data.copies
+        known *= self.correlation(error, self._usable, np.ones(self.joints, dtype=bool))
+        return theta, known * regression.inverse
+
     def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
 
-        The covariance is the jackknife's over blocks.
+        The covariance is the jackknife's over blocks, as many together as errors hang together,
+        and what the model's parameters, which are not free, may be off by as it says.
         """
         design, target = self._beside_model(candidates), self._target
-        block = np.repeat(self._block, self.joints)
+        block = np.repeat(self._block // self._clustered, self.joints)
         order = np.argsort(block, kind="stable")
         edges = np.flatnonzero(np.diff(block[order], prepend=-1))[1:]
         pieces = list(
@@ -290,8 +328,11 @@ class CrossValidation:
             [x.T @ x for x, _ in pieces], [x.T @ y for x, y in pieces],
             self._ridge_beside_model(candidates), self.settings.trace,
         )  # fmt: skip
-        own = self._model.shape[2]
-        return theta[own:], covariance[own:, own:]
+        own, ridge = self._model.shape[2], self._ridge_beside_model(candidates)
+        inverse = self._regression(candidates).inverse[own:, :own]
+        known = self.data.samples_per_independent * self.data.copies
+        held = known * inverse @ ridge[:own, :own] @ inverse.T
+        return theta[own:], covariance[own:, own:] + held
 
     def contains(self, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]) -> bool:
         """Tell whether a larger hypothesis is a smaller one with needless parameters."""

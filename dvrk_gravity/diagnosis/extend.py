@@ -9,9 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.effects import LinearTerm
 from dvrk_gravity.effects.base.effect import Hypothesis, Values
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.uncertainty import ModelUncertainty
 
 Array = NDArray[np.float64]
 
@@ -46,3 +51,86 @@ def extended(
     names = {term.NAME for term in effects.terms()}
     others = tuple(term for term in motion.model.terms if term.NAME not in names)
     return replace(model, terms=(*model.terms, *others)), tuple(carried)
+
+
+def updated(
+    model: TorqueModel, validation: CrossValidation, named: Sequence[Candidate], held_out: HeldOut
+) -> TorqueModel:
+    """Return an extended model with what the recording tells of its own parameters.
+
+    Their posterior, and that of what was found, takes the place of the one that the given model
+    came with; of a model that did not tell how sure it is, nothing changes.
+
+    Args:
+        model: The model, extended by what was found.
+        validation: The validation.
+        named: What was found.
+        held_out: The held-out samples, for the error that is known from now on.
+    """
+    motion = validation.data.motion
+    before = motion.model.uncertainty
+    if before is None:
+        return model
+    mean, covariance = validation.posterior(named)
+    variance, vectors = np.linalg.eigh(covariance)
+    spread = vectors * np.sqrt(np.maximum(variance, 0.0))
+    # Between them lies what the model was asked outside its range.
+    own, found = mean[: before.size], mean[validation.model_size :]
+    edges = np.cumsum([0, *(one.size for one in named)])
+
+    def at(theta: Array) -> TorqueModel:
+        parts = np.split(theta, edges[1:-1])
+        return extended(motion, [(o.hypothesis, p) for o, p in zip(named, parts, strict=True)])[0]
+
+    here = _coefficients(model)
+    deviations = {
+        name: change @ spread[: before.size]
+        for name, change in before.deviations.items()
+        if name in here and _same_length(here[name], change)
+    }
+    for row, column in zip(spread[validation.model_size :], np.eye(len(found)), strict=True):
+        size = float(np.linalg.norm(row))
+        there = _coefficients(at(found + size * column))
+        for name, theta in here.items():
+            if size > 0.0 and name in there and there[name].shape == theta.shape:
+                slope = (there[name] - theta) / size
+                if slope.any():
+                    empty = np.zeros((len(theta), spread.shape[1]))
+                    deviations[name] = deviations.get(name, empty) + np.outer(slope, row)
+    terms = []
+    for term in model.terms:
+        change = before.deviations.get(term.NAME)
+        if isinstance(term, LinearTerm) and change is not None and _same_length(term.theta, change):
+            theta = term.theta + change @ own
+            # A friction that drives is none.
+            term = term.with_theta(np.maximum(theta, 0.0) if term.FRICTION else theta)
+        if before.gravity.any() and term.gravity_vector is not None:
+            term = term.with_gravity(term.gravity_vector + before.gravity @ own)
+        terms.append(term)
+    moved = replace(
+        model, terms=tuple(terms), joint_offset=model.joint_offset + before.offset @ own
+    )
+    after = _coefficients(moved)
+    error = held_out.rmse(held_out.error(named))
+    uncertainty = ModelUncertainty(
+        coefficients={name: after[name] for name in deviations},
+        deviations=deviations,
+        offset=before.offset @ spread[: before.size],
+        gravity=before.gravity @ spread[: before.size],
+        error=np.where(np.isfinite(error) & (error > 0.0), error, before.error),
+        band=validation.data.band or before.band,
+        together=before.together,
+        lower=np.minimum(before.lower, motion.true_q.min(axis=0)),
+        upper=np.maximum(before.upper, motion.true_q.max(axis=0)),
+        speed=np.maximum(before.speed, np.abs(motion.qd).max(axis=0)),
+    )
+    return replace(moved, uncertainty=uncertainty)
+
+
+def _same_length(theta: Array, change: Array) -> bool:
+    """Tell whether a term still has the coefficients that changes are about."""
+    return len(theta) == len(change)
+
+
+def _coefficients(model: TorqueModel) -> dict[str, Array]:
+    return {term.NAME: term.theta for term in model.terms if isinstance(term, LinearTerm)}

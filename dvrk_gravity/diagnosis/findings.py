@@ -178,6 +178,7 @@ class Finding:
         sentence: The finding in words, with figures.
         picture: Where it shows.
         in_model: Whether the extended model carries it.
+        remedy: What to do about it.
     """
 
     effect: str
@@ -190,6 +191,7 @@ class Finding:
     sentence: str
     picture: Picture | None
     in_model: bool
+    remedy: str
 
     def __repr__(self) -> str:
         """Name effect and joints."""
@@ -225,13 +227,42 @@ class Finding:
                 for a in self.alternatives
             ],
             "sentence": self.sentence,
+            "remedy": self.remedy,
             "in_model": self.in_model,
         }
 
 
+@dataclass(frozen=True)
+class Known:
+    """What the model's own uncertainty, or its known error, accounts for: no news.
+
+    Attributes:
+        effect: Name of an effect that is significant, and smaller than that error;
+            ``model_parameters`` for how far the model's own parameters moved; ``model_error`` for
+            what it leaves here as it did when it was identified.
+        joints: Names of the joints.
+        parameters: Estimates by name.
+        sentence: It in words, with figures.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    parameters: Mapping[str, Estimate]
+    sentence: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what findings.json holds of it."""
+        return {
+            "effect": self.effect,
+            "joints": list(self.joints),
+            "parameters": _parameters(self.parameters),
+            "sentence": self.sentence,
+        }
+
+
 def ordered(findings: Iterable[Finding]) -> list[Finding]:
-    """Return findings so that the first, a report's headline, may not well be nothing."""
-    return sorted(findings, key=lambda one: not one.certain)
+    """Return findings by what they remove, those last of which it may well be nothing."""
+    return sorted(findings, key=lambda one: (not one.certain, -one.gain.relative))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,11 +271,14 @@ class Diagnosis:
 
     Attributes:
         verdict: In one word.
-        findings: In the order in which they were accepted, those that are not certain after
-            those that are, and what has no name last.
+        findings: What changed or was missed: those that are certain first, by the part of the
+            held-out error that each removes; what has no name last.
+        known: What the model's own uncertainty and its known error account for.
         before: RMSE of the given model by joint, held-out, N·m.
         after: RMSE with all findings that have a name.
         floor: RMSE that noise alone would leave; NaN where it cannot be told.
+        expected: RMSE that the model expects of itself here, from its parameters' posterior and its
+            known error; NaN of one that does not tell.
         floor_from: What the floor was seen in: ``repetition``, ``high_frequencies``, ``nothing``.
         samples: Samples compared.
         held_out: Those of them that neither fit nor choice has seen.
@@ -258,9 +292,11 @@ class Diagnosis:
 
     verdict: Verdict
     findings: tuple[Finding, ...]
+    known: tuple[Known, ...]
     before: Mapping[str, float]
     after: Mapping[str, float]
     floor: Mapping[str, float]
+    expected: Mapping[str, float]
     floor_from: FloorFrom
     samples: int
     held_out: int
@@ -294,15 +330,17 @@ class Diagnosis:
     def to_dict(self) -> dict[str, Any]:
         """Return findings.json's content."""
         return {
-            "format": 1,
+            "format": 2,
             "verdict": self.verdict,
             "findings": [finding.to_dict() for finding in self.findings],
+            "known": [known.to_dict() for known in self.known],
             "rmse": {
                 name: {joint: _number(v) for joint, v in values.items()}
                 for name, values in (
                     ("before", self.before),
                     ("after", self.after),
                     ("floor", self.floor),
+                    ("model", self.expected),
                 )
             },
             "data": {

@@ -1,21 +1,40 @@
-"""What a model on trial says of itself: how its parameters may move, and its known error."""
+"""What a model on trial says of itself: how its torque may be off, and its known error."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.effects import State
+from dvrk_gravity.uncertainty import ModelUncertainty
 
 Array = NDArray[np.float64]
 
 
-def model_columns(motion: Motion) -> Array:
-    """Return (N, n, d) changes of the model's torque by changes of its parameters.
+@dataclass(frozen=True)
+class ExtrapolationSettings:
+    """How far a model may be off outside the positions and speeds that it was identified on.
 
-    In each of d independent directions, of one standard deviation each; none of a model that does
-    not tell how sure it is.
+    Attributes:
+        growth: Standard deviation of each of the functions below where a joint is as far outside as
+            the range is wide, in units of the joint's known error. Chosen.
+        powers: Powers of the distance from the edge of the range of positions: with three, friction
+            and cables of any smooth course are within reach. Chosen.
+    """
+
+    growth: float = 10.0
+    powers: int = 3
+
+
+def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None) -> Array:
+    """Return (N, n, d) changes of the model's torque that its uncertainty allows.
+
+    In each of d independent directions, of one standard deviation each: those of its parameters,
+    and of what it says outside the range that it was identified on. None of a model that does not
+    tell how sure it is.
     """
     model = motion.model
     uncertainty = model.uncertainty
@@ -31,4 +50,27 @@ def model_columns(motion: Motion) -> Array:
     torque = uncertainty.torque(model.terms, state)
     if uncertainty.offset.any():
         torque -= motion.slope @ uncertainty.offset
+    outside = _extrapolated(motion, uncertainty, settings or ExtrapolationSettings())
+    return np.concatenate([torque, outside], axis=2)
+
+
+def _extrapolated(
+    motion: Motion, uncertainty: ModelUncertainty, settings: ExtrapolationSettings
+) -> Array:
+    """Return (N, n, e) torques by which joints outside the model's range may be off."""
+    columns = []
+    for joint in np.flatnonzero(motion.present).tolist():
+        size = settings.growth * float(np.nan_to_num(uncertainty.error[joint]))
+        low, high = uncertainty.lower[joint], uncertainty.upper[joint]
+        width = max(high - low, 1e-9)
+        q, qd = motion.true_q[:, joint], motion.qd[:, joint]
+        for beyond in (q - high, low - q):
+            away = np.maximum(beyond, 0.0) / width
+            columns += [(joint, size * away**power) for power in range(1, settings.powers + 1)]
+        top = max(uncertainty.speed[joint], 1e-9)
+        columns.append((joint, size * np.sign(qd) * np.maximum(np.abs(qd) / top - 1.0, 0.0)))
+    columns = [(joint, column) for joint, column in columns if column.any()]
+    torque = np.zeros((*motion.q.shape, len(columns)))
+    for index, (joint, column) in enumerate(columns):
+        torque[:, joint, index] = column
     return torque

@@ -61,6 +61,7 @@ def unknown_finding(
         ),
         picture=picture_of(validation.data, held_out, hypothesis, joint, before, after),
         in_model=False,
+        remedy=Unknown.REMEDY,
     )
 
 
@@ -105,6 +106,7 @@ def reading_finding(
         ),
         picture=None,
         in_model=False,
+        remedy=WrongCoordinates.REMEDY,
     )
 
 
@@ -158,4 +160,5 @@ def shapeless_finding(
         ),
         picture=None,
         in_model=False,
+        remedy=Unknown.REMEDY,
     )

@@ -37,14 +37,39 @@ from dvrk_gravity.recording.data import Coordinates
 
 Array = NDArray[np.float64]
 
-_READING_SHARE = 0.7  # of the best hypothesis' gain, that another reading must reach
-_LEAST_UNKNOWN = 1.5 * SelectionSettings().least_gain
-_MOST_UNKNOWN = 3
-_MODEL_DOUBTFUL = 1.5  # times the noise, left by all that was found
-_MOVING_GAIN = 20.0  # log-likelihood, all costs taken off
-_ATTEMPTS = 3  # at a choice that the held-out blocks confirm
-_AT_FLOOR = 1.05  # times the noise: nothing worth finding is left
-_MIMIC = 0.5  # share of a nameless function's gain below which a name does not fit
+
+@dataclass(frozen=True)
+class RunSettings:
+    """How the steps of a diagnosis follow each other.
+
+    Attributes:
+        reading: Part of the best hypothesis' gain that another reading of the recording must
+            reach. Chosen: a wrong reading explains nearly all, a cause beside it some.
+        doubtful: Times what is expected to be left, above which the model's masses may move
+            further than it says of itself. Chosen.
+        moving_gain: Log-likelihood that they must then bring, all costs taken off: what five
+            parameters cost. Chosen.
+        attempts: At a choice that the held-out blocks confirm: a bound on time.
+        at_floor: Times the noise: nothing worth finding is left. Chosen.
+        least_unknown: Part of a joint's error that a function without a name must remove: half as
+            much again as one with a name. Chosen.
+        most_unknown: Functions without a name at most: a bound on time.
+        mimic: Part of a nameless function's gain below which a name does not fit. Chosen.
+        most_minor: Effects told that are significant and of no consequence, one a joint. Chosen.
+    """
+
+    reading: float = 0.7
+    doubtful: float = 1.5
+    moving_gain: float = 20.0
+    attempts: int = 3
+    at_floor: float = 1.05
+    least_unknown: float = 1.5 * SelectionSettings().least_gain
+    most_unknown: int = 3
+    mimic: float = 0.5
+    most_minor: int = 3
+
+
+_SETTINGS = RunSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +83,7 @@ class Outcome:
         accepted: Named effects in order.
         unknown: Structure without a name.
         unconfirmed: Effects that the held-out blocks do not show.
+        minor: Effects that are significant, and smaller than what the model is known to miss.
         pool: Hypotheses that need no search.
     """
 
@@ -67,6 +93,7 @@ class Outcome:
     accepted: tuple[SelectedEffect, ...]
     unknown: tuple[EffectTrial, ...]
     unconfirmed: tuple[Unconfirmed, ...]
+    minor: tuple[EffectTrial, ...]
     pool: tuple[Candidate, ...]
 
 
@@ -106,7 +133,7 @@ def diagnose(
     say("measuring gains on held-out blocks")
     diagnosis = assemble(
         outcome.loaded, outcome.readings, outcome.validation, outcome.accepted, outcome.unknown,
-        outcome.unconfirmed, outcome.pool,
+        outcome.unconfirmed, outcome.minor, outcome.pool,
     )  # fmt: skip
     if not simulated or not any(finding.in_model for finding in diagnosis.findings):
         return diagnosis
@@ -135,11 +162,14 @@ def investigate(
         del validation, pool  # of a long recording there is no room for two
         loaded = replace(loaded, motion=read_as(loaded.motion, tried[0].reading))
         validation, pool = _prepare(loaded.motion, say)
-    selection = Selection(validation, pool, say)
+    # One link before all of them: what every mass together explains is no cause yet.
+    sparse = [one for one in pool if not one.hypothesis.of_model]
+    selection = Selection(validation, sparse, say)
     say("weighing hypotheses")
     chosen = selection.run()
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
-    if np.any(validation.score(chosen).rms > _MODEL_DOUBTFUL * floor):
+    expected = np.maximum(np.nan_to_num(floor), validation.known_error)
+    if np.any(validation.score(chosen).rms > _SETTINGS.doubtful * expected):
         selection, chosen = _with_model_moving(validation, pool, selection, chosen, say)
     chosen, unconfirmed = _confirmed(validation, selection, chosen, say)
     # Masses that only moved along are no cause: they come last.
@@ -149,14 +179,36 @@ def investigate(
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
     validation.release()
     accepted, unknown = _nameless(validation, selection, accepted, floor)
+    minor = _minor(validation, sparse, accepted, unknown)
     return Outcome(loaded, tuple(readings), validation, tuple(accepted), tuple(unknown),
-                   tuple(unconfirmed), tuple(pool))  # fmt: skip
+                   tuple(unconfirmed), tuple(minor), tuple(pool))  # fmt: skip
+
+
+def _minor(
+    validation: CrossValidation,
+    pool: Sequence[Candidate],
+    accepted: Sequence[SelectedEffect],
+    unknown: Sequence[EffectTrial],
+) -> list[EffectTrial]:
+    """Return what is significant beside the findings, and less than the model's known error."""
+    if not validation.known_error.any():
+        return []
+    chosen = [*(one.trial.candidate for one in accepted), *(one.candidate for one in unknown)]
+    settings = replace(SelectionSettings(), consequence=0.0)
+    selection = Selection(validation, pool, _silent, settings=settings)
+    validation.weigh(validation.out_of_fold(chosen))
+    told: list[EffectTrial] = []
+    for trial in selection.best(chosen, validation.score(chosen)):
+        others = {joint for one in told for joint in one.candidate.hypothesis.joints}
+        if trial.passes and others.isdisjoint(trial.candidate.hypothesis.joints):
+            told.append(trial)
+    return told[: _SETTINGS.most_minor]
 
 
 def _misread(reading: ReadingScore, selection: Selection) -> bool:
     """Tell whether another reading does about as well as the best hypothesis, or better."""
     best = selection.best([], selection.validation.score([]))
-    return not best or reading.gain > _READING_SHARE * best[0].gain
+    return not best or reading.gain > _SETTINGS.reading * best[0].gain
 
 
 def _with_model_moving(
@@ -181,7 +233,7 @@ def _with_model_moving(
     whole = validation.score(other).likelihood
     # What the masses overfit shows in the folds that they have not seen: no further cost.
     gain = whole + sum(one.cost for one in always) - validation.score(chosen).likelihood
-    if gain <= _MOVING_GAIN:
+    if gain <= _SETTINGS.moving_gain:
         return selection, chosen
     return moving, other
 
@@ -197,12 +249,12 @@ def _confirmed(
     In the place of one that fails the choice may find a simpler one.
     """
     unconfirmed: list[Unconfirmed] = []
-    for attempt in range(_ATTEMPTS):
+    for attempt in range(_SETTINGS.attempts):
         say("comparing alternatives")
         chosen = selection.eliminate_backward(selection.merge(selection.refine(chosen)))
         chosen, failed = _held_out_confirms(validation, chosen)
         unconfirmed += failed
-        if not failed or attempt == _ATTEMPTS - 1:
+        if not failed or attempt == _SETTINGS.attempts - 1:
             break
         selection.exclude(one.hypothesis for one in failed)
         chosen = selection.run(chosen)
@@ -247,16 +299,18 @@ def _nameless(
     """Return the accepted effects that bear their name, and structure that no name fits."""
     named = [one.trial.candidate for one in accepted]
     present = validation.data.motion.present
-    clean = validation.score(named).rms <= _AT_FLOOR * floor  # false where the floor is not known
+    clean = (
+        validation.score(named).rms <= _SETTINGS.at_floor * floor
+    )  # false where the floor is not known
     joints = np.flatnonzero(present & ~clean).tolist()
     pool = [validation.candidate(one) for one in nameless(validation.data.motion, joints)]
     unknown: list[EffectTrial] = []
-    while len(unknown) < _MOST_UNKNOWN:
+    while len(unknown) < _SETTINGS.most_unknown:
         beside = [*named, *(one.candidate for one in unknown)]
         validation.weigh(validation.out_of_fold(beside), final=True)
         before = validation.score(beside)
         best = selection.best(beside, before, pool)
-        strong = [one for one in best if one.passes and one.removed > _LEAST_UNKNOWN]
+        strong = [one for one in best if one.passes and one.removed > _SETTINGS.least_unknown]
         if not strong:
             break
         unknown.append(strong[0])
@@ -280,7 +334,7 @@ def _mimics(
     without = validation.score(rest).likelihood
     mine = validation.score([*rest, one]).likelihood - without
     its = validation.score([*rest, nameless]).likelihood - without
-    return mine < _MIMIC * its
+    return mine < _SETTINGS.mimic * its
 
 
 def _silent(line: str) -> None:

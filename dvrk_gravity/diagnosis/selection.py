@@ -43,7 +43,8 @@ class SelectionSettings:
             scale of Kass and Raftery (1995).
         overlap: Part of a torque that another must reproduce to stand in its place. Chosen.
         rejected: Alternatives that are shown though they are worse.
-        consequence: Part of a joint's known error that a finding must explain beyond it.
+        consequence: Times a joint's known error that a finding's torque must be, RMS: at one, a
+            finding is as large as all that the model is known to miss. Chosen.
     """
 
     alpha: float = 0.01
@@ -251,8 +252,7 @@ class Selection:
         removed = float(np.max(1.0 - after.rms[used] / before.rms[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
         known = settings.consequence * self.validation.known_error
-        gone = before.rms**2 - after.rms**2 > np.maximum(known, 0.0) ** 2
-        matters = bool(np.any(gone[used]))
+        matters = bool(np.any((before.rms**2 - after.rms**2 > known**2)[used]))
         passes = gain > 0.0 and removed > settings.least_gain and p_value < settings.alpha
         passes = passes and matters
         return EffectTrial(candidate, gain, passes and possible, after, p_value, removed, possible)

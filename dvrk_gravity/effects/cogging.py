@@ -45,6 +45,7 @@ class Cogging(Term):
     """
 
     NAME = "cogging"
+    REMEDY = "look at {joint}'s motor, gear and coupling"
     NOT_FITTED = "`diagnose` finds it and extends the model"
     MEANINGS = meanings(
         amplitude=Meaning("N·m"), cycles_per_revolution=Meaning("1/rev"), phase=Meaning("rad")

@@ -42,6 +42,7 @@ class Contact(Term):
     """
 
     NAME = "contact"
+    REMEDY = "keep hands, cables and drapes off the arm while it is recorded"
     NOT_FITTED = "`diagnose` finds it and extends the model"
     MEANINGS = meanings(
         # What the actuators apply is against a push.

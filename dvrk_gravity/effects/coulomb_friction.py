@@ -68,6 +68,7 @@ class CoulombFriction(LinearTerm):
     """
 
     NAME = "coulomb_friction"
+    REMEDY = "if it is new, look at {joint}'s cables, bearings and brake"
     TITLE = "Coulomb friction"
     MEANINGS = meanings(
         positive=size("N·m", MORE, "moving up"), negative=size("N·m", MORE, "moving down")

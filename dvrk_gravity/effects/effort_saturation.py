@@ -22,6 +22,7 @@ class EffortSaturation(Effect):
     """Measured effort clipped at a limit."""
 
     NAME = "effort_saturation"
+    REMEDY = "move {joint} more gently, or raise its effort limit"
     MEANINGS = meanings(
         limit=Meaning("N·m"),
         # Of what the limit would cut; all of it, or it is no limit.

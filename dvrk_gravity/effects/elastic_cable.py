@@ -45,6 +45,7 @@ class ElasticCable(LinearTerm):
     """
 
     NAME = "elastic_cable"
+    REMEDY = "look at the cables and springs across {joint}"
     AT_POSES = True
     MEANINGS = meanings(
         stiffness=size("N·m/rad", MORE),

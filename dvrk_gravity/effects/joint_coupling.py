@@ -22,6 +22,7 @@ class JointCoupling(Effect):
     """What is read at one joint holds part of what belongs to another."""
 
     NAME = "joint_coupling"
+    REMEDY = "check the transmission matrix (actuator to joint) at {joint}"
     MEANINGS = meanings(
         factor=Meaning("", 0.0, ("", "with its sign turned round"), "leaks", percent=True)
     )

@@ -24,6 +24,7 @@ class JointOffset(Effect):
     """measured position = true position + offset."""
 
     NAME = "joint_offset"
+    REMEDY = "calibrate {joint}'s zero again (its potentiometer or homing)"
     MEANINGS = meanings(
         offset=Meaning("rad", 0.0, READS, "reads", least=-0.6, greatest=0.6),
     )

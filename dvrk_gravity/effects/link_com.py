@@ -42,6 +42,7 @@ class LinkCom(Effect):
     """A link's first moment differs from the model's."""
 
     NAME = "link_com"
+    REMEDY = "see whether something was fastened to the link or taken off it"
     TITLE = "centre of mass"
 
     @classmethod

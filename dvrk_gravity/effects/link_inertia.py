@@ -45,6 +45,7 @@ class LinkInertia(LinearTerm):
     """
 
     NAME = "link_inertia"
+    REMEDY = "see whether something was fastened to the links or taken off them"
     MEANINGS = meanings(
         inertia=size("kg·m^2", MORE),
         **{f"inertia_{axis}{axis}": size("kg·m^2", MORE) for axis in AXES},

@@ -56,6 +56,7 @@ class Payload(Term):
     """
 
     NAME = "payload"
+    REMEDY = "take off what the link carries, or leave it on and"
     NOT_FITTED = "what a link carries is in the parameters of links, which are fitted anyway"
     MEANINGS = meanings(
         mass=Meaning("kg", 0.0, least=0.0, greatest=5.0),

@@ -64,6 +64,7 @@ class PreslidingHysteresis(LinearTerm):
     """
 
     NAME = "presliding_hysteresis"
+    REMEDY = "let the arm move a little before a reading counts"
     MEANINGS = meanings(
         level=Meaning("N·m", 0.0, least=0.0),
         length=Meaning("rad", label="builds up over"),

@@ -36,6 +36,7 @@ class RotorInertia(LinearTerm):
     """
 
     NAME = "rotor_inertia"
+    REMEDY = "check {joint}'s motor and gear ratio"
     MEANINGS = meanings(inertia=size("kg·m^2", MORE))
     COMPENSATED = False  # a compensator holds; it knows no acceleration
 

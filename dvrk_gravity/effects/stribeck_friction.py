@@ -51,6 +51,7 @@ class StribeckFriction(Friction):
     """
 
     NAME = "stribeck_friction"
+    REMEDY = "if it is new, look at {joint}'s lubrication and gear"
     NOT_FITTED = "`diagnose` finds it and extends the model"
     TITLE = "Stribeck friction"
     MEANINGS = meanings(

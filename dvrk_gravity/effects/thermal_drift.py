@@ -22,6 +22,7 @@ class ThermalDrift(Effect):
     """tau = torque (1 - exp(-t / time_constant)): drives and grease that warm up."""
 
     NAME = "thermal_drift"
+    REMEDY = "let the arm warm up before it is recorded, or calibrate warm"
     MEANINGS = meanings(
         torque=Meaning("N·m", 0.0, ("up", "down"), "drifts"), time_constant=Meaning("s")
     )

@@ -23,6 +23,7 @@ class TimeDelay(Effect):
     """The effort of a sample is that of another time than its position."""
 
     NAME = "time_delay"
+    REMEDY = "stamp positions and efforts together, or delay the positions as much before a fit"
     MEANINGS = meanings(
         delay=Meaning("s", 0.0, ("late", "early"), "efforts are", least=-0.3, greatest=0.3)
     )

@@ -39,6 +39,7 @@ class TorqueOffset(LinearTerm):
     """
 
     NAME = "torque_offset"
+    REMEDY = "calibrate the zero of {joint}'s current sensor"
     NOT_FITTED = "a constant torque is the first coefficient of elastic_cable"
     MEANINGS = meanings(offset=size("N·m", READS, "reads"))
     COMPENSATED = False

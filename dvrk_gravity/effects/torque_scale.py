@@ -21,6 +21,7 @@ class TorqueScale(Effect):
     """measured effort = factor x applied effort."""
 
     NAME = "torque_scale"
+    REMEDY = "check {joint}'s torque constant, gear ratio and the scale of its current"
     MEANINGS = meanings(factor=Meaning("", 1.0, READS, least=0.2, greatest=5.0, percent=True))
 
     @classmethod

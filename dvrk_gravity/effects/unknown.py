@@ -34,6 +34,7 @@ class Unknown(Effect):
     """What depends on something measured, in no way that an effect has."""
 
     NAME = "unknown"
+    REMEDY = "record a motion that moves the joint alone, at several speeds, and diagnose that"
     NAMELESS = True
     MEANINGS = meanings(rms=Meaning("N·m", label="RMS"))
 

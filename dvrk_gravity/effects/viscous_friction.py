@@ -48,6 +48,7 @@ class ViscousFriction(Friction):
     """
 
     NAME = "viscous_friction"
+    REMEDY = "if it is new, look at {joint}'s lubrication and gear"
     MEANINGS = meanings(coefficient=size("N·m·s/rad", MORE))
 
     @classmethod

@@ -175,6 +175,11 @@ class Regression:
         """Return (k,) or (k, c) coefficients of (n,) or (n, c) targets."""
         return solve(self._gram, self.design.T @ target, self._trace)
 
+    @property
+    def inverse(self) -> Array:
+        """(k, k) inverse of the normal equations' matrix."""
+        return solve(self._gram, np.eye(len(self._gram)), self._trace)
+
     def residual(self, target: Array) -> Array:
         """Return what the columns leave of (n,) or (n, c) targets."""
         if not self.design.shape[1]:

@@ -25,11 +25,13 @@ class KnownError:
         rms: (n,) in joint space, N·m.
         together: (n,) s in which errors hang together.
         band: Hz; both are of what lies below this.
+        speed: (n,) greatest speeds among these data.
     """
 
     rms: Array
     together: Array
     band: float
+    speed: Array
 
 
 def known_error(design: Design, blind: Array, band: float) -> KnownError:
@@ -38,7 +40,9 @@ def known_error(design: Design, blind: Array, band: float) -> KnownError:
     error = design.columns.arm.joint_effort(design.y - blind)[rows]
     longest = int(NoiseSettings().longest * design.rate)
     together = correlation_time(error, design.part[rows], longest) / design.rate
-    return KnownError(np.sqrt(np.mean(error**2, axis=0)), together, band)
+    assert design.state.qd is not None
+    speed = np.abs(design.state.qd).max(axis=0)
+    return KnownError(np.sqrt(np.mean(error**2, axis=0)), together, band, speed)
 
 
 def model_uncertainty(
@@ -86,4 +90,7 @@ def model_uncertainty(
         error=error.rms,
         band=error.band,
         together=error.together,
+        lower=columns.valid.lower,
+        upper=columns.valid.upper,
+        speed=error.speed,
     )

@@ -32,12 +32,14 @@ class Effect(ABC):
         TITLE: Its name as a person writes it; by default the same without underscores.
         NAMELESS: It stands for what no other effect explains, and is believed last.
         MEANINGS: Meanings of the parameters that findings report.
+        REMEDY: What to do about it, in one line; ``{joint}`` is the first joint of a finding.
     """
 
     NAME: ClassVar[str]
     TITLE: ClassVar[str] = ""
     NAMELESS: ClassVar[bool] = False
     MEANINGS: ClassVar[Mapping[str, Meaning]] = {}
+    REMEDY: ClassVar[str] = ""
 
     @classmethod
     def title(cls) -> str:
@@ -215,6 +217,17 @@ class Hypothesis(ABC):
     def correction(self) -> str:
         """Return what is done about it, as the subject of `removes … % of the error`."""
         return "correcting that"
+
+    def remedy(self, carried: bool) -> str:
+        """Return what to do about it, in one line.
+
+        Args:
+            carried: Whether the extended model carries it.
+        """
+        joint = self.names[0] if self.names else self.site.words(self.arm)
+        what = self.EFFECT.REMEDY.format(joint=joint)
+        model = "use the extended model, which has it" if carried else ""
+        return "; ".join(part for part in (what, model) if part)
 
     def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
         """Return what claims call site and joint."""

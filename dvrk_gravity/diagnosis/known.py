@@ -1,0 +1,97 @@
+"""What a model says of its own error, and what of a recording that accounts for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.findings import Known
+from dvrk_gravity.diagnosis.held_out import HeldOut, estimates
+from dvrk_gravity.diagnosis.selection import EffectTrial
+from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.quantity import quantity
+
+Array = NDArray[np.float64]
+
+PARAMETERS, ERROR = "model_parameters", "model_error"
+
+
+def expected_error(data: FilteredData, held_out: HeldOut) -> Array:
+    """Return (n,) RMS error that a model expects of itself on held-out samples, N·m.
+
+    The root of the mean square of its known error and of what its parameters' posterior lets its
+    torque be off by; NaN of a model that does not tell.
+    """
+    if data.motion.model.uncertainty is None:
+        return np.full(data.motion.arm.n, np.nan)
+    usable = data.usable[held_out.rows]
+    variance = (data.model_columns[held_out.rows] ** 2).sum(axis=2)
+    mean = np.where(usable, variance, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
+    return np.sqrt(data.known_error**2 + mean)
+
+
+def known(
+    validation: CrossValidation,
+    held_out: HeldOut,
+    minor: Sequence[EffectTrial],
+    named: Sequence[Candidate],
+    expected: Array,
+) -> tuple[Known, ...]:
+    """Return what the model's uncertainty and its known error account for.
+
+    Args:
+        validation: The validation.
+        held_out: The held-out samples.
+        minor: Effects that are significant, and smaller than the known error.
+        named: The accepted effects.
+        expected: See :func:`expected_error`.
+    """
+    motion = validation.data.motion
+    if motion.model.uncertainty is None:
+        return ()
+    arm = motion.arm
+    told = [_minor(validation, trial, named) for trial in minor]
+    moved = validation.moved(named)[held_out.rows]
+    left = held_out.rmse(held_out.error(named))
+    size = held_out.rmse(np.where(validation.data.usable[held_out.rows], moved, np.nan))
+    for joint in np.flatnonzero(motion.present).tolist():
+        name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
+        error = float(validation.known_error[joint])
+        if size[joint] > error:
+            rms = Estimate(float(size[joint]), float(size[joint]), float(size[joint]), unit)
+            reach = float(np.sqrt(max(expected[joint] ** 2 - error**2, 0.0)))
+            told.append(
+                Known(
+                    PARAMETERS, (name,), {"rms": rms},
+                    f"{quantity(float(size[joint]), unit)} RMS at {name} are the model's own "
+                    "parameters, moved within what its identification left open (expected: "
+                    f"{quantity(reach, unit)})",
+                )
+            )  # fmt: skip
+        if error > 0.0:
+            rms = Estimate(float(left[joint]), float(left[joint]), float(left[joint]), unit)
+            told.append(
+                Known(
+                    ERROR, (name,), {"rms": rms},
+                    f"{name} is left with {quantity(float(left[joint]), unit)} RMS; of data that "
+                    f"its identification had not seen the model left {quantity(error, unit)}",
+                )
+            )  # fmt: skip
+    return tuple(told)
+
+
+def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Candidate]) -> Known:
+    one, hypothesis = trial.candidate, trial.candidate.hypothesis
+    theta, covariance = validation.fit([*named, one])
+    own = slice(len(theta) - one.size, len(theta))
+    parameters = estimates(hypothesis, theta[own], covariance[own, own], {})
+    claim = hypothesis.claim(parameters)
+    return Known(
+        hypothesis.effect, hypothesis.names, parameters,
+        f"{claim}; that is significant, and less than the model is known to miss",
+    )  # fmt: skip
