@@ -120,7 +120,6 @@ def _ours(session: Session, effects: Sequence[str]) -> Iterator[Outcome]:
     calibration = world.record(2 * seed, 2 * seed)
     model = _identified(session, calibration, world.arm).model
     exact = world.model()
-    left = _left(exact, calibration)
     residual = np.array(session.residual)
     for number, effect in enumerate(effects):
         random = np.random.default_rng([seed, number])
@@ -131,8 +130,11 @@ def _ours(session: Session, effects: Sequence[str]) -> Iterator[Outcome]:
             changed, hidden = ours.hide(world, effect, random)
             motion, noise = (int(one) for one in random.integers(1 << 30, size=2))
             recording = changed.record(motion, noise)
+            if effect == "nothing":
+                return recording, hidden, 0.0
             # What the exact model cannot tell of it is what was hidden, and noise.
-            size = np.sqrt(np.maximum(_left(exact, recording) ** 2 - left**2, 0.0))
+            noise_only = _left(exact, world.record(motion, noise))
+            size = np.sqrt(np.maximum(_left(exact, recording) ** 2 - noise_only**2, 0.0))
             return recording, hidden, float(np.max(size / residual))
 
         yield tried(Outcome("ours", "mtmr", seed, effect), make, model)

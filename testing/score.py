@@ -38,7 +38,7 @@ class Equivalence:
     ends: bool = False
 
 
-_AXIS = "the first link's inertia about its axis is the rotor's to the last digit, the last one's all but"
+_AXIS = "about the first axis a link's inertia is the rotor's exactly, about the last all but"
 EQUIVALENT = (
     Equivalence("payload", "link_com",
                 "a mass on a link turns about its joint by its first moment alone: what it adds to "
