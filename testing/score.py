@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -210,15 +211,16 @@ def report(title: str, outcomes: Sequence[Outcome], identified: Mapping[str, flo
     lines.append(_row("all", hidden))
     lines += _by_arm(hidden)
     alarms = [one for one in clean if one.found]
-    wrongly = [name for one in alarms for name in one.found]
+    named = [one for one in clean if any(not name.startswith("unknown") for name in one.found)]
+    wrongly = Counter(name for one in alarms for name in one.found)
     failed = [one for one in outcomes if one.failure]
     seconds = [one.seconds for one in good] or [0.0]
-    lines += [f"  false: {name}" for name in wrongly]
+    lines += [f"  false: {name}, {count} times" for name, count in wrongly.most_common()]
     lines += [f"  failed: {one}" for one in failed[:3]]
     known = [one for one in hidden if one.ratio >= RATIOS[1]]
     lines.append(
         f"{title}: false alarms {part(len(alarms), len(clean))} clean recordings "
-        f"({sum(any(one.certain) for one in clean)} certain), "
+        f"(with a name {len(named)}, certain {sum(any(one.certain) for one in clean)}), "
         f"named first {part(_count(hidden, 'first'), len(hidden))}, "
         f"or listed {part(_count(hidden, 'first', 'alternative'), len(hidden))}; "
         f"of those above twice the residual {part(_count(known, 'first'), len(known))}, "
