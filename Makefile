@@ -13,14 +13,15 @@ SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '
 OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip") line[n] = $$0 } \
   END { for (n in line) if (!(("ros-" n) in line)) print line[n] }' | sort
 
-.PHONY: bench demo story test trials sensitivity lint lock clean help
+.PHONY: bench demo story test trials trials-real sensitivity lint lock clean help
 
 help:
 	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo)"
 	@echo "make test    the test suite, two workers (WORKERS=4 for more)"
 	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
 	@echo "make lint    ruff and mypy"
-	@echo "make trials  slow tests, properties with many examples, hundreds of trials of hide and find (SEEDS=\"0 12\")"
+	@echo "make trials  slow tests, properties with many examples, hundreds of trials of hide and find, with exact models and with identified ones (SEEDS=\"0 12\")"
+	@echo "make trials-real  known effects put into recordings of real arms, and looked for (DVRK_GRAVITY_DATA)"
 	@echo "make sensitivity  halve and double every threshold of estimation, and tell what moves"
 	@echo "make story   the diagnosis on real recordings: docs/real_data.md (DVRK_GRAVITY_DATA)"
 	@echo "make lock    renew requirements.lock from requirements.in"
@@ -52,11 +53,16 @@ lint: $(VENV)/.done
 	$(BIN)/mypy
 
 SEEDS ?= 0 12
+LAB_SEEDS ?= 0 5
 EXAMPLES ?= 20
 trials: $(VENV)/.done
 	PYTHONPATH=. $(ENVIRONMENT) DVRK_GRAVITY_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest \
 	  -n $(WORKERS) --dist worksteal -m "slow or hypothesis"
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/trials.py --seeds $(SEEDS) --jobs 2
+	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/lab_trials.py --seeds $(LAB_SEEDS) --jobs 2
+
+trials-real: $(VENV)/.done
+	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/real_trials.py --jobs 2
 
 sensitivity: $(VENV)/.done
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python benchmark/sensitivity.py --jobs 2

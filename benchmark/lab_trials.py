@@ -18,11 +18,13 @@ import traceback
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing import hide as ours
@@ -64,12 +66,14 @@ class Session:
     failure: str = ""
 
 
-def run(engine: str, arm: str, seed: int, effects: Sequence[str], clean: int) -> Session:
+def run(
+    engine: str, arm: str, seed: int, effects: Sequence[str], clean: int, through_file: bool
+) -> Session:
     """Calibrate one arm and try every effect in it."""
     session = Session(engine, arm, seed)
     trials = _ours if engine == "ours" else _mujoco
     try:
-        for outcome in trials(session, [*["nothing"] * clean, *effects]):
+        for outcome in trials(session, [*["nothing"] * clean, *effects], through_file):
             session.outcomes.append(outcome)
             print(outcome, file=sys.stderr, flush=True)
     except Exception:
@@ -78,9 +82,11 @@ def run(engine: str, arm: str, seed: int, effects: Sequence[str], clean: int) ->
     return session
 
 
-def _identified(session: Session, recording: Recording, arm: object) -> Fit:
+def _identified(
+    session: Session, recording: Recording, arm: Arm, through_file: bool
+) -> TorqueModel:
     start = time.monotonic()
-    fit = identify(recording, arm)  # type: ignore[arg-type]
+    fit = identify(recording, arm)
     session.identify = time.monotonic() - start
     session.residual = [one.rmse for one in fit.held_out.values()]
     session.share = [one.nrmse for one in fit.held_out.values()]
@@ -90,14 +96,19 @@ def _identified(session: Session, recording: Recording, arm: object) -> Fit:
         f"{fit.verdict.words}; leaves {shares} % of the joints' torques",
         file=sys.stderr, flush=True,
     )  # fmt: skip
-    return fit
+    if not through_file:
+        return fit.model
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "model.yaml"
+        fit.model.save(path)
+        return TorqueModel.load(path)
 
 
-def _mujoco(session: Session, effects: Sequence[str]) -> Iterator[Outcome]:
+def _mujoco(session: Session, effects: Sequence[str], through_file: bool) -> Iterator[Outcome]:
     name, seed = session.arm, session.seed
     world = MujocoWorld.draw(name, seed)
     calibration = world.truth(draw_calibration(world.arm, seed))
-    model = _identified(session, world.record(calibration, seed), world.arm).model
+    model = _identified(session, world.record(calibration, seed), world.arm, through_file)
     residual = np.array(session.residual)
     for number, effect in enumerate(effects):
         random = np.random.default_rng([seed, number])
@@ -114,13 +125,12 @@ def _mujoco(session: Session, effects: Sequence[str]) -> Iterator[Outcome]:
         yield tried(Outcome("mujoco", name, seed, effect), make, model)
 
 
-def _ours(session: Session, effects: Sequence[str]) -> Iterator[Outcome]:
+def _ours(session: Session, effects: Sequence[str], through_file: bool) -> Iterator[Outcome]:
     seed = session.seed
     world = World.draw(ARM_SEED + seed)
     calibration = world.record(2 * seed, 2 * seed)
-    model = _identified(session, calibration, world.arm).model
+    model = _identified(session, calibration, world.arm, through_file)
     exact = world.model()
-    left = _left(exact, calibration)
     residual = np.array(session.residual)
     for number, effect in enumerate(effects):
         random = np.random.default_rng([seed, number])
@@ -131,8 +141,11 @@ def _ours(session: Session, effects: Sequence[str]) -> Iterator[Outcome]:
             changed, hidden = ours.hide(world, effect, random)
             motion, noise = (int(one) for one in random.integers(1 << 30, size=2))
             recording = changed.record(motion, noise)
+            if effect == "nothing":
+                return recording, hidden, 0.0
             # What the exact model cannot tell of it is what was hidden, and noise.
-            size = np.sqrt(np.maximum(_left(exact, recording) ** 2 - left**2, 0.0))
+            noise_only = _left(exact, world.record(motion, noise))
+            size = np.sqrt(np.maximum(_left(exact, recording) ** 2 - noise_only**2, 0.0))
             return recording, hidden, float(np.max(size / residual))
 
         yield tried(Outcome("ours", "mtmr", seed, effect), make, model)
@@ -154,6 +167,8 @@ def main() -> int:
     parser.add_argument("--clean", type=int, default=CLEAN, metavar="N",
                         help="recordings with nothing hidden, a seed (default: %(default)s)")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--through-file", action="store_true",
+                        help="save every model and load it again before it diagnoses")
     parser.add_argument("--json", help="write every trial here")
     # fmt: on
     args = parser.parse_args()
@@ -168,7 +183,7 @@ def main() -> int:
             wanted = known if args.effects is None else args.effects
             effects = [one for one in wanted if one in known and one not in ("nothing", "outside")]
             arm = "mtmr" if engine == "ours" else arms[seed % len(arms)]
-            todo.append((engine, arm, seed, effects, args.clean))
+            todo.append((engine, arm, seed, effects, args.clean, args.through_file))
     if args.jobs > 1:
         with ProcessPoolExecutor(args.jobs) as pool:
             sessions = list(pool.map(run, *zip(*todo, strict=True)))

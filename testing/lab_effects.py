@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Random = np.random.Generator
 G = 9.81
 
-SMALLEST, LARGEST = 1.5, 6.0  # times what the model leaves, RMS
+SIZES = (1.5, 6.0)  # times what the model leaves, RMS
 _TRIES = 30  # at a place where the effect can be as large as that
 _HALVINGS = 40
 
@@ -110,28 +110,32 @@ class Hiding:
     ratio: float
 
 
-def hide(setting: Setting, effect: str, random: Random, joint: int | None = None) -> Hiding:
-    """Hide an effect, 1.5 to 6 times as large as what the model leaves if it can be.
+def hide(
+    setting: Setting, effect: str, random: Random, joint: int | None = None,
+    sizes: tuple[float, float] = SIZES,
+) -> Hiding:  # fmt: skip
+    """Hide an effect, some times as large as what the model leaves if it can be.
 
     Args:
         setting: Where.
         effect: Name in the vocabulary, or ``"nothing"``.
         random: Where joint, size and shape come from.
         joint: Index of the joint, or of the link's; ``None``: drawn.
+        sizes: Least and greatest, in units of what the model leaves.
 
     Raises:
         ConfigError: No such effect.
     """
     if effect not in HIDERS:
         raise ConfigError("effect", effect, f"one of {', '.join(sorted(HIDERS))}")
-    target = float(np.exp(random.uniform(np.log(SMALLEST), np.log(LARGEST))))
+    target = float(np.exp(random.uniform(*np.log(sizes))))
     best: Hiding | None = None
     for _ in range(_TRIES):
         where = int(random.integers(setting.n)) if joint is None else joint
         hiding = HIDERS[effect](setting, random, where, target)
         if best is None or abs(hiding.ratio - target) < abs(best.ratio - target):
             best = hiding
-        if best.ratio > 0.95 * SMALLEST or effect == "nothing":
+        if best.ratio > 0.95 * sizes[0] or effect == "nothing":
             break
     assert best is not None
     return best
@@ -203,15 +207,31 @@ def _nothing(setting: Setting, random: Random, joint: int, target: float) -> Hid
     return Hiding(setting.truth, _found(setting, "nothing", None), 0.0)
 
 
+def payload(setting: Setting, joint: int, mass: float, place: Array) -> Hiding:
+    """Fasten a mass to a link.
+
+    Args:
+        setting: Where.
+        joint: Whose link.
+        mass: kg.
+        place: (3,) in the link's frame, m.
+    """
+    torque = setting.bodies.added(setting.truth.motion, joint, mass, place)
+    return _with(setting, torque, setting.ratio(torque), _mass(setting, joint, mass, place))
+
+
+def _mass(setting: Setting, joint: int, mass: float, place: Array) -> Hidden:
+    moments = {f"first_moment_{axis}": mass * at for axis, at in zip("xyz", place, strict=True)}
+    return _found(setting, "payload", joint, mass=mass, **moments)
+
+
 def _payload(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
     # Things are fastened to what is far out, mostly.
     joint = setting.n - 1 if random.random() < 0.4 else max(joint, 1)
     place = setting.reach * random.uniform(-1.0, 1.0, 3)
     unit = setting.bodies.added(setting.truth.motion, joint, 1.0, place)
     mass, ratio = _scaled(setting, unit, *setting.payload, target)
-    moments = {f"first_moment_{axis}": mass * at for axis, at in zip("xyz", place, strict=True)}
-    hidden = _found(setting, "payload", joint, mass=mass, **moments)
-    return _with(setting, mass * unit, ratio, hidden)
+    return _with(setting, mass * unit, ratio, _mass(setting, joint, mass, place))
 
 
 def _link_com(setting: Setting, random: Random, joint: int, target: float) -> Hiding:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.recording import Recording
@@ -301,8 +302,6 @@ def _held(at: Array, time: Array, values: Array) -> Array:
 
 
 def _low_pass(values: Array, share: float) -> Array:
-    from scipy.signal import lfilter
-
     start = (1.0 - share) * values[:1]
     result, _ = lfilter([share], [1.0, share - 1.0], values, axis=0, zi=start)
     return np.asarray(result)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -38,10 +39,7 @@ class Equivalence:
     ends: bool = False
 
 
-_AXIS = (
-    "the first link's inertia about its axis is the rotor's to the last digit, "
-    "the last one's all but"
-)
+_AXIS = "about the first axis a link's inertia is the rotor's exactly, about the last all but"
 EQUIVALENT = (
     Equivalence("payload", "link_com",
                 "a mass on a link turns about its joint by its first moment alone: what it adds to "
@@ -213,15 +211,16 @@ def report(title: str, outcomes: Sequence[Outcome], identified: Mapping[str, flo
     lines.append(_row("all", hidden))
     lines += _by_arm(hidden)
     alarms = [one for one in clean if one.found]
-    wrongly = [name for one in alarms for name in one.found]
+    named = [one for one in clean if any(not name.startswith("unknown") for name in one.found)]
+    wrongly = Counter(name for one in alarms for name in one.found)
     failed = [one for one in outcomes if one.failure]
     seconds = [one.seconds for one in good] or [0.0]
-    lines += [f"  false: {name}" for name in wrongly]
+    lines += [f"  false: {name}, {count} times" for name, count in wrongly.most_common()]
     lines += [f"  failed: {one}" for one in failed[:3]]
     known = [one for one in hidden if one.ratio >= RATIOS[1]]
     lines.append(
         f"{title}: false alarms {part(len(alarms), len(clean))} clean recordings "
-        f"({sum(any(one.certain) for one in clean)} certain), "
+        f"(with a name {len(named)}, certain {sum(any(one.certain) for one in clean)}), "
         f"named first {part(_count(hidden, 'first'), len(hidden))}, "
         f"or listed {part(_count(hidden, 'first', 'alternative'), len(hidden))}; "
         f"of those above twice the residual {part(_count(known, 'first'), len(known))}, "

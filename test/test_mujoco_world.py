@@ -1,0 +1,163 @@
+"""The laboratory's arms: their physics against Pinocchio's, what is hidden in them, their seeds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.tree import build_tree, nominal_inertias
+from dvrk_gravity.effects import meaning, named
+from dvrk_gravity.planning import MotionLimits
+from testing import lab_effects, mujoco_arms
+from testing.hidden_parts import Hidden
+from testing.lab_effects import Setting, hide
+from testing.lab_motion import draw_calibration, draw_other
+from testing.mujoco_world import NAMES, MujocoWorld
+from testing.score import fits
+
+SECONDS = 6.0
+RATIO = (1.5, 6.0)
+SEEDS = range(3)
+
+
+@pytest.fixture(scope="module")
+def world() -> MujocoWorld:
+    return MujocoWorld.draw("chain", 1)
+
+
+@pytest.fixture(scope="module")
+def setting(world) -> Setting:
+    truth = world.truth(draw_calibration(world.arm, 2), SECONDS)
+    residual = 0.02 * truth.effort.std(axis=0)
+    return Setting(truth, world.engine, residual, world.sizes.payload, world.sizes.reach)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_mujoco_and_pinocchio_agree_about_a_urdf_and_about_what_is_fastened_to_its_link(name):
+    arm = mujoco_arms.arm_of(name)
+    links = nominal_inertias(arm)
+    engine = mujoco_arms.urdf(arm, ())
+    random = np.random.default_rng(1)
+    motion = tuple(size * random.standard_normal((20, arm.n)) for size in (1.0, 2.0, 5.0))
+    place = np.array([0.02, 0.03, 0.05])
+    last = arm.body_names[-1]
+    loaded = {**links, last: links[last] + pin.Inertia(0.5, place, 1e-3 * np.eye(3))}
+    bare, with_it = (
+        np.array([tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)])
+        for tree in (build_tree(arm, one, arm.gravity) for one in (links, loaded))
+    )
+    np.testing.assert_allclose(engine.torque(*motion), bare, atol=1e-9)
+    added = engine.added(motion, arm.n - 1, 0.5, place, 1e-3)
+    np.testing.assert_allclose(added, with_it - bare, atol=1e-9)
+    np.testing.assert_allclose(engine.torque(*motion), bare, atol=1e-9)  # and it is off again
+
+
+def test_what_is_fastened_to_the_chain_that_slides_weighs_as_pinocchio_says(world):
+    tree = build_tree(
+        world.arm, {"link3": pin.Inertia(0.4, np.array([0.1, 0.0, 0.02]), np.zeros((3, 3)))},
+        world.arm.gravity,
+    )  # fmt: skip
+    random = np.random.default_rng(2)
+    motion = tuple(size * random.standard_normal((20, 4)) for size in (0.3, 2.0, 5.0))
+    expected = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
+    added = world.engine.added(motion, 2, 0.4, [0.1, 0.0, 0.02])
+    np.testing.assert_allclose(added, expected, atol=1e-9)
+
+
+def test_friction_takes_energy_and_cables_give_it_back_but_for_their_lag(world, setting):
+    truth = setting.truth
+    friction = world.joint_friction.torque(truth.q, truth.qd, truth.effort)
+    way = np.diff(truth.q, axis=0)
+    assert ((friction[1:] * way).sum(axis=0) > 0.0).all()
+    there_and_back = np.concatenate([truth.q, truth.q[::-1]])
+    silent = replace(world.cable, lag=0.0 * world.cable.lag)
+    torque = silent.torque(there_and_back, np.zeros_like(there_and_back))
+    middle = 0.5 * (torque[1:] + torque[:-1])
+    work = (middle * np.diff(there_and_back, axis=0)).sum(axis=0)
+    np.testing.assert_allclose(work, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_motions_keep_the_limits_that_a_program_has(name):
+    arm = mujoco_arms.arm_of(name)
+    limits = MotionLimits.of(arm)
+    time = np.arange(0.0, 30.0, 0.01)
+    for seed in SEEDS:
+        for motion in (draw_calibration(arm, seed), draw_other(arm, seed)):
+            q, qd, qdd = motion.at(time)
+            assert (q > limits.lower - 1e-6).all()
+            assert (q < limits.upper + 1e-6).all()
+            assert np.ptp(q, axis=0).min() > 0.02
+            slope = np.gradient(q, time, axis=0)[1:-1], np.gradient(qd, time, axis=0)[1:-1]
+            np.testing.assert_allclose(slope[0], qd[1:-1], atol=1e-2)
+            np.testing.assert_allclose(slope[1], qdd[1:-1], atol=3e-2)
+            if limits.pair is not None:
+                total = q[:, limits.pair.first] + q[:, limits.pair.second]
+                assert (total > limits.pair.lower - 1e-6).all()
+                assert (total < limits.pair.upper + 1e-6).all()
+
+
+@pytest.mark.parametrize("effect", [one for one in lab_effects.HIDERS if one != "nothing"])
+def test_a_hidden_effect_is_in_the_recording_at_the_size_told(world, setting, effect):
+    hiding = hide(setting, effect, np.random.default_rng(3))
+    assert 0.9 * RATIO[0] < hiding.ratio < 1.1 * RATIO[1], "or it was no use to hide it"
+    before, after = (world.record(truth, 4) for truth in (setting.truth, hiding.truth))
+    change = after.effort - before.effort
+    if effect == "joint_offset":
+        joint = world.arm.joint_names.index(*hiding.hidden.joints)
+        moved = (after.position - before.position)[:, joint]
+        np.testing.assert_allclose(moved, hiding.hidden.parameters["offset"], atol=1e-4)
+        torques = [world.engine.torque(*one.motion) for one in (setting.truth, hiding.truth)]
+        assert setting.ratio(torques[1] - torques[0]) == pytest.approx(hiding.ratio, rel=0.1)
+        return
+    size = np.sqrt(np.mean(change**2, axis=0)) / setting.residual
+    if effect == "contact" and "start" in hiding.hidden.parameters:
+        span = hiding.hidden.parameters["end"] - hiding.hidden.parameters["start"]
+        size = size * np.sqrt(SECONDS / span)
+    if hiding.hidden.joints and effect not in ("payload", "link_com", "link_inertia"):
+        joint = world.arm.joint_names.index(hiding.hidden.joints[0])
+        assert np.argmax(size) == joint
+    assert size.max() == pytest.approx(hiding.ratio, rel=0.2)
+
+
+def test_what_was_hidden_is_told_in_the_words_of_findings(setting):
+    for effect in lab_effects.HIDERS:
+        if effect == "nothing":
+            continue
+        hiding = hide(setting, effect, np.random.default_rng(5))
+        assert hiding.hidden.effect == effect
+        for name in hiding.hidden.parameters:
+            assert isinstance(named(effect).meaning(name), meaning.Meaning), (effect, name)
+
+
+def test_a_seed_says_everything(world):
+    again = MujocoWorld.draw("chain", 1)
+    other = MujocoWorld.draw("chain", 2)
+    recordings = [
+        one.record(one.truth(draw_other(one.arm, 3), 2.0), noise)
+        for one, noise in ((world, 1), (again, 1), (world, 2), (other, 1))
+    ]
+    efforts = [one.effort[:300] for one in recordings]
+    np.testing.assert_array_equal(efforts[0], efforts[1])
+    assert (efforts[0] != efforts[2]).any()
+    assert (efforts[0] != efforts[3]).any()
+
+
+def test_another_name_is_right_only_for_the_same_physics_at_the_same_joint():
+    arm = Arm.load("mtmr")
+    names = arm.joint_names
+    payload = Hidden("payload", (names[6],), {})
+    assert fits(payload, "payload", (names[6],), arm)
+    assert fits(payload, "link_com", (names[6],), arm)
+    assert not fits(payload, "link_com", (names[5],), arm)
+    assert not fits(payload, "link_com", (), arm)
+    rotor = Hidden("rotor_inertia", (names[3],), {})
+    assert not fits(rotor, "link_inertia", (names[3],), arm)
+    assert fits(replace(rotor, joints=(names[0],)), "link_inertia", (names[0],), arm)
+    leak = Hidden("joint_coupling", (names[1], names[2]), {})
+    assert fits(leak, "joint_coupling", (names[2], names[1]), arm)
+    assert not fits(leak, "joint_coupling", (names[2], names[3]), arm)
