@@ -282,7 +282,7 @@ def test_inner_slabs_lie_between_others():
 
 def test_functions_of_a_spring_are_a_sine_and_a_cosine():
     poses, _ = read_poses(record(truth(), grid(4)), ARM, "joint")
-    columns = joint_columns(4, poses)
+    columns = joint_columns(4, poses, ARM)
     matrix = columns.matrix(poses, Range(poses.lower, poses.upper))
     both = np.stack([np.sin(poses.q[:, 4]), np.cos(poses.q[:, 4])], axis=1)
     left = matrix[:, : len(columns.own)][:, -2:] - both

@@ -19,15 +19,26 @@ from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
-from dvrk_gravity.identification.holding import NARROW
+from dvrk_gravity.identification.holding import HoldingSettings
 from dvrk_gravity.identification.kinematic_calibration import KINEMATIC
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.recording.data import Array
 
-INSEPARABLE = 0.97  # correlation from which two estimates are called one
 SHOWN = 3  # parameters named in one combination
 _INERTIAL = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _UNITS = ("kg", *("kg·m",) * 3, *("kg·m^2",) * 6)
+
+
+@dataclass(frozen=True)
+class IdentifiabilitySettings:
+    """When two parameters count as one.
+
+    Attributes:
+        inseparable: Correlation of their estimates from which on it is said. At 0.97 a standard
+            error is four times what it would be with the other one known, 1 / sqrt(1 - 0.97^2).
+    """
+
+    inseparable: float = 0.97
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,10 +245,11 @@ def _combination_name(arm: Arm, combination: Array, first: int) -> str:
 
 def _motion_statements(design: Design) -> list[str]:
     arm, span = design.columns.arm, np.ptp(design.state.q, axis=0)
+    least = HoldingSettings().narrow * arm.scale
     return [
         f"{joint.name} moves over {joint.shown(width)} only: what depends on its position is "
         "not determined; move it over most of its range"
-        for joint, width, narrow in zip(arm.joints, span, NARROW * arm.scale, strict=True)
+        for joint, width, narrow in zip(arm.joints, span, least, strict=True)
         if width < narrow
     ]
 
@@ -257,11 +269,11 @@ def _pair_statements(
     """Name pairs of gravity, elastic and friction parameters that data cannot tell apart."""
     ranges, joints_of = _ranges(design), design.columns.arm.joint_names
     named = [q for q in quantities if (q.joint >= 0 or q.name.startswith("beta")) and not q.shared]
-    statements = []
+    statements, inseparable = [], IdentifiabilitySettings().inseparable
     for a, first in enumerate(named):
         for second in named[a + 1 :]:
             together = spread.correlation(first.direction, second.direction)
-            if abs(together) < INSEPARABLE:
+            if abs(together) < inseparable:
                 continue
             joints = {q.joint for q in (first, second) if q.joint >= 0}
             hint = (
@@ -292,6 +304,7 @@ def _absent_statements(
     correlation is that of the fit with the elastic column added (Schur complement).
     """
     statements, ranges = [], _ranges(design)
+    inseparable = IdentifiabilitySettings().inseparable
     index = list(chosen)
     inverse = np.linalg.inv(solution.precision)
     for column in columns.select(effect="elastic_cable", index=1):
@@ -305,7 +318,7 @@ def _absent_statements(
         for one in (q for q in quantities if q.name.startswith("beta")):
             through = float(one.direction @ shared)
             own = float(one.direction @ inverse @ one.direction)
-            if through**2 < INSEPARABLE**2 * (rest * own + through**2):
+            if through**2 < inseparable**2 * (rest * own + through**2):
                 continue
             name = columns.arm.joint_names[joint]
             statements.append(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,8 +15,20 @@ from dvrk_gravity.identification.kinematic_calibration import KINEMATIC, offset_
 from dvrk_gravity.identification.problem import Problem
 from dvrk_gravity.recording.data import Array
 
-WELL = np.radians(1.0)  # half of a 95 % interval up to which a zero counts as well known
-ENTANGLED = 2.0  # times by which the others' being unknown widens an interval that is worth a word
+
+@dataclass(frozen=True)
+class KinematicStatementSettings:
+    """What is worth saying of zeros and tilt.
+
+    Attributes:
+        well: Half of a 95 % interval up to which a zero counts as well known, rad. Chosen: 1 deg
+            turns a weight moment of 1 N·m so far that it is off by 0.017 N·m at most.
+        entangled: Factor by which an interval grows when the others are unknown, too, that is worth
+            a word. Chosen.
+    """
+
+    well: float = float(np.radians(1.0))
+    entangled: float = 2.0
 
 
 def never_shown(arm: Arm) -> str:
@@ -36,7 +49,7 @@ def kinematic_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, 
         problem: With slopes.
         chosen: Columns of the fit; its zeros and tilt, if any, are judged like all others.
     """
-    columns = problem.design.columns
+    columns, settings = problem.design.columns, KinematicStatementSettings()
     kinematics = [i for i, one in enumerate(columns.columns) if one.effect in KINEMATIC]
     information = _information(problem, [i for i in chosen if i not in kinematics], kinematics)
     first = NORMAL_95 / np.sqrt(np.diag(information))
@@ -47,9 +60,9 @@ def kinematic_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, 
     hidden, entangled = [], []
     for k, name in enumerate(names):
         alone, together = (_shown(columns, kinematics[k], one[k]) for one in (first, second))
-        if first[k] > WELL * _scale(columns, kinematics[k]):
+        if first[k] > settings.well * _scale(columns, kinematics[k]):
             hidden.append(f"{name} (±{alone})")
-        elif second[k] > ENTANGLED * first[k]:
+        elif second[k] > settings.entangled * first[k]:
             other = int(np.argmax(np.abs(correlation[k]) - np.eye(len(names))[k]))
             entangled.append(
                 f"{name} is known to ±{alone} where the other zeros and the "

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import SCALES, Joint
-from dvrk_gravity.identification.holding import NARROW
+from dvrk_gravity.identification.holding import HoldingSettings
 from dvrk_gravity.identification.result import Holding, JointError, JointVerdict, Verdict
 from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.recording.data import Coordinates
@@ -30,7 +30,7 @@ FURTHER = (
 )
 THIS_JOINT = ("a motion of {joint}, too", "poses of {joint}, too")
 
-TINY = 1e-12  # N·m
+TINY = 1e-12  # N·m, in place of a torque of zero that an error is divided by
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def _of_holding(
         reason = "beyond what was recorded, the torque that holds the arm still is known poorly"
         yield JointVerdict(USABLE, f"{reason} (to {error})", FURTHER[static])
     span = holding.upper - holding.lower
-    if span < NARROW * SCALES[joint.kind]:
+    if span < HoldingSettings().narrow * SCALES[joint.kind]:
         reason = "what depends on its position is not known"
         yield JointVerdict(
             USABLE,
