@@ -1,4 +1,4 @@
-"""What the data determine: parameters with intervals, and plain words about the rest."""
+"""What the data identify: parameters with intervals, and plain words about the rest."""
 
 from __future__ import annotations
 
@@ -247,8 +247,8 @@ def _motion_statements(design: Design) -> list[str]:
     arm, span = design.columns.arm, np.ptp(design.state.q, axis=0)
     least = HoldingSettings().narrow * arm.scale
     return [
-        f"{joint.name} moves over {joint.shown(width)} only: what depends on its position is "
-        "not determined; move it over most of its range"
+        f"{joint.name} moves over {joint.shown(width)} only: parameters that depend on its "
+        "position are not identifiable; move it over most of its range"
         for joint, width, narrow in zip(arm.joints, span, least, strict=True)
         if width < narrow
     ]
@@ -285,7 +285,8 @@ def _pair_statements(
             sign = "difference" if together > 0 else "sum"
             statements.append(
                 f"{first.name} and {second.name} cannot be separated (correlation "
-                f"{together:+.3f}); only a weighted {sign} is known; {hint} would separate them"
+                f"{together:+.3f}): only a weighted {sign} of them is identifiable; {hint} would "
+                "separate them"
             )
     return statements
 
@@ -322,9 +323,8 @@ def _absent_statements(
                 continue
             name = columns.arm.joint_names[joint]
             statements.append(
-                f"{one.name} holds whatever linear elastic torque {name} may have: over "
-                f"{ranges[joint]} the two cannot be separated; a wider range of {name} would "
-                "separate them"
+                f"{one.name} includes any linear elastic torque of {name}: over {ranges[joint]} "
+                f"the two cannot be separated; a wider range of {name} would separate them"
             )
     return statements
 
@@ -332,7 +332,7 @@ def _absent_statements(
 def _dry_friction_statements(
     columns: Columns, chosen: Sequence[int], solution: Solution
 ) -> list[str]:
-    """Say where Coulomb friction and presliding are known together only."""
+    """Say where only the sum of Coulomb friction and presliding is identifiable."""
     value = dict(zip(chosen, solution.theta.tolist(), strict=True))
     names = columns.arm.joint_names
     where = [
@@ -343,8 +343,8 @@ def _dry_friction_statements(
         return []
     return [
         f"dry friction of {', '.join(where)}: how it divides into Coulomb friction and presliding "
-        "depends on the displacements that are tried, so that neither counts as determined; more "
-        "and slower reversals would tell them apart"
+        "depends on the displacements chosen for the elements, so neither counts as identifiable; "
+        "more and slower reversals would separate them"
     ]
 
 
@@ -353,6 +353,6 @@ def _open_statements(quantities: Sequence[_Quantity], spread: Uncertainty) -> li
     if not left:
         return []
     return [
-        f"{len(left)} of {len(quantities)} parameters are not determined by these data and stay "
-        f"near their prior: {'; '.join(left)}"
+        f"{len(left)} of {len(quantities)} parameters are not identifiable from these data; their "
+        f"estimates stay near the prior: {'; '.join(left)}"
     ]

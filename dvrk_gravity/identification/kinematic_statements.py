@@ -1,4 +1,4 @@
-"""How well zeros of joints and tilt of the base would show in some data, in plain words."""
+"""How well data identify zeros of joints and tilt of the base, in plain words."""
 
 from __future__ import annotations
 
@@ -32,18 +32,19 @@ class KinematicStatementSettings:
 
 
 def never_shown(arm: Arm) -> str:
-    """Say what no motion of an arm tells apart."""
+    """Say what no motion of an arm identifies."""
     *others, last = (n for j, n in enumerate(arm.joint_names) if j not in offset_joints(arm))
-    upright = f"the zero of {others[0]} (it turns with the room), that of" if others else "that of"
-    return (
-        f"no torque tells {upright} {last} from where the mass of its link is, a payload from "
-        "parameters of the links that carry it, or a constant torque offset from elastic_cable's "
-        "first coefficients: the fit holds them there"
-    )
+    parts = [
+        *(f"the joint offset of {one} (weights do not depend on it)" for one in others[:1]),
+        f"the joint offset of {last} (equivalent to another centre of mass of its link)",
+        "a payload (equivalent to parameters of the links that carry it)",
+        "a constant torque offset (equivalent to the constant of elastic_cable)",
+    ]
+    return f"not identifiable from torques, and held at the assumed values: {'; '.join(parts)}"
 
 
 def kinematic_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, ...]:
-    """Say of zeros and tilt what would not show, and what cannot be told from each other.
+    """Say which zeros and tilt are not identifiable, and which of them are correlated.
 
     Args:
         problem: With slopes.
@@ -65,16 +66,15 @@ def kinematic_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, 
         elif second[k] > settings.entangled * first[k]:
             other = int(np.argmax(np.abs(correlation[k]) - np.eye(len(names))[k]))
             entangled.append(
-                f"{name} is known to ±{alone} where the other zeros and the "
-                f"tilt are right, and to ±{together} where none of them is "
-                f"known: it looks most like {names[other]} (correlation "
-                f"{correlation[k, other]:+.2f})"
+                f"{name} is known to ±{alone} if the other joint offsets and the tilt are right, "
+                f"but only to ±{together} if they are unknown, too; it is most strongly correlated "
+                f"with {names[other]} ({correlation[k, other]:+.2f})"
             )
     if hidden:
         entangled.append(
-            f"{', '.join(hidden)}: what is less than that does not show in these data; parameters "
-            "of links, springs and elastic torque take it up; more speed, or a wider range of the "
-            "joint, would show it"
+            f"{', '.join(hidden)}: smaller errors than these are not identifiable from these "
+            "data: parameters of links, springs and elastic torque compensate for them; faster "
+            "motion, or a wider range of the joint, would identify them"
         )
     return (*entangled, never_shown(columns.arm))
 

@@ -103,12 +103,13 @@ def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> It
         if joint not in poses.moving:
             yield (
                 f"{name} was posed at {np.degrees(poses.q[:, joint].mean()):.0f} deg only: a "
-                "constant is all that is known of it"
+                "constant is all of its torque that is identifiable"
             )
         if not poses.directed[joint]:
             yield (
-                f"{name} came from one direction only, or from unknown ones: its friction cannot "
-                "be told from its cable; approach every pose from both"
+                f"{name} was approached from one direction only, or from unknown ones: its "
+                "friction and its cable torque cannot be separated; approach every pose from both "
+                "directions"
             )
     quantities = {name: direction for name, _, direction in _quantities(table, solution)}
     for k in range(N_BETA):
