@@ -39,9 +39,28 @@ from dvrk_gravity.estimation.splits import (
     RepetitionSettings,
 )
 from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification.design import DesignSettings
+from dvrk_gravity.identification.hand import HandSettings
+from dvrk_gravity.identification.holding import HoldingSettings
+from dvrk_gravity.identification.identifiability import IdentifiabilitySettings
+from dvrk_gravity.identification.kinematic_calibration import KinematicSettings
+from dvrk_gravity.identification.kinematic_search import KinematicSearchSettings
+from dvrk_gravity.identification.kinematic_statements import KinematicStatementSettings
+from dvrk_gravity.identification.problem import WeightSettings
 from dvrk_gravity.identification.selection import SelectionSettings as TermSelectionSettings
+from dvrk_gravity.identification.static_columns import PoseColumnSettings
+from dvrk_gravity.identification.static_poses import PosedSettings
+from dvrk_gravity.identification.static_report import PoseReportSettings
 from dvrk_gravity.identification.static_selection import PoseSelectionSettings
 from dvrk_gravity.identification.static_solver import PoseSettings
+from dvrk_gravity.identification.verdict import VerdictSettings
+from dvrk_gravity.recording.checks import CheckSettings
+from dvrk_gravity.recording.gaps import LossSettings
+from dvrk_gravity.recording.grid import TimingSettings
+from dvrk_gravity.recording.quantization import QuantumSettings
+from dvrk_gravity.recording.sample_times import RetimingSettings
+from dvrk_gravity.recording.signal_checks import SignalSettings
+from dvrk_gravity.recording.velocity import ComparisonSettings
 from testing.world import World
 
 # (seed, what is hidden) of benchmark/trials.py
@@ -95,6 +114,9 @@ def _errors(fit: Any, other: Any) -> Figures:
     return {
         **{f"|e|/|tau|, {name}": value for name, value in mean.items()},
         "terms kept": sum(choice.kept for choice in fit.choices),
+        "verdict": fit.verdict.level,
+        "statements": len(fit.identifiability.statements),
+        "warnings": sorted(str(warning) for warning in fit.warnings),
         "parameters called identifiable": len(wide),
         "mean logarithm of interval widths": float(np.mean(np.log(wide))),
     }
@@ -113,8 +135,27 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (FoldSettings, TRAJECTORY),
     (CovarianceSettings, TRAJECTORY),
     (TermSelectionSettings, TRAJECTORY),
+    (DesignSettings, TRAJECTORY),
+    (WeightSettings, TRAJECTORY),
+    (KinematicSettings, TRAJECTORY),
+    (KinematicSearchSettings, TRAJECTORY),
+    (KinematicStatementSettings, TRAJECTORY),
+    (IdentifiabilitySettings, TRAJECTORY),
+    (TimingSettings, TRAJECTORY),
+    (RetimingSettings, TRAJECTORY),
+    (ComparisonSettings, TRAJECTORY),
+    (LossSettings, TRAJECTORY),
+    (CheckSettings, TRAJECTORY + POSES),
+    (SignalSettings, TRAJECTORY + POSES),
+    (QuantumSettings, TRAJECTORY + POSES),
     (RobustSettings, TRAJECTORY + POSES),
+    (HoldingSettings, TRAJECTORY + POSES),
+    (HandSettings, TRAJECTORY + POSES),
+    (VerdictSettings, TRAJECTORY + POSES),
     (PoseSettings, POSES),
+    (PosedSettings, POSES),
+    (PoseColumnSettings, POSES),
+    (PoseReportSettings, POSES),
     (PoseSelectionSettings, POSES),
     (GridSettings, POSES),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -28,7 +29,7 @@ ARM_PARAMETER = Parameter(
     "arm",
     "mtmr",
     "",
-    "arm: mtml, mtmr, or the path of an arm's .yaml or .urdf file",
+    "arm: mtml, mtmr, or the path of an arm's .yaml or .urdf file, from the model file's folder",
     read_only=True,
 )
 # What a console file holds beyond the model, so that converting it back loses nothing.
@@ -51,6 +52,7 @@ UNCERTAINTY_PARAMETER = Parameter(
     read_only=True,
 )  # fmt: skip
 OFFSET = "joint_offset"
+BY_EFFECTS = "installed effect"  # what declares the groups of parameters of models
 
 
 def model_parameters(arm: Arm) -> Mapping[str, Parameter]:
@@ -88,6 +90,34 @@ def arm_of(values: Mapping[str, Any]) -> Arm:
         ConfigError: An arm that there is not, or something else than a name.
     """
     return Arm.load(str(ARM_PARAMETER.check(values.get(ARM_PARAMETER.name, ARM_PARAMETER.default))))
+
+
+def arm_beside(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return a model's parameters with the path of its arm's file as seen from here.
+
+    A relative path is meant from the folder of the model's file; if there is no such file, from
+    the working directory.
+    """
+    arm = values.get("arm")
+    if isinstance(arm, str) and _is_relative(arm):
+        there = str(folder / arm)
+        if Arm.file(there).is_file():
+            return {**values, "arm": there}
+    return dict(values)
+
+
+def _seen_from(arm: str, folder: Path) -> str:
+    """Return what :func:`arm_beside` turns back into an arm's name or the path of its file."""
+    if not _is_relative(arm) or not Arm.file(arm).is_file():
+        return arm
+    file, tip = Arm.file(arm), arm.partition("#")[1:]
+    return os.path.relpath(file.resolve(), folder.resolve()) + "".join(tip)
+
+
+def _is_relative(arm: str) -> bool:
+    """Tell whether an arm is given by a path that depends on where it is looked at from."""
+    suffixes = (".yaml", ".yml", ".urdf")
+    return arm.partition("#")[0].lower().endswith(suffixes) and not Path(arm).is_absolute()
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +163,7 @@ class TorqueModel:
         content = yaml_file.load(path_of("model", path, A_MODEL))
         try:
             values = flatten(_ros_parameters(content))
-            model = cls.from_parameters(values)
+            model = cls.from_parameters(arm_beside(values, Path(path).parent))
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
         name = str(values.get(UNCERTAINTY_PARAMETER.name, ""))
@@ -169,7 +199,7 @@ class TorqueModel:
             raise ArgumentError("parameters", values, "a mapping from names to values")
         if arm is None:
             arm = arm_of(values)
-        checked = check_all(all_parameters(arm), values)
+        checked = check_all(all_parameters(arm), values, BY_EFFECTS)
         built = [effect.from_parameters(arm, checked) for effect in terms()]
         node = {name: checked[name] for name in node_parameters(arm) if name in checked}
         document = str(checked.get(CONSOLE_PARAMETER.name, ""))
@@ -207,7 +237,8 @@ class TorqueModel:
     def save(self, path: str | Path, comment: str = "") -> None:
         """Write the model as a ROS 2 parameter file, whole or not at all.
 
-        If it is known how sure it is, that is written to :func:`uncertainty_file` beside it.
+        An arm of a file that was given by a relative path is named as seen from the model file. If
+        it is known how sure the model is, that is written to :func:`uncertainty_file` beside it.
 
         Args:
             path: File to write; one that exists is replaced.
@@ -222,6 +253,7 @@ class TorqueModel:
             beside = uncertainty_file(path)
             self.uncertainty.save(beside)
             values[UNCERTAINTY_PARAMETER.name] = beside.name
+        values["arm"] = _seen_from(str(values["arm"]), Path(path).parent)
         body = yaml_file.dump({"/**": {"ros__parameters": unflatten(values)}})
         text_file.write(path, head + body)
 

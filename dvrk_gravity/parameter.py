@@ -14,6 +14,7 @@ from typing import Any
 
 from dvrk_gravity.errors import ConfigError
 
+_ALIKE = 0.7  # of names, from 0 to 1 (difflib): a letter or two of a short one are others
 Value = bool | str | float | tuple[float, ...]
 
 
@@ -115,18 +116,36 @@ def is_finite(value: float) -> bool:
         return False
 
 
-def check_all(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> dict[str, Value]:
+def check_all(
+    table: Mapping[str, Parameter], values: Mapping[str, Any], declared_by: str = ""
+) -> dict[str, Value]:
     """Return ``values`` checked against ``table``, in the table's order.
+
+    Args:
+        table: The parameters that there are.
+        values: Given ones.
+        declared_by: What declares groups of parameters, in words; "" if nothing outside does.
 
     Raises:
         ConfigError: A name that the table does not have, or a value that fails its check.
     """
     for name in values:
         if name not in table:
-            near = difflib.get_close_matches(str(name), table, n=1, cutoff=0.5)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            raise ConfigError(str(name), values[name], f"the name of a parameter{hint}")
+            expected = f"the name of a parameter{_about(str(name), table, declared_by)}"
+            raise ConfigError(str(name), values[name], expected)
     return {name: entry.check(values[name]) for name, entry in table.items() if name in values}
+
+
+def _about(name: str, table: Mapping[str, Parameter], declared_by: str) -> str:
+    """Return what may be wrong with a name that a table does not have, as an addition."""
+    near = difflib.get_close_matches(name, table, n=1, cutoff=_ALIKE)
+    if near:
+        return f"; did you mean {near[0]}?"
+    group = name.partition(".")[0]
+    known = {one.partition(".")[0] for one in table}
+    if not declared_by or group in known:
+        return ""
+    return f"; no {declared_by} declares {group}: is its package missing?"
 
 
 def flatten(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -365,7 +365,7 @@ def test_what_cannot_become_a_console_file_is_refused(change, named, tmp_path, c
 def test_settings_of_the_nodes_are_left_out_and_named(tmp_path, capsys):
     TorqueModel.from_parameters(own_model() | {"ramp_time": 2.0}).save(tmp_path / "m.yaml")
     assert convert(tmp_path / "m.yaml", tmp_path / "gc-MTMR-1.json") == 0
-    assert "ramp_time" in capsys.readouterr().err
+    assert "settings of the nodes: ramp_time" in capsys.readouterr().out
 
 
 @needs_data

@@ -180,7 +180,7 @@ def test_a_spring_left_out_that_gravity_could_replace_is_named():
     small = middle + part * (recording.position - middle)
     found = _plain_estimate(replace(recording, position=small, velocity=part * recording.velocity))
     text = " ".join(found.identifiability.statements)
-    assert "beta[0] (arm_x) holds whatever linear elastic torque shoulder_pitch may have" in text
+    assert "beta[0] (arm_x) includes any linear elastic torque of shoulder_pitch" in text
     assert "a wider range of shoulder_pitch would separate them" in text
     assert "elastic torque outer_yaw" not in text  # its axis is upright: no weight to confuse
 

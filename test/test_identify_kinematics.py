@@ -116,7 +116,11 @@ def test_an_arm_that_stands_right_acquires_neither(upright):
 
 def test_zeros_that_look_alike_are_named(upright):
     said = " ".join(upright.identifiability.statements)
-    assert re.search(r"joint_offset\[shoulder_pitch\] is known to .* most like joint_offset", said)
+    expected = r"joint_offset\[shoulder_pitch\] is known to .* most strongly correlated with joint_"
+    assert re.search(expected, said)
+        r"joint_offset\[shoulder_pitch\] is known to .* most strongly correlated with joint_offset",
+        said,
+    )
 
 
 def test_a_zero_that_is_said_not_to_show_does_not_show(upright):

@@ -19,6 +19,7 @@ from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.effects import State
 from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.errors import ConfigError, ShapeError
+from dvrk_gravity.files import yaml_file
 
 BETA = "beta: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0]"
 
@@ -141,6 +142,37 @@ def test_an_arm_of_one_s_own_stays_the_model_s_arm(tmp_path):
     model = TorqueModel.from_parameters({"arm": str(file), "beta": [1.0] * 10})
     model.save(tmp_path / "model.yaml")
     assert TorqueModel.load(tmp_path / "model.yaml").arm.body("link2").frame.translation[1] == -0.5
+
+
+def test_an_arm_s_file_is_looked_for_beside_the_model_s(tmp_path, monkeypatch):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "arm.yaml").write_text((CONFIG / "arms" / "mtmr.yaml").read_text())
+    (folder / "model.yaml").write_text("/**: {ros__parameters: {arm: arm.yaml, " + BETA + "}}")
+    monkeypatch.chdir(tmp_path)
+    model = TorqueModel.load("mine/model.yaml")
+    model.save(tmp_path / "copy.yaml")
+    assert (
+        yaml_file.load(tmp_path / "copy.yaml")["/**"]["ros__parameters"]["arm"] == "mine/arm.yaml"
+    )
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    for path in (folder / "model.yaml", tmp_path / "copy.yaml"):
+        again = TorqueModel.load(path)
+        assert again.arm.joint_names == model.arm.joint_names
+        again.save(folder / "again.yaml")
+        assert TorqueModel.load(folder / "again.yaml").terms[0].NAME == "gravity"
+
+
+def test_an_arm_s_file_is_looked_for_in_the_working_directory_last(tmp_path, monkeypatch):
+    (tmp_path / "arm.yaml").write_text((CONFIG / "arms" / "mtmr.yaml").read_text())
+    (tmp_path / "models").mkdir()
+    path = tmp_path / "models" / "model.yaml"
+    path.write_text("/**: {ros__parameters: {arm: arm.yaml, " + BETA + "}}")
+    monkeypatch.chdir(tmp_path)
+    TorqueModel.load(path).save(path)
+    assert yaml_file.load(path)["/**"]["ros__parameters"]["arm"] == "../arm.yaml"
 
 
 def test_the_shipped_model_comes_back_whole(tmp_path):

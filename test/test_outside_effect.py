@@ -21,6 +21,7 @@ from dvrk_gravity import TorqueModel, diagnose, effects, identify
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.effects.base import registry
+from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification.columns import identified
 from dvrk_gravity.report.diagnosis import render
 from dvrk_gravity.simulate import PlantFile
@@ -151,6 +152,14 @@ def test_another_package_registers_it_by_its_entry_point(file, tmp_path):
         env={**os.environ, "PYTHONPATH": paths},
     )  # fmt: skip
     assert "quadratic_drag" in result.stdout, result.stderr
+
+
+def test_a_model_file_says_so_when_its_effect_is_not_installed(file, monkeypatch):
+    there = {name: e for name, e in registry._effects.items() if name != QuadraticDrag.NAME}
+    monkeypatch.setattr(registry, "_effects", there)
+    expected = r"no installed effect declares quadratic_drag: is its package missing\?$"
+    with pytest.raises(ConfigError, match=expected):
+        TorqueModel.load(file)
 
 
 def test_a_name_that_another_effect_has_is_refused():

@@ -252,7 +252,9 @@ def test_one_direction_gives_no_friction_and_says_so():
     up = fit.model.torque(q, direction=np.ones(q.shape))
     down = fit.model.torque(q, direction=-np.ones(q.shape))
     np.testing.assert_allclose(up, down, atol=1e-12)
-    assert any("came from one direction only" in s for s in fit.identifiability.statements)
+    assert any(
+        "was approached from one direction only" in s for s in fit.identifiability.statements
+    )
 
 
 def test_too_few_poses_are_refused():
@@ -282,7 +284,7 @@ def test_inner_slabs_lie_between_others():
 
 def test_functions_of_a_spring_are_a_sine_and_a_cosine():
     poses, _ = read_poses(record(truth(), grid(4)), ARM, "joint")
-    columns = joint_columns(4, poses)
+    columns = joint_columns(4, poses, ARM)
     matrix = columns.matrix(poses, Range(poses.lower, poses.upper))
     both = np.stack([np.sin(poses.q[:, 4]), np.cos(poses.q[:, 4])], axis=1)
     left = matrix[:, : len(columns.own)][:, -2:] - both

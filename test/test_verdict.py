@@ -17,7 +17,7 @@ from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify
 from dvrk_gravity.identification.result import Holding, JointError, Verdict
-from dvrk_gravity.identification.verdict import VerdictSettings, judge
+from dvrk_gravity.identification.verdict import VerdictSettings, compared, judge
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 
@@ -93,6 +93,31 @@ def test_what_to_record_instead_follows_from_where_the_error_is():
     unexplained = of(share=0.5, training=0.45)
     assert "nothing touching the arm" in unexplained.record
     assert "something acts" in unexplained.reason
+
+
+@pytest.mark.parametrize(
+    ("claimed", "share", "line"),
+    [
+        (
+            "usable", 0.05,
+            "identify's verdict, from the model file: usable; from these errors alone it would be: "
+            "good",
+        ),
+        (
+            "good", 0.9,
+            "identify's verdict, from the model file: good; from these errors alone it would be: "
+            "do not compensate with this (wrist_yaw 90 % of the torque)",
+        ),
+        (
+            "unknown", 0.05,
+            "the model carries no verdict of identify; from these errors alone it would be: good",
+        ),
+    ],
+)  # fmt: skip
+def test_an_evaluation_is_compared_with_what_the_model_claims(claimed, share, line):
+    errors = {name: JointError(0.5, 0.05, 0.99) for name in JOINT_NAMES}
+    errors["wrist_yaw"] = JointError(0.5, share, 0.0)
+    assert compared(TorqueModel(ARM, (), verdict=claimed), errors, "joint") == line
 
 
 def wandering(recording: Recording) -> Recording:

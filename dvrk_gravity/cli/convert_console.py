@@ -63,12 +63,10 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
         if report is not None:
             content = json.dumps(result.to_json(), indent=1, ensure_ascii=False)
             text_file.write(report, content + "\n")
-        for note in result.file.notes:
-            print(f"{target}: {note}", file=sys.stderr)
         for finding in result.findings:
             print(f"{target}: serious: {finding.subject}: {finding.text}", file=sys.stderr)
         print(f"{target}: {result.file.document['ARM_NAME']}, version 2.0")
-        for line in _cost_table(result):
+        for line in (*_cost_table(result), *_not_in_it(result)):
             print(line)
     return 0
 
@@ -88,6 +86,14 @@ def _cost_table(result: Conversion) -> Iterator[str]:
             f"{name:<16}" + "".join(f"{1e3 * number:>9.2f}" for number in numbers)
             + f"{low:>9.0f}{high:>5.0f}"
         )  # fmt: skip
+
+
+def _not_in_it(result: Conversion) -> Iterator[str]:
+    """Yield the lines that say what the file leaves out or has otherwise than the model."""
+    if result.file.notes:
+        yield "what the file does not say as the model does:"
+    for note in result.file.notes:
+        yield f"  {note}"
 
 
 def check(paths: Sequence[Path], report: Path | None = None) -> int:

@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
         result = evaluate(model, recordings, arguments.coordinates)
     except ConfigError as error:
         raise error.in_file(arguments.model) from None
-    for line in evaluation_text(result):
+    for line in evaluation_text(result, model):
         print(line)
     if arguments.json is not None:
         text_file.write(arguments.json, json.dumps(result.to_json(), indent=1) + "\n")

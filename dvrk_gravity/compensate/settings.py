@@ -16,6 +16,7 @@ from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.effects import terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
+    BY_EFFECTS,
     VERDICT_PARAMETER,
     VERDICTS,
     TorqueModel,
@@ -96,7 +97,7 @@ class Settings:
         """
         arm = arm_of(values) if before is None else before.model.arm
         declared = all_parameters(arm)
-        checked = check_all(declared, values)
+        checked = check_all(declared, values, BY_EFFECTS)
         defaults = {name: entry.default for name, entry in declared.items()}
         value: dict[str, Any] = defaults | checked
         _require_weight(arm, value)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
@@ -18,8 +18,20 @@ from dvrk_gravity.identification.selection import Selection, split_equations
 from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.recording.data import Coordinates
 
-SECONDS = 40.0  # looked at, of the first recording
-CLEAR = 0.97  # ratio of the errors above which it does not matter, or cannot be told
+
+@dataclass(frozen=True)
+class CoordinateSettings:
+    """When the coordinates of a recording count as told.
+
+    Attributes:
+        duration: s of a recording that are looked at. Chosen: some periods of the slowest sine of
+            an exciting motion, 0.07 Hz.
+        clear: Ratio of the two held-out errors above which it does not matter, or cannot be told.
+            Chosen.
+    """
+
+    duration: float = 40.0
+    clear: float = 0.97
 
 
 def detect_coordinates(recording: Source, arm: Arm) -> tuple[Coordinates, str]:
@@ -35,7 +47,7 @@ def detect_coordinates(recording: Source, arm: Arm) -> tuple[Coordinates, str]:
     errors = coordinate_errors(recording, arm)
     best = min(errors, key=lambda one: errors[one])
     other = max(errors.values())
-    if errors[best] > CLEAR * other:
+    if errors[best] > CoordinateSettings().clear * other:
         return "joint", (
             "taken as joint coordinates; actuator coordinates would fit about equally well "
             f"(held-out |e|/|tau| {errors['joint']:.3f} and {errors['actuator']:.3f})"
@@ -56,7 +68,7 @@ def doubt(recording: Source, arm: Arm, given: Coordinates) -> tuple[DataWarning,
     """Return a warning if the other coordinates than those given clearly fit better."""
     errors = coordinate_errors(recording, arm)
     best = min(errors, key=lambda one: errors[one])
-    if best == given or errors[best] > CLEAR * errors[given]:
+    if best == given or errors[best] > CoordinateSettings().clear * errors[given]:
         return ()
     return (
         DataWarning(
@@ -86,7 +98,8 @@ def _error(recording: Source, arm: Arm, coordinates: Coordinates) -> float:
 
 
 def _head(motion: Motion) -> Motion:
-    rows = slice(0, max(int(SECONDS * motion.filter.rate), 6 * motion.filter.edge))
+    samples = int(CoordinateSettings().duration * motion.filter.rate)
+    rows = slice(0, max(samples, 6 * motion.filter.edge))
     state = motion.state
     assert state.qd is not None
     assert state.qdd is not None

@@ -13,10 +13,24 @@ from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.motion import Motion
 from dvrk_gravity.recording.data import Array
 
-CHUNK = 2000  # samples whose regressor is held at a time
-ROWS = 12_000  # samples that are kept after the filter, at most
-SAMPLING = 8.0  # samples kept for each period of the filter's cut-off, at most
-SMOOTH = 10.0  # samples for each such period between which slopes are cubics
+CHUNK = 2000  # samples whose regressor is held at a time; no result depends on it
+
+
+@dataclass(frozen=True)
+class DesignSettings:
+    """How many samples a fit sees.
+
+    Attributes:
+        rows: Samples kept after the filter, at most. Chosen for time and memory; see `make
+            sensitivity`.
+        sampling: Samples kept for each period of the filter's cut-off, at most. Chosen: four times
+            what the sampling theorem asks for, as a filter of second order does not end there.
+        smooth: Samples for each such period between which slopes are cubics. Chosen.
+    """
+
+    rows: int = 12_000
+    sampling: float = 8.0
+    smooth: float = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +73,13 @@ def build_design(
     total = sum(len(motion) for motion in motions)
     x, y, measured, time, part, q, qd = [], [], [], [], [], [], []
     done = 0
-    rate = motions[0].filter.rate
+    rate, settings = motions[0].filter.rate, DesignSettings()
     for index, motion in enumerate(motions):
         low = motion.filter
-        stride = max(1, int(low.rate / (SAMPLING * low.cutoff)), -(-total // ROWS))
+        dense = int(low.rate / (settings.sampling * low.cutoff))
+        stride = max(1, dense, -(-total // settings.rows))
         rate = low.rate / stride
-        smooth = max(1, int(low.rate / (SMOOTH * low.cutoff)))
+        smooth = max(1, int(low.rate / (settings.smooth * low.cutoff)))
         before = None
         for start in range(low.edge, len(motion) - low.edge, CHUNK):
             stop = min(start + CHUNK, len(motion) - low.edge)

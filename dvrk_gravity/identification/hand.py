@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.gravity import BETA_NAMES
-from dvrk_gravity.identification.kinematic_calibration import MISPLACED
+from dvrk_gravity.identification.kinematic_calibration import KinematicSettings
 from dvrk_gravity.identification.result import FittedParameter
 from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.recording.data import Array
 
 OTHER = {"mtml": "mtmr", "mtmr": "mtml"}
-BEYOND = 0.35  # rad (35 mm where it slides) past a joint's limit; zeros of encoders are off by less
 # The platform's moment across the arm, N·m: about so on right arms, and less that on left ones
 # (sixteen console files of real arms; all but one, which carries the other hand's sign).
 PLATFORM = {"mtmr": 0.196, "mtml": -0.196}
 PLATFORM_NAME = "pitch_y"
-CLEAR = 0.5  # part of it from which on the other sign is no accident
+
+
+@dataclass(frozen=True)
+class HandSettings:
+    """When a recording counts as that of another arm.
+
+    Attributes:
+        beyond: Way past a joint's limit that no error of its zero explains, rad (35 mm where it
+            slides). Chosen: 20 deg; zeros of encoders are off by less.
+        clear: Part of ``PLATFORM`` from which on the other sign is no accident. Chosen.
+    """
+
+    beyond: float = 0.35
+    clear: float = 0.5
 
 
 def beyond_limits(q: Array, arm: Arm) -> list[DataWarning]:
@@ -40,7 +54,7 @@ def beyond_limits(q: Array, arm: Arm) -> list[DataWarning]:
             "another arm, or in other coordinates?",
         )
         for joint, far, scale in zip(arm.joints, beyond.tolist(), arm.scale, strict=True)
-        if far > BEYOND * scale
+        if far > HandSettings().beyond * scale
     ]
 
 
@@ -52,13 +66,13 @@ def _beyond(q: Array, arm: Arm) -> Array:
 def _by_limits(q: Array, arm: Arm, beyond: Array) -> DataWarning | None:
     """Return a warning if the other hand's limits hold these positions, and this arm's do not.
 
-    A zero that is off by less than ``MISPLACED`` proves nothing.
+    A zero that is off as far as is plausible (:class:`KinematicSettings`) proves nothing.
     """
     if arm.name not in OTHER:
         return None
-    other = _beyond(q, Arm.load(OTHER[arm.name]))
+    other, misplaced = _beyond(q, Arm.load(OTHER[arm.name])), KinematicSettings().misplaced
     joint = int(np.argmax(beyond - other))
-    if beyond[joint] < MISPLACED or max(other.max(), 0.0) > beyond.max() - MISPLACED:
+    if beyond[joint] < misplaced or max(other.max(), 0.0) > beyond.max() - misplaced:
         return None
     name = arm.joint_names[joint]
     low, high = np.degrees([q[:, joint].min(), q[:, joint].max()])
@@ -79,7 +93,8 @@ def by_weight(parameters: tuple[FittedParameter, ...], arm: Arm) -> list[DataWar
         return []
     value, (low, high) = found[0].value, found[0].ci95
     name = f"beta{1 + BETA_NAMES.index(PLATFORM_NAME)}"
-    if value * expected > 0.0 or abs(value) < CLEAR * abs(expected) or low * high < 0.0:
+    least = HandSettings().clear * abs(expected)
+    if value * expected > 0.0 or abs(value) < least or low * high < 0.0:
         return []
     return [
         DataWarning(

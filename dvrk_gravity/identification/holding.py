@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,9 +12,21 @@ from dvrk_gravity.estimation.covariance import Uncertainty
 from dvrk_gravity.identification.result import Holding
 from dvrk_gravity.recording.data import Array
 
-POSES = 200  # drawn; the standard error's RMS over them is then known to some 5 %
-# A joint that moves by less tells nothing that depends on its position: rad, times the arm's scale.
-NARROW = np.radians(15.0)
+
+@dataclass(frozen=True)
+class HoldingSettings:
+    """How the torque that holds an arm still is judged.
+
+    Attributes:
+        poses: Drawn at random; the RMS of a standard error over N of them is known to about
+            1 / sqrt(2 N), 5 %.
+        narrow: Way below which a joint tells nothing that depends on its position, rad (times the
+            arm's scale). Chosen: within 7.5 deg on either side a sine
+            is a line to 0.3 %.
+    """
+
+    poses: int = 200
+    narrow: float = float(np.radians(15.0))
 
 
 def holding(
@@ -31,11 +44,12 @@ def holding(
         visited: (N, n) recorded positions, rad or m.
         arm: The arm.
     """
+    settings = HoldingSettings()
     random = np.random.default_rng(0)
     lower, upper = visited.min(axis=0), visited.max(axis=0)
-    anywhere = random.uniform(*arm.range, (POSES, visited.shape[1]))
-    recorded = visited[random.integers(0, len(visited), POSES)]
-    recorded = np.where(upper - lower < NARROW * arm.scale, anywhere, recorded)
+    anywhere = random.uniform(*arm.range, (settings.poses, visited.shape[1]))
+    recorded = visited[random.integers(0, len(visited), settings.poses)]
+    recorded = np.where(upper - lower < settings.narrow * arm.scale, anywhere, recorded)
     covariance = spread.covariance + spread.bias
     found = []
     for poses in (recorded, anywhere):

@@ -1,4 +1,4 @@
-"""What the data determine: parameters with intervals, and plain words about the rest."""
+"""What the data identify: parameters with intervals, and plain words about the rest."""
 
 from __future__ import annotations
 
@@ -19,15 +19,26 @@ from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
-from dvrk_gravity.identification.holding import NARROW
+from dvrk_gravity.identification.holding import HoldingSettings
 from dvrk_gravity.identification.kinematic_calibration import KINEMATIC
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.recording.data import Array
 
-INSEPARABLE = 0.97  # correlation from which two estimates are called one
 SHOWN = 3  # parameters named in one combination
 _INERTIAL = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _UNITS = ("kg", *("kg·m",) * 3, *("kg·m^2",) * 6)
+
+
+@dataclass(frozen=True)
+class IdentifiabilitySettings:
+    """When two parameters count as one.
+
+    Attributes:
+        inseparable: Correlation of their estimates from which on it is said. At 0.97 a standard
+            error is four times what it would be with the other one known, 1 / sqrt(1 - 0.97^2).
+    """
+
+    inseparable: float = 0.97
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,10 +245,11 @@ def _combination_name(arm: Arm, combination: Array, first: int) -> str:
 
 def _motion_statements(design: Design) -> list[str]:
     arm, span = design.columns.arm, np.ptp(design.state.q, axis=0)
+    least = HoldingSettings().narrow * arm.scale
     return [
-        f"{joint.name} moves over {joint.shown(width)} only: what depends on its position is "
-        "not determined; move it over most of its range"
-        for joint, width, narrow in zip(arm.joints, span, NARROW * arm.scale, strict=True)
+        f"{joint.name} moves over {joint.shown(width)} only: parameters that depend on its "
+        "position are not identifiable; move it over most of its range"
+        for joint, width, narrow in zip(arm.joints, span, least, strict=True)
         if width < narrow
     ]
 
@@ -257,11 +269,11 @@ def _pair_statements(
     """Name pairs of gravity, elastic and friction parameters that data cannot tell apart."""
     ranges, joints_of = _ranges(design), design.columns.arm.joint_names
     named = [q for q in quantities if (q.joint >= 0 or q.name.startswith("beta")) and not q.shared]
-    statements = []
+    statements, inseparable = [], IdentifiabilitySettings().inseparable
     for a, first in enumerate(named):
         for second in named[a + 1 :]:
             together = spread.correlation(first.direction, second.direction)
-            if abs(together) < INSEPARABLE:
+            if abs(together) < inseparable:
                 continue
             joints = {q.joint for q in (first, second) if q.joint >= 0}
             hint = (
@@ -273,7 +285,8 @@ def _pair_statements(
             sign = "difference" if together > 0 else "sum"
             statements.append(
                 f"{first.name} and {second.name} cannot be separated (correlation "
-                f"{together:+.3f}); only a weighted {sign} is known; {hint} would separate them"
+                f"{together:+.3f}): only a weighted {sign} of them is identifiable; {hint} would "
+                "separate them"
             )
     return statements
 
@@ -292,6 +305,7 @@ def _absent_statements(
     correlation is that of the fit with the elastic column added (Schur complement).
     """
     statements, ranges = [], _ranges(design)
+    inseparable = IdentifiabilitySettings().inseparable
     index = list(chosen)
     inverse = np.linalg.inv(solution.precision)
     for column in columns.select(effect="elastic_cable", index=1):
@@ -305,13 +319,12 @@ def _absent_statements(
         for one in (q for q in quantities if q.name.startswith("beta")):
             through = float(one.direction @ shared)
             own = float(one.direction @ inverse @ one.direction)
-            if through**2 < INSEPARABLE**2 * (rest * own + through**2):
+            if through**2 < inseparable**2 * (rest * own + through**2):
                 continue
             name = columns.arm.joint_names[joint]
             statements.append(
-                f"{one.name} holds whatever linear elastic torque {name} may have: over "
-                f"{ranges[joint]} the two cannot be separated; a wider range of {name} would "
-                "separate them"
+                f"{one.name} includes any linear elastic torque of {name}: over {ranges[joint]} "
+                f"the two cannot be separated; a wider range of {name} would separate them"
             )
     return statements
 
@@ -319,7 +332,7 @@ def _absent_statements(
 def _dry_friction_statements(
     columns: Columns, chosen: Sequence[int], solution: Solution
 ) -> list[str]:
-    """Say where Coulomb friction and presliding are known together only."""
+    """Say where only the sum of Coulomb friction and presliding is identifiable."""
     value = dict(zip(chosen, solution.theta.tolist(), strict=True))
     names = columns.arm.joint_names
     where = [
@@ -330,8 +343,8 @@ def _dry_friction_statements(
         return []
     return [
         f"dry friction of {', '.join(where)}: how it divides into Coulomb friction and presliding "
-        "depends on the displacements that are tried, so that neither counts as determined; more "
-        "and slower reversals would tell them apart"
+        "depends on the displacements chosen for the elements, so neither counts as identifiable; "
+        "more and slower reversals would separate them"
     ]
 
 
@@ -340,6 +353,6 @@ def _open_statements(quantities: Sequence[_Quantity], spread: Uncertainty) -> li
     if not left:
         return []
     return [
-        f"{len(left)} of {len(quantities)} parameters are not determined by these data and stay "
-        f"near their prior: {'; '.join(left)}"
+        f"{len(left)} of {len(quantities)} parameters are not identifiable from these data; their "
+        f"estimates stay near the prior: {'; '.join(left)}"
     ]

@@ -22,8 +22,19 @@ from dvrk_gravity.effects.base.unknowns import Column, ColumnTable, Move
 from dvrk_gravity.recording.data import Array
 
 KINEMATIC = ("base_tilt", "joint_offset")  # effects that torque is not linear in
-MISPLACED = 0.1  # rad, plausible size of a zero's or the base's error; 10 mm where a joint slides
 _STEP = 1e-6  # rad, of one-sided differences: half the digits of a double
+
+
+@dataclass(frozen=True)
+class KinematicSettings:
+    """What is plausible before any data.
+
+    Attributes:
+        misplaced: Standard deviation of a zero's or the base's error, rad (10 mm where a joint
+            slides). Chosen, about 6 deg: data overrule it.
+    """
+
+    misplaced: float = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +69,13 @@ class KinematicCalibration:
         if self.links is None:
             return ()
         tilt, offset = KINEMATIC
+        size = KinematicSettings().misplaced
         return (
             *(
-                Column(offset, site.joint(j), 0, MISPLACED * float(arm.scale[j]))
+                Column(offset, site.joint(j), 0, size * float(arm.scale[j]))
                 for j in offset_joints(arm)
             ),
-            *(Column(tilt, site.THE_BASE, axis, MISPLACED) for axis in range(2)),
+            *(Column(tilt, site.THE_BASE, axis, size) for axis in range(2)),
         )
 
     def moved(self, arm: Arm, change: Array, links: Array, springs: Array) -> KinematicCalibration:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,9 +14,22 @@ from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.problem import Problem, choose, pose, reweighed, solved
 from dvrk_gravity.recording.data import Array
 
-STEPS = 6  # at most, of Gauss and Newton
-SETTLED = 1e-4  # rad
-ROUGHLY = 1e-2  # rad, of which the slopes make as good as nothing wrong
+
+@dataclass(frozen=True)
+class KinematicSearchSettings:
+    """When the iteration for zeros and tilt ends.
+
+    Attributes:
+        steps: Of Gauss and Newton, at most. Chosen: it converges quadratically.
+        settled: Change of a zero or of the tilt that ends it, rad. Chosen: far below any
+            interval.
+        roughly: The same before terms are chosen anew, rad. Chosen: the cosine of 0.01 rad is 1 to
+            5e-5, so that the slopes there are as good as those at the end.
+    """
+
+    steps: int = 6
+    settled: float = 1e-4
+    roughly: float = 1e-2
 
 
 def around_calibration(
@@ -37,7 +51,7 @@ def around_calibration(
         motions: What it was posed of.
         report: Called with the stage and the share of it that is done.
     """
-    assumed = problem.selection
+    assumed, settings = problem.selection, KinematicSearchSettings()
     if not any(assumed.allowed(effect) for effect in KINEMATIC):
         return problem, chosen, ()
     report("zeros and tilt", 0.0)
@@ -50,7 +64,7 @@ def around_calibration(
         assumed.choices += choices
         return problem, chosen, kinematic_statements(around, start)
     report("zeros and tilt", 0.3)
-    around, found = _settled(around, found, motions, ROUGHLY)
+    around, found = _settled(around, found, motions, settings.roughly)
     columns = around.design.columns
     moved = [i for i in found if columns.columns[i].effect in KINEMATIC]
     plain = [sorted({*one, *moved}) for one in starts(columns, around.selection.effects)]
@@ -58,7 +72,7 @@ def around_calibration(
     around, found = choose(around, [found, *plain], lambda share: report("choice of terms", share))
     chosen_anew = around.selection.choices
     choices = [one for one in choices if one not in chosen_anew] + chosen_anew
-    around, found = _settled(around, found, motions, SETTLED)
+    around, found = _settled(around, found, motions, settings.settled)
     around.selection.choices = choices
     return around, found, kinematic_statements(around, found)
 
@@ -79,7 +93,7 @@ def _settled(
     problem: Problem, chosen: list[int], motions: Sequence[Motion], within: float
 ) -> tuple[Problem, list[int]]:
     """Return the problem around the kinematics that a fit changes by no more than some rad."""
-    for _ in range(STEPS):
+    for _ in range(KinematicSearchSettings().steps):
         columns = problem.design.columns
         fitted = solved(problem, chosen).theta
         change = [

@@ -1,8 +1,9 @@
-"""How well zeros of joints and tilt of the base would show in some data, in plain words."""
+"""How well data identify zeros of joints and tilt of the base, in plain words."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,29 +15,42 @@ from dvrk_gravity.identification.kinematic_calibration import KINEMATIC, offset_
 from dvrk_gravity.identification.problem import Problem
 from dvrk_gravity.recording.data import Array
 
-WELL = np.radians(1.0)  # half of a 95 % interval up to which a zero counts as well known
-ENTANGLED = 2.0  # times by which the others' being unknown widens an interval that is worth a word
+
+@dataclass(frozen=True)
+class KinematicStatementSettings:
+    """What is worth saying of zeros and tilt.
+
+    Attributes:
+        well: Half of a 95 % interval up to which a zero counts as well known, rad. Chosen: 1 deg
+            turns a weight moment of 1 N·m so far that it is off by 0.017 N·m at most.
+        entangled: Factor by which an interval grows when the others are unknown, too, that is worth
+            a word. Chosen.
+    """
+
+    well: float = float(np.radians(1.0))
+    entangled: float = 2.0
 
 
 def never_shown(arm: Arm) -> str:
-    """Say what no motion of an arm tells apart."""
+    """Say what no motion of an arm identifies."""
     *others, last = (n for j, n in enumerate(arm.joint_names) if j not in offset_joints(arm))
-    upright = f"the zero of {others[0]} (it turns with the room), that of" if others else "that of"
-    return (
-        f"no torque tells {upright} {last} from where the mass of its link is, a payload from "
-        "parameters of the links that carry it, or a constant torque offset from elastic_cable's "
-        "first coefficients: the fit holds them there"
-    )
+    parts = [
+        *(f"the joint offset of {one} (weights do not depend on it)" for one in others[:1]),
+        f"the joint offset of {last} (equivalent to another centre of mass of its link)",
+        "a payload (equivalent to parameters of the links that carry it)",
+        "a constant torque offset (equivalent to the constant of elastic_cable)",
+    ]
+    return f"not identifiable from torques, and held at the assumed values: {'; '.join(parts)}"
 
 
 def kinematic_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, ...]:
-    """Say of zeros and tilt what would not show, and what cannot be told from each other.
+    """Say which zeros and tilt are not identifiable, and which of them are correlated.
 
     Args:
         problem: With slopes.
         chosen: Columns of the fit; its zeros and tilt, if any, are judged like all others.
     """
-    columns = problem.design.columns
+    columns, settings = problem.design.columns, KinematicStatementSettings()
     kinematics = [i for i, one in enumerate(columns.columns) if one.effect in KINEMATIC]
     information = _information(problem, [i for i in chosen if i not in kinematics], kinematics)
     first = NORMAL_95 / np.sqrt(np.diag(information))
@@ -47,21 +61,20 @@ def kinematic_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, 
     hidden, entangled = [], []
     for k, name in enumerate(names):
         alone, together = (_shown(columns, kinematics[k], one[k]) for one in (first, second))
-        if first[k] > WELL * _scale(columns, kinematics[k]):
+        if first[k] > settings.well * _scale(columns, kinematics[k]):
             hidden.append(f"{name} (±{alone})")
-        elif second[k] > ENTANGLED * first[k]:
+        elif second[k] > settings.entangled * first[k]:
             other = int(np.argmax(np.abs(correlation[k]) - np.eye(len(names))[k]))
             entangled.append(
-                f"{name} is known to ±{alone} where the other zeros and the "
-                f"tilt are right, and to ±{together} where none of them is "
-                f"known: it looks most like {names[other]} (correlation "
-                f"{correlation[k, other]:+.2f})"
+                f"{name} is known to ±{alone} if the other joint offsets and the tilt are right, "
+                f"but only to ±{together} if they are unknown, too; it is most strongly correlated "
+                f"with {names[other]} ({correlation[k, other]:+.2f})"
             )
     if hidden:
         entangled.append(
-            f"{', '.join(hidden)}: what is less than that does not show in these data; parameters "
-            "of links, springs and elastic torque take it up; more speed, or a wider range of the "
-            "joint, would show it"
+            f"{', '.join(hidden)}: smaller errors than these are not identifiable from these "
+            "data: parameters of links, springs and elastic torque compensate for them; faster "
+            "motion, or a wider range of the joint, would identify them"
         )
     return (*entangled, never_shown(columns.arm))
 

@@ -28,7 +28,18 @@ from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 # What can be fitted to: in memory, in a file, or prepared already.
 Source = Recording | RecordingFile | Trajectory
 PART = 60_000  # samples of a recording in memory that are worked on at a time
-SAME_RATE = 1e-3  # relative difference of two clocks of one rate
+
+
+@dataclass(frozen=True)
+class RateSettings:
+    """When recordings count as of one rate.
+
+    Attributes:
+        same: Relative difference of two clocks of one rate. Chosen: more than
+            clocks differ by, less than any two rates in use.
+    """
+
+    same: float = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +121,7 @@ def read_motions(
     warnings: list[DataWarning] = []
     handling: list[str] = []
     trajectories = [read(recording, cutoff) for recording in recordings]
+    same = 1.0 + RateSettings().same
     rates = [one.filter.rate for trajectory in trajectories for one in trajectory.stretches]
     for source, trajectory in enumerate(trajectories):
         require_all(trajectory, arm, trajectory.still)
@@ -119,7 +131,7 @@ def read_motions(
                 raise RecordingError(trajectory.source, str(warning))
         handling += [line for line in trajectory.handling if line not in handling]
         for stretch in trajectory.stretches:
-            if stretch.filter.rate > (1.0 + SAME_RATE) * min(rates):
+            if stretch.filter.rate > same * min(rates):
                 stretch = _at_rate(stretch, min(rates))
             parts.append(_motion(stretch, trajectory, arm, coordinates, source))
         _require_torque(trajectory)
@@ -127,7 +139,7 @@ def read_motions(
             [one.state.q[:: max(1, len(one) // 1000)] for one in parts if one.source == source]
         )
         warnings += beyond_limits(seen, arm)
-    if max(rates) > (1.0 + SAME_RATE) * min(rates):
+    if max(rates) > same * min(rates):
         handling.append(f"recordings of several rates, brought to {min(rates):.6g} Hz")
     return Motions(tuple(parts), tuple(warnings), tuple(handling))
 

@@ -11,6 +11,7 @@ completes the inertia of every model to the nearest of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,7 +24,18 @@ from dvrk_gravity.recording.data import Array
 
 _ROWS, _COLUMNS = np.tril_indices(4)
 _DIAGONAL = _ROWS == _COLUMNS
-LEAST = 0.02  # of its plausible value, to which an entry of L's diagonal may fall
+
+
+@dataclass(frozen=True)
+class BodySettings:
+    """Which bodies can exist.
+
+    Attributes:
+        least: Part of its plausible value to which an entry of L's diagonal may fall. Chosen: a
+            mass, or a second moment, of 4e-4 of what is plausible is none, and L stays regular.
+    """
+
+    least: float = 0.02
 
 
 def physical_links(
@@ -160,7 +172,7 @@ def _start(arm: Arm) -> tuple[Array, Array]:
     for mass, size in link_sizes(arm):
         entries = np.where(_DIAGONAL, np.sqrt(mass) * np.where(_ROWS == 3, 1.0, size / 3.0), 0.0)
         start.append(entries)
-        lower.append(np.where(_DIAGONAL, LEAST * entries, -np.inf))
+        lower.append(np.where(_DIAGONAL, BodySettings().least * entries, -np.inf))
     return np.concatenate(start), np.concatenate(lower)
 
 

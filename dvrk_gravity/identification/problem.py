@@ -20,7 +20,17 @@ from dvrk_gravity.identification.motion import Motion
 from dvrk_gravity.identification.selection import Selection, split_equations
 from dvrk_gravity.recording.data import Array
 
-FIRST_GUESS = 0.1  # of a motor's torque, that a model leaves: where the iteration of weights begins
+
+@dataclass(frozen=True)
+class WeightSettings:
+    """Where the iteration of weights begins.
+
+    Attributes:
+        first_guess: Part of a motor's torque that a model leaves. Chosen: the iteration forgets
+            it.
+    """
+
+    first_guess: float = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +153,7 @@ def weigh(design: Design) -> Weighting:
     taken for outliers.
     """
     columns, seen = design.columns, design.measured
-    spread = np.maximum(FIRST_GUESS * design.y.std(axis=0, where=seen), 1e-6)
+    spread = np.maximum(WeightSettings().first_guess * design.y.std(axis=0, where=seen), 1e-6)
 
     def fitted(state: RobustState[Array]) -> tuple[Array, Array]:
         motor = spread**-2.0

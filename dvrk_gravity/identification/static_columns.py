@@ -20,18 +20,33 @@ from dvrk_gravity.recording.data import Array
 
 N_BETA = 10
 ORDER = 4
-# Prior sizes of orders 0 to 4 relative to the mean's order one: what cables and stiction do is
-# smooth, and five positions of a joint do not tell what lies between them. For functions of the
-# joint's own position they are about those of seven published calibration files of real arms (root
-# mean squares, joints 3 to 6); for others n^-2.
-OWN_MEAN = (1.0, 1.0, 0.3, 0.2, 0.05)
-OWN_DIFFERENCE = (1.0, 0.2, 0.2, 0.1, 0.1)
-CONSTANT_SD = 1.0  # N·m, a constant is hardly held back
-# Joints of an MTM with a spring or counterweight, and its size in N·m. It acts like gravity, with
-# the sine of the angle, and no polynomial of order four is a sine over 250 deg.
-SPRINGS = {4: 0.1}  # wrist_pitch
+SPRUNG = "wrist_pitch"  # the joint of an MTM with a spring or counterweight
 
 Group = tuple[int, ...]  # joints on which the functions depend, all of them
+
+
+@dataclass(frozen=True)
+class PoseColumnSettings:
+    """How large functions of the pose are before any data.
+
+    What cables and stiction do is smooth, and five positions of a joint do not tell what lies
+    between them.
+
+    Attributes:
+        own_mean: Sizes of orders 0 to 4 of the joint's own position, relative to order one. About
+            those of seven published calibration files of real arms (root mean squares, joints 3 to
+            6). Functions of others' positions have n^-2.
+        own_difference: The same of the difference between the directions of approach.
+        constant_sd: Size of a constant, N·m. Chosen: more than any joint's friction or cable, so
+            that it is hardly held back.
+        spring: Size of the wrist's spring or counterweight, N·m. It acts like gravity, with the
+            sine of the angle, and no polynomial of order four is a sine over 250 deg. Chosen.
+    """
+
+    own_mean: tuple[float, ...] = (1.0, 1.0, 0.3, 0.2, 0.05)
+    own_difference: tuple[float, ...] = (1.0, 0.2, 0.2, 0.1, 0.1)
+    constant_sd: float = 1.0
+    spring: float = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +99,7 @@ class JointColumns:
         return np.where(np.isnan(self.absolute), scale, self.absolute)
 
 
-def joint_columns(joint: int, poses: Poses, for_console: bool = False) -> JointColumns:
+def joint_columns(joint: int, poses: Poses, arm: Arm, for_console: bool = False) -> JointColumns:
     """Return the columns that may explain one joint's torque at some poses.
 
     The joint's own position to order four, with sine and cosine where there is a spring; every
@@ -93,6 +108,7 @@ def joint_columns(joint: int, poses: Poses, for_console: bool = False) -> JointC
     Args:
         joint: The joint.
         poses: The poses.
+        arm: The arm.
         for_console: Only what the dVRK console has as well: polynomials of degree four of the own
             position (of sine and cosine what these can follow), nothing for joint 7.
     """
@@ -104,7 +120,8 @@ def joint_columns(joint: int, poses: Poses, for_console: bool = False) -> JointC
             joint, tuple(groups), none, none.reshape(0, n),
             nothing.reshape(0, 1 + MAX_DEGREE), none.astype(bool), nothing, nothing,
         )  # fmt: skip
-    series, rows = _own_columns(joint, poses, ORDER if for_console else MAX_DEGREE)
+    degree = ORDER if for_console else MAX_DEGREE
+    series, rows = _own_columns(joint, poses, degree, arm.joint_names[joint] == SPRUNG)
     if joint in moving and not for_console:
         groups += [(other,) for other in moving if other != joint]
         groups += list(combinations(moving, 2))
@@ -126,32 +143,32 @@ def joint_columns(joint: int, poses: Poses, for_console: bool = False) -> JointC
 
 
 def _own_columns(
-    joint: int, poses: Poses, degree: int
+    joint: int, poses: Poses, degree: int, sprung: bool
 ) -> tuple[Array, list[tuple[int, NDArray[np.int64], bool, float, float]]]:
     """Return the Chebyshev series and the rows of functions of the joint's own position.
 
-    Sine and cosine are followed to a degree.
+    Sine and cosine, where it is sprung, are followed to a degree.
     """
-    directed = poses.directed[joint]
+    directed, settings = poses.directed[joint], PoseColumnSettings()
     none = np.zeros(poses.q.shape[1], dtype=np.int64)
     unit = np.eye(1 + MAX_DEGREE)
     series = [unit[0]] * (1 + directed)
-    rows = [(0, none, along, 1.0, CONSTANT_SD) for along in (False, True)[: 1 + directed]]
+    rows = [(0, none, along, 1.0, settings.constant_sd) for along in (False, True)[: 1 + directed]]
     if joint not in poses.moving:
         return np.array(series), rows
     for order in range(1, ORDER + 1):
         for along in (False, True)[: 1 + directed]:
             series.append(unit[order])
-            size = (OWN_DIFFERENCE if along else OWN_MEAN)[order]
+            size = (settings.own_difference if along else settings.own_mean)[order]
             rows.append((0, none, along, size, np.nan))
-    if joint in SPRINGS:
+    if sprung:
         centre = 0.5 * (poses.lower[joint] + poses.upper[joint])
         half = 0.5 * (poses.upper[joint] - poses.lower[joint])
         nodes = chebyshev.chebpts1(1 + MAX_DEGREE)
         for wave in (np.sin, np.cos):
             found = chebyshev.chebfit(nodes, wave(centre + half * nodes), degree)
             series.append(np.pad(found, (0, MAX_DEGREE - degree)))
-            rows.append((0, none, False, 1.0, SPRINGS[joint]))
+            rows.append((0, none, False, 1.0, settings.spring))
     return np.array(series), rows
 
 

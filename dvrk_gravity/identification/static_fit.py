@@ -24,7 +24,6 @@ from dvrk_gravity.recording import Recording
 from dvrk_gravity.recording.data import Array, Coordinates
 
 Report = Callable[[str, float], None]
-FEW = 5  # blocks held out where no joint has three positions
 
 
 def fit_static(
@@ -124,7 +123,7 @@ def _held_out(
 def middle_slabs(poses: Poses) -> list[NDArray[np.bool_]]:
     """Return the (N,) mask of the slab in the middle of each joint that moved."""
     if not inner_slabs(poses.q, poses.moving):
-        return masks(sequential(len(poses), FEW))
+        return masks(sequential(len(poses), poses.settings.blocks))
     numbers = (slabs(poses.q[:, joint]) for joint in poses.moving)
     return [number == (number.max() + 1) // 2 for number in numbers if number.max() >= 2]
 

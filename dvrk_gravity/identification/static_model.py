@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
@@ -20,11 +21,22 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import Value
 from dvrk_gravity.recording.data import Array
 
-# In motion: part of the difference between the directions that a compensator may safely apply,
-# and the speeds between which it comes in.
-RATIO = 0.5
-DEAD_BAND = 0.02  # rad/s
-SATURATION = 0.2  # rad/s
+
+@dataclass(frozen=True)
+class DirectionSettings:
+    """What a compensator applies of the difference between the directions in motion.
+
+    Attributes:
+        ratio: Part of it. Chosen: half of what poses that were approached and held show leaves
+            friction enough that nothing is driven.
+        dead_band: Speed below which none of it is applied, rad/s. Chosen.
+        saturation: Speed from which on all of that part is, rad/s: the most usual ``sat_vec_vec``
+            of real console files.
+    """
+
+    ratio: float = 0.5
+    dead_band: float = 0.02
+    saturation: float = 0.2
 
 
 def fit_poses(
@@ -86,7 +98,10 @@ def _cables(table: Table, solution: PoseSolution) -> dict[str, Value]:
         degree = int(used[-1]) if len(used) else 0
         for side, powers in sides.items():
             values[f"directional_cable.{side}.{name}"] = as_value(powers[: degree + 1])
-    settings = {"dead_band": DEAD_BAND, "saturation_velocity": SATURATION, "ratio": RATIO}
+    blend = DirectionSettings()
+    settings = {
+        "dead_band": blend.dead_band, "saturation_velocity": blend.saturation, "ratio": blend.ratio,
+    }  # fmt: skip
     for setting, value in settings.items():
         values[f"directional_cable.{setting}"] = (value,) * table.arm.n
     return values | _range("directional_cable", table)

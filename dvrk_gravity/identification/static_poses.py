@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -16,9 +16,24 @@ from dvrk_gravity.identification.motion import require_all
 from dvrk_gravity.recording import DataWarning, Recording, prepare
 from dvrk_gravity.recording.data import Array, Coordinates
 
-LEAST = 20  # poses
-POSED = 0.1  # rad: a joint that was asked to stay is off by less
-SHARE = 0.1  # of the poses that must have come from the rarer direction
+
+@dataclass(frozen=True)
+class PosedSettings:
+    """What some static poses must hold.
+
+    Attributes:
+        least: Poses. Chosen: two for each of gravity's ten parameters.
+        posed: Way below which a joint was not posed, rad. Chosen: 6 deg; one that was asked to
+            stay is off by less.
+        rarer: Part of the poses that must have come from the rarer direction. Chosen.
+        blocks: Held out one after the other where no joint has three positions (Kohavi 1995: five
+            to ten).
+    """
+
+    least: int = 20
+    posed: float = 0.1
+    rarer: float = 0.1
+    blocks: int = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +45,14 @@ class Poses:
         effort: (N, n) N·m.
         direction: (N, n) +1/-1; 0 where it is not known.
         part: (N,) index of the recording.
+        settings: What they must hold.
     """
 
     q: Array
     effort: Array
     direction: Array
     part: NDArray[np.int64]
+    settings: PosedSettings = field(default_factory=PosedSettings)
 
     def __len__(self) -> int:
         """Return the number of poses."""
@@ -48,6 +65,7 @@ class Poses:
             self.effort[selection],
             self.direction[selection],
             self.part[selection],
+            self.settings,
         )
 
     @cached_property
@@ -63,13 +81,13 @@ class Poses:
     @cached_property
     def moving(self) -> tuple[int, ...]:
         """Joints that were posed differently."""
-        return tuple(np.flatnonzero(self.upper - self.lower > POSED).tolist())
+        return tuple(np.flatnonzero(self.upper - self.lower > self.settings.posed).tolist())
 
     @cached_property
     def directed(self) -> tuple[bool, ...]:
         """(n,) whether friction can be told from cable: both directions occur often enough."""
         up, down = (self.direction > 0).mean(axis=0), (self.direction < 0).mean(axis=0)
-        return tuple((np.minimum(up, down) >= SHARE).tolist())
+        return tuple((np.minimum(up, down) >= self.settings.rarer).tolist())
 
 
 def read_poses(
@@ -95,9 +113,12 @@ def read_poses(
         given = recording.direction
         direction.append(np.zeros(position.shape) if given is None else given)
         part.append(np.full(len(position), index))
-    poses = Poses(*(np.concatenate(array) for array in (q, effort, direction, part)))
-    if len(poses) < LEAST:
+    poses = Poses(
+        np.concatenate(q), np.concatenate(effort), np.concatenate(direction), np.concatenate(part)
+    )
+    least = poses.settings.least
+    if len(poses) < least:
         raise RecordingError(
-            recordings[0].source, f"holds {len(poses)} static poses, expected at least {LEAST}"
+            recordings[0].source, f"holds {len(poses)} static poses, expected at least {least}"
         )
     return poses, tuple(warnings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -16,8 +17,21 @@ from dvrk_gravity.identification.static_model import cable_rows
 from dvrk_gravity.identification.static_solver import PoseSolution, Table
 from dvrk_gravity.recording.data import Array
 
-INSEPARABLE = 0.98  # correlation of two parameters
-CLUSTERS = 50
+
+@dataclass(frozen=True)
+class PoseReportSettings:
+    """What is said of a fit to static poses.
+
+    Attributes:
+        inseparable: Correlation of two estimates from which on they count as one. Chosen: a
+            standard error is then five times what it would be with the other one known.
+        clusters: Blocks of poses whose residuals hang together, at most. Chosen: a sandwich
+            of few of them is too narrow, and few may mean less than 20 to 50 (Cameron and Miller
+            2015).
+    """
+
+    inseparable: float = 0.98
+    clusters: int = 50
 
 
 def uncertainty(table: Table, solution: PoseSolution, weight: Array) -> Uncertainty:
@@ -28,7 +42,7 @@ def uncertainty(table: Table, solution: PoseSolution, weight: Array) -> Uncertai
     """
     residual = table.poses.effort - solution.predict(table)
     scores = []
-    clusters = sequential(len(residual), min(CLUSTERS, len(residual)))
+    clusters = sequential(len(residual), min(PoseReportSettings().clusters, len(residual)))
     for mask in masks(clusters):
         score = np.zeros(len(solution.theta))
         for joint in range(residual.shape[1]):
@@ -89,12 +103,13 @@ def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> It
         if joint not in poses.moving:
             yield (
                 f"{name} was posed at {np.degrees(poses.q[:, joint].mean()):.0f} deg only: a "
-                "constant is all that is known of it"
+                "constant is all of its torque that is identifiable"
             )
         if not poses.directed[joint]:
             yield (
-                f"{name} came from one direction only, or from unknown ones: its friction cannot "
-                "be told from its cable; approach every pose from both"
+                f"{name} was approached from one direction only, or from unknown ones: its "
+                "friction and its cable torque cannot be separated; approach every pose from both "
+                "directions"
             )
     quantities = {name: direction for name, _, direction in _quantities(table, solution)}
     for k in range(N_BETA):
@@ -104,7 +119,7 @@ def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> It
             if second not in quantities:
                 continue
             together = spread.correlation(quantities[first], quantities[second])
-            if abs(together) > INSEPARABLE:
+            if abs(together) > PoseReportSettings().inseparable:
                 low, high = np.degrees([poses.lower[joint], poses.upper[joint]])
                 yield (
                     f"{first} and {second} cannot be separated (correlation {together:+.3f}): "

@@ -85,7 +85,7 @@ class Table:
         """Evaluate all columns at the poses, or those that the dVRK console has as well."""
         valid = Range(poses.lower, poses.upper)
         joints = tuple(
-            joint_columns(joint, poses, for_console) for joint in range(poses.q.shape[1])
+            joint_columns(joint, poses, arm, for_console) for joint in range(poses.q.shape[1])
         )
         matrices = tuple(columns.matrix(poses, valid) for columns in joints)
         return cls(arm, poses, valid, gravity_rows(poses, arm), joints, matrices)

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping
 
 from dvrk_gravity.identification.evaluation import Evaluation
 from dvrk_gravity.identification.result import Fit, JointError, Verdict
+from dvrk_gravity.identification.verdict import compared
+from dvrk_gravity.model import TorqueModel
 
 
 def error_table(joints: Mapping[str, JointError], verdict: Verdict | None = None) -> Iterator[str]:
@@ -57,8 +59,8 @@ def fit_text(fit: Fit) -> Iterator[str]:
         yield f"  {statement}"
 
 
-def evaluation_text(result: Evaluation) -> Iterator[str]:
-    """Yield the lines that a terminal shows after an evaluation."""
+def evaluation_text(result: Evaluation, model: TorqueModel) -> Iterator[str]:
+    """Yield the lines that a terminal shows after the evaluation of a model."""
     for warning in result.warnings:
         yield f"warning: {warning}"
     if result.detected:
@@ -67,3 +69,4 @@ def evaluation_text(result: Evaluation) -> Iterator[str]:
         yield f"data: {line}"
     yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
     yield from error_table(result.joints)
+    yield compared(model, result.joints, result.coordinates)

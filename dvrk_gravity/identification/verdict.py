@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import SCALES, Joint
-from dvrk_gravity.identification.holding import NARROW
-from dvrk_gravity.identification.result import Holding, JointError, JointVerdict, Verdict
-from dvrk_gravity.model import VERDICTS
+from dvrk_gravity.identification.holding import HoldingSettings
+from dvrk_gravity.identification.result import Holding, JointError, JointVerdict, Verdict, in_words
+from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
 from dvrk_gravity.recording.data import Coordinates
 
 GOOD, USABLE, POOR = VERDICTS
@@ -30,7 +30,7 @@ FURTHER = (
 )
 THIS_JOINT = ("a motion of {joint}, too", "poses of {joint}, too")
 
-TINY = 1e-12  # N·m
+TINY = 1e-12  # N·m, in place of a torque of zero that an error is divided by
 
 
 @dataclass(frozen=True)
@@ -122,6 +122,41 @@ def judge(
     )
 
 
+def compared(model: TorqueModel, errors: Mapping[str, JointError], coordinates: Coordinates) -> str:
+    """Say in a line how errors on a recording compare with what identification said of a model.
+
+    Args:
+        model: The model.
+        errors: Of the model on the recording, by joint.
+        coordinates: Of the errors.
+    """
+    settings, arm = VerdictSettings(), model.arm
+    limits = arm.actuator_effort_limit if coordinates == "actuator" else arm.effort_limit
+    levels = {
+        name: _level(name, errors[name], limit, settings)
+        for name, limit in zip(arm.joint_names, limits.tolist(), strict=True)
+        if name in errors
+    }
+    found = max(levels.values(), key=VERDICTS.index)
+    which = [
+        f"{name} {_percent(errors[name].nrmse)}" for name, level in levels.items() if level == found
+    ]
+    said = (
+        "the model carries no verdict of identify"
+        if model.verdict == NO_VERDICT
+        else f"identify's verdict, from the model file: {in_words(model.verdict)}"
+    )
+    why = "" if found == GOOD else f" ({', '.join(which)} of the torque)"
+    return f"{said}; from these errors alone it would be: {in_words(found)}{why}"
+
+
+def _level(name: str, error: JointError, limit: float, settings: VerdictSettings) -> str:
+    """Return the verdict on an error alone, whose joint or motor has an effort limit."""
+    if error.rmse <= settings.negligible * limit:
+        return GOOD
+    return settings.level(name, error.nrmse)
+
+
 def _of_error(
     joint: Joint,
     error: JointError,
@@ -133,7 +168,7 @@ def _of_error(
     reason = f"held-out error {_percent(error.nrmse)} of its torque ({_milli(error.rmse, joint)})"
     if error.rmse <= settings.negligible * limit:
         return JointVerdict(GOOD, f"{reason}, which moves no joint")
-    level = settings.level(joint.name, error.nrmse)
+    level = _level(joint.name, error, limit, settings)
     if level == GOOD:
         return JointVerdict(GOOD, reason)
     fitted = _percent(training.nrmse)
@@ -169,7 +204,7 @@ def _of_holding(
         reason = "beyond what was recorded, the torque that holds the arm still is known poorly"
         yield JointVerdict(USABLE, f"{reason} (to {error})", FURTHER[static])
     span = holding.upper - holding.lower
-    if span < NARROW * SCALES[joint.kind]:
+    if span < HoldingSettings().narrow * SCALES[joint.kind]:
         reason = "what depends on its position is not known"
         yield JointVerdict(
             USABLE,

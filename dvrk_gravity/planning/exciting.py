@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,28 @@ from dvrk_gravity.planning.multisine import Multisine
 
 Array = NDArray[np.float64]
 
-COUNT = 5  # sines a joint
-LOWEST, HIGHEST = 0.07, 0.6  # Hz; published exciting motions of these arms reach 0.6 Hz
-# A single sine at full range meets the limit of acceleration at some frequency. Of five sines each
-# has about a third of the range, and may be faster.
-FASTER = 1.8
-RAMP = 3.0  # s
-GRID = 0.005  # s; a sine of HIGHEST is at most 5e-5 of its amplitude higher between two points
+GRID = 0.005  # s; a sine of 0.6 Hz is at most 5e-5 of its amplitude higher between two points
+
+
+@dataclass(frozen=True)
+class ExcitingSettings:
+    """What an exciting motion is made of.
+
+    Attributes:
+        count: Sines a joint. Chosen.
+        lowest: Their least frequency, Hz. Chosen.
+        highest: Their greatest, Hz; published exciting motions of these arms reach 0.6 Hz.
+        faster: Times the frequency at which a single sine at full range meets the limit of
+            acceleration: of five sines each has about a third of the range, and may be faster
+            (sqrt(3)).
+        ramp: From rest into the motion, and out of it, s. Chosen.
+    """
+
+    count: int = 5
+    lowest: float = 0.07
+    highest: float = 0.6
+    faster: float = 1.8
+    ramp: float = 3.0
 
 
 def exciting_motion(limits: MotionLimits, duration: float, seed: int) -> Multisine:
@@ -29,7 +44,7 @@ def exciting_motion(limits: MotionLimits, duration: float, seed: int) -> Multisi
 
     Args:
         limits: Of positions, velocities and accelerations.
-        duration: s, at least two ramps of ``RAMP`` seconds.
+        duration: s, at least two ramps.
         seed: Seed of frequencies, phases, amplitudes and middles.
     """
     random = np.random.default_rng(seed)
@@ -40,11 +55,12 @@ def exciting_motion(limits: MotionLimits, duration: float, seed: int) -> Multisi
     used = limits.used * random.uniform(0.8, 1.0, n)
     reach = 0.5 * used * (upper - lower)
     full = np.sqrt(limits.acceleration / reach) / (2.0 * np.pi)
-    frequency = random.uniform(LOWEST, np.clip(FASTER * full, 2.0 * LOWEST, HIGHEST),
-                               (COUNT, n))  # fmt: skip
-    amplitude = random.uniform(0.3, 1.0, (COUNT, n)) / np.sqrt(frequency)
-    phase = random.uniform(0.0, 2.0 * np.pi, (COUNT, n))
-    drives = Multisine(np.zeros(n), amplitude, frequency, phase, RAMP, duration)
+    sines = ExcitingSettings()
+    fastest = np.clip(sines.faster * full, 2.0 * sines.lowest, sines.highest)
+    frequency = random.uniform(sines.lowest, fastest, (sines.count, n))
+    amplitude = random.uniform(0.3, 1.0, (sines.count, n)) / np.sqrt(frequency)
+    phase = random.uniform(0.0, 2.0 * np.pi, (sines.count, n))
+    drives = Multisine(np.zeros(n), amplitude, frequency, phase, sines.ramp, duration)
     time = np.arange(0.0, duration + GRID, GRID)
 
     ways = _signals(drives, time)

@@ -11,12 +11,25 @@ from dvrk_gravity.arms import Arm, mtm
 
 Array = NDArray[np.float64]
 
-# Of an arm of which nothing more is known: rad and so on, and as much at a lever of 0.1 m where a
-# joint slides. Speed and acceleration are what Universal Robots' controllers take for a motion of
-# the joints that names none (MoveJ: 60 deg/s, 80 deg/s^2).
-_VELOCITY, _ACCELERATION = np.radians(60.0), np.radians(80.0)
-_MARGIN = np.radians(5.0)  # to the stops, and never more than a twentieth of the range
-_USED = 0.9  # of what is left, and at most a turn
+
+@dataclass(frozen=True)
+class LimitSettings:
+    """Limits of an arm of which nothing more is known; as much at a lever of 0.1 m where it slides.
+
+    Attributes:
+        velocity: rad/s: what Universal Robots' controllers take for a motion of the joints that
+            names none (MoveJ, 60 deg/s).
+        acceleration: rad/s^2, likewise (80 deg/s^2).
+        margin: Distance to the stops, rad. Chosen: 5 deg.
+        most_margin: ... but no more than this part of the range. Chosen.
+        used: Part of what is left, and at most a turn. Chosen.
+    """
+
+    velocity: float = float(np.radians(60.0))
+    acceleration: float = float(np.radians(80.0))
+    margin: float = float(np.radians(5.0))
+    most_margin: float = 0.05
+    used: float = 0.9
 
 
 @dataclass(frozen=True)
@@ -67,10 +80,12 @@ class MotionLimits:
             used = np.array(known.EXCITED_RANGE)
             return cls(lower, upper, known.VELOCITY, known.ACCELERATION, used, pair)
         lower, upper = arm.range
-        margin = np.minimum(_MARGIN * arm.scale, 0.05 * (upper - lower))
+        settings = LimitSettings()
+        margin = np.minimum(settings.margin * arm.scale, settings.most_margin * (upper - lower))
         lower, upper = lower + margin, upper - margin
-        used = _USED * np.minimum(1.0, 2.0 * np.pi / (upper - lower))
-        return cls(lower, upper, _VELOCITY * arm.scale, _ACCELERATION * arm.scale, used)
+        used = settings.used * np.minimum(1.0, 2.0 * np.pi / (upper - lower))
+        velocity, acceleration = settings.velocity * arm.scale, settings.acceleration * arm.scale
+        return cls(lower, upper, velocity, acceleration, used)
 
 
 def careful(arm: Arm) -> tuple[Array, Array]:
@@ -78,4 +93,5 @@ def careful(arm: Arm) -> tuple[Array, Array]:
     if mtm.is_mtm(arm):
         known = mtm.defaults
         return np.array(known.SIMULATED_VELOCITY), np.array(known.SIMULATED_ACCELERATION)
-    return _VELOCITY * arm.scale, _ACCELERATION * arm.scale
+    settings = LimitSettings()
+    return settings.velocity * arm.scale, settings.acceleration * arm.scale

@@ -11,8 +11,18 @@ from dvrk_gravity.arms import Arm, mtm
 
 Array = NDArray[np.float64]
 
-# The part of a joint's range that a motion uses, and a turn at most: some turn more than they need.
-USED, MOST = 0.7, 2.0 * np.pi
+
+@dataclass(frozen=True)
+class UsedRangeSettings:
+    """How far a simulated arm's motion goes, of which nothing more is known.
+
+    Attributes:
+        used: Part of a joint's range. Chosen.
+        most: Range that counts at most, rad: a turn, as some joints turn more than they need.
+    """
+
+    used: float = 0.7
+    most: float = 2.0 * np.pi
 
 
 def used_range(arm: Arm) -> Array:
@@ -20,7 +30,8 @@ def used_range(arm: Arm) -> Array:
     if mtm.is_mtm(arm):
         return np.array(mtm.defaults.USED_RANGE)
     lowest, highest = arm.range
-    part: Array = USED * np.minimum(1.0, MOST / (highest - lowest))
+    settings = UsedRangeSettings()
+    part: Array = settings.used * np.minimum(1.0, settings.most / (highest - lowest))
     return part
 
 

@@ -3,23 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
-from dvrk_gravity.recording.grid import GAP
+from dvrk_gravity.recording.grid import TimingSettings
 from dvrk_gravity.recording.signal_checks import quantisation, ripple, sampling, saturation
 from dvrk_gravity.recording.velocity import compare_velocity
 
-POSITION_MARGIN = 2.5  # a zero may be far off, but degrees are 57 times as many
-EFFORT_MARGIN = 10.0  # a peak may exceed the limit, but mN·m are 1000 times as many
-
-TIME_JITTER = 0.05  # of the sampling interval
-STILL = 0.02  # rad (or 2 mm, see Arm.scale); a joint that stays within this did not move
 UNITS: tuple[Kind, ...] = ("position_unit", "effort_unit", "time_unit")
-RATES = (10.0, 5000.0)  # Hz, between which robots are recorded
+
+
+@dataclass(frozen=True)
+class CheckSettings:
+    """When numbers count as in another unit, time as irregular, and a joint as at rest.
+
+    Attributes:
+        position_margin: Times what the joint reaches. Chosen between what a zero may be off by and
+            the 57 of degrees.
+        effort_margin: Times what the motor can. Chosen between what a peak may exceed a limit by
+            and the 1000 of mN·m.
+        time_jitter: Standard deviation of the intervals, as a part of their median. Chosen.
+        still: Way below which a joint did not move, rad (2 mm where it slides). Chosen: about
+            1 deg, more than a servo that holds moves by.
+        rates: Hz, between which robots are recorded: stamps that are not in seconds are known by
+            it. Chosen wider than any console's rate.
+    """
+
+    position_margin: float = 2.5
+    effort_margin: float = 10.0
+    time_jitter: float = 0.05
+    still: float = 0.02
+    rates: tuple[float, float] = (10.0, 5000.0)
 
 
 def check(
@@ -84,7 +102,7 @@ def check_counts(samples: int, invalid: int, repeated: int) -> list[DataWarning]
 
 def check_motion(recording: Recording, ranges: Array) -> list[DataWarning]:
     """Return findings about joints that do not move; ``ranges`` (n,) rad or m."""
-    still = ranges < STILL * recording.scale
+    still = ranges < CheckSettings().still * recording.scale
     if np.all(still):
         furthest = recording.joints[int(np.argmax(ranges))]
         return [
@@ -119,12 +137,12 @@ def _units(recording: Recording) -> list[DataWarning]:
     arm = recording.arm
     if arm is None:
         return []
-    reach, strength = largest(arm)
+    (reach, strength), settings = largest(arm), CheckSettings()
     findings = []
     for column, name in enumerate(recording.joints):
         joint = arm.joints[arm.joint_names.index(name)]
         peak = float(np.max(np.abs(recording.position[:, column])))
-        if peak > POSITION_MARGIN * reach[name]:
+        if peak > settings.position_margin * reach[name]:
             numbers = {"largest": peak, "plausible": reach[name]}
             unit = "rad, not deg" if joint.unit == "rad" else "m, not mm"
             text = f"position up to {peak:.4g}, an arm reaches {reach[name]:g}: expected {unit}"
@@ -132,7 +150,7 @@ def _units(recording: Recording) -> list[DataWarning]:
         if recording.effort is None:
             continue
         peak = float(np.max(np.abs(recording.effort[:, column])))
-        if peak <= EFFORT_MARGIN * strength[name]:
+        if peak <= settings.effort_margin * strength[name]:
             continue
         numbers = {"largest": peak, "plausible": strength[name]}
         text = f"effort up to {peak:.4g}, an arm reaches {strength[name]:g}: expected "
@@ -163,9 +181,10 @@ def _time(recording: Recording) -> list[DataWarning]:
     assert recording.time is not None
     intervals = np.diff(recording.time)
     typical = float(np.median(intervals))
-    findings = []
+    findings, settings = [], CheckSettings()
+    slowest, fastest = settings.rates
     for unit, factor in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
-        if 1.0 / typical < 2.0 and RATES[0] <= 1.0 / (typical * factor) <= RATES[1]:
+        if 1.0 / typical < 2.0 and slowest <= 1.0 / (typical * factor) <= fastest:
             findings.append(
                 DataWarning(
                     "time_unit",
@@ -175,7 +194,7 @@ def _time(recording: Recording) -> list[DataWarning]:
                     unusable=True,
                 )
             )
-    long = intervals > GAP * typical
+    long = intervals > TimingSettings().gap * typical
     if long.any():
         findings.append(
             DataWarning(
@@ -186,7 +205,7 @@ def _time(recording: Recording) -> list[DataWarning]:
             )
         )
     jitter = float(np.std(intervals[~long]))
-    if jitter > TIME_JITTER * typical:
+    if jitter > settings.time_jitter * typical:
         findings.append(
             DataWarning(
                 "time_jitter",

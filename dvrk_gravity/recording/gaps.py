@@ -9,11 +9,19 @@ import numpy as np
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.filters import LowPass
-from dvrk_gravity.recording.grid import GAP
+from dvrk_gravity.recording.grid import TimingSettings
 
-# Part of the samples from which on their loss is a warning, and not just told: with a tenth
-# missing, intervals are some 5 % wider than the recording promises (1 / sqrt(0.9)).
-DISCARDED = 0.1
+
+@dataclass(frozen=True)
+class LossSettings:
+    """When the loss of samples is a warning, and not just told.
+
+    Attributes:
+        discarded: Part of the samples: with a tenth missing, intervals are some 5 % wider than the
+            recording promises (1 / sqrt(0.9)).
+    """
+
+    discarded: float = 0.1
 
 
 @dataclass
@@ -41,7 +49,7 @@ class Gaps:
     def count(self, time: Array) -> None:
         """Count the gaps between (N,) times, s."""
         intervals = np.diff(time)
-        gaps = intervals[intervals > GAP / self.low.rate]
+        gaps = intervals[intervals > TimingSettings().gap / self.low.rate]
         bridged = gaps[gaps <= self.longest]
         self.bridged += len(bridged)
         self.longest_bridged = max(self.longest_bridged, float(bridged.max(initial=0.0)))
@@ -69,7 +77,7 @@ class Gaps:
     def warnings(self, samples: int) -> tuple[DataWarning, ...]:
         """Return a warning if gaps cost too many of the samples of a recording."""
         share = self.discarded / samples
-        if share <= DISCARDED:
+        if share <= LossSettings().discarded:
             return ()
         return (
             DataWarning(

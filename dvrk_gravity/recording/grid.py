@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,10 +14,24 @@ from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.sample_times import retimed
 from dvrk_gravity.recording.samples import QUANTITIES
 
-GAP = 3.5  # a longer interval, in median intervals, is a gap and not jitter
-UNIFORM = 1e-4  # intervals that differ by less than this part are equal
-ON_GRID = 0.01  # intervals that a grid point may be off
-MOVING = 1e-6  # rad in one sample: below, an unchanged reading proves nothing
+
+@dataclass(frozen=True)
+class TimingSettings:
+    """What is a gap, what is a uniform grid already, and what is a reading not renewed.
+
+    Attributes:
+        gap: Interval, in median ones, from which on samples are missing. Chosen: more than jitter
+            makes of two lost samples.
+        uniform: Part by which intervals of a uniform grid may differ. Chosen: rounding of stamps.
+        on_grid: Intervals that a grid's points may be off. Chosen.
+        moving: Way in one sample below which an unchanged reading proves nothing, rad. Chosen: less
+            than a step of any encoder.
+    """
+
+    gap: float = 3.5
+    uniform: float = 1e-4
+    on_grid: float = 0.01
+    moving: float = 1e-6
 
 
 def speed(recording: Recording) -> Array:
@@ -46,7 +60,7 @@ def stale(recording: Recording) -> NDArray[np.bool_]:
         return result
     steps = np.array([2.0 * quantum(column) for column in recording.position.T])
     travel = np.abs(speed(recording)) / rate
-    moving = np.any(travel > np.maximum(steps, MOVING), axis=1)
+    moving = np.any(travel > np.maximum(steps, TimingSettings().moving), axis=1)
     result[1:] = same & moving[1:]
     return result
 
@@ -57,13 +71,13 @@ def longest_bridged(rate: float, band: float) -> float:
     One time constant 1 / (2 pi band) of the low-pass. Between samples T apart a cubic with the
     right slopes is off by at most T^4 / 384 of the fourth derivative (de Boor 2001, ch. IV): 0.26 %
     of a sine at the band's edge, where the filter takes half of it, and less below. What jitter
-    can be, ``GAP`` intervals, is never a gap.
+    can be, ``TimingSettings.gap`` intervals, is never a gap.
 
     Args:
         rate: Samples a second, Hz.
         band: Cut-off of the low-pass that goes over the signals, Hz.
     """
-    return max(GAP / rate, 1.0 / (2.0 * np.pi * band))
+    return max(TimingSettings().gap / rate, 1.0 / (2.0 * np.pi * band))
 
 
 def split_at_gaps(recording: Recording, longest: float | None = None) -> tuple[Recording, ...]:
@@ -71,13 +85,13 @@ def split_at_gaps(recording: Recording, longest: float | None = None) -> tuple[R
 
     Args:
         recording: What was recorded.
-        longest: Interval that is no gap yet, s; default: ``GAP`` median ones.
+        longest: Interval that is no gap yet, s; default: ``TimingSettings.gap`` median ones.
     """
     if recording.time is None or len(recording) < 3:
         return (recording,)
     intervals = np.diff(recording.time)
     if longest is None:
-        longest = GAP * float(np.median(intervals))
+        longest = TimingSettings().gap * float(np.median(intervals))
     ends = np.flatnonzero(intervals > longest) + 1
     edges = [0, *ends.tolist(), len(recording)]
     return tuple(recording.rows(slice(a, b)) for a, b in pairwise(edges))
@@ -103,7 +117,9 @@ def resample(recording: Recording, rate: float, origin: float | None = None) -> 
     assert time is not None
     ahead = 0.0 if origin is None else float((origin - time[0]) * rate)
     offset = ahead - round(ahead)
-    if abs(offset) < ON_GRID and np.all(np.abs(np.diff(time) * rate - 1.0) < UNIFORM):
+    settings = TimingSettings()
+    uniform = np.all(np.abs(np.diff(time) * rate - 1.0) < settings.uniform)
+    if abs(offset) < settings.on_grid and uniform:
         return recording
     begin = time[0] + (0.0 if abs(offset) < 1e-6 else offset % 1.0) / rate
     count = int(np.floor((time[-1] - begin) * rate + 1e-6)) + 1

@@ -10,7 +10,7 @@ import numpy as np
 
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.checks import (
-    STILL,
+    CheckSettings,
     check_counts,
     check_motion,
     check_signals,
@@ -22,7 +22,17 @@ from dvrk_gravity.recording.files import join
 
 # Found once is found; of the other kinds, most of the time must show it.
 ONCE: tuple[Kind, ...] = ("gaps", "effort_saturation")
-MOST = 0.5  # of the samples of pieces in which the joint moves
+
+
+@dataclass(frozen=True)
+class PieceSettings:
+    """When what some pieces of a recording show holds for all of it.
+
+    Attributes:
+        most: Part of the samples of pieces in which the joint moves. Chosen: the majority.
+    """
+
+    most: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,12 +132,13 @@ class Findings:
         for warning in motion:
             if warning.unusable:
                 raise RecordingError(recording.source, str(warning))
-        moved = ranges[:, 1] - ranges[:, 0] > STILL * recording.scale
+        moved = ranges[:, 1] - ranges[:, 0] > CheckSettings().still * recording.scale
+        most = PieceSettings().most
         found = [*check_counts(int(samples.sum()), invalid, repeated), *motion]
         for (kind, joint), holders in self._by_kind().items():
             counts = moved[:, recording.joint(joint)] if joint else moved.any(axis=1)
             weight = samples * (counts if counts.any() else 1)
-            if kind not in ONCE and weight[list(holders)].sum() < MOST * weight.sum():
+            if kind not in ONCE and weight[list(holders)].sum() < most * weight.sum():
                 continue
             worst = holders[max(holders, key=lambda place: samples[place])]
             if len(samples) > 1:

@@ -2,11 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from dvrk_gravity.recording.samples import Array
 
-QUANTUM_SAMPLES = 20_000
+QUANTUM_SAMPLES = 20_000  # looked at, at most: enough to see neighbouring steps
+
+
+@dataclass(frozen=True)
+class QuantumSettings:
+    """When readings count as multiples of a step.
+
+    Attributes:
+        percentile: Of the distances between distinct values, which is taken for one step. Chosen:
+            the least ones may be rounding.
+        whole: Steps by which a distance may differ from a whole number. Chosen.
+        most: Part of the distances that must be whole. Chosen.
+    """
+
+    percentile: float = 5.0
+    whole: float = 0.1
+    most: float = 0.9
 
 
 def quantum(values: Array) -> float:
@@ -23,7 +41,8 @@ def quantum(values: Array) -> float:
     gaps = gaps[gaps > 1e-9 * max(abs(distinct[0]), abs(distinct[-1]))]
     if not len(gaps):
         return 0.0
-    step = float(np.percentile(gaps, 5))
+    settings = QuantumSettings()
+    step = float(np.percentile(gaps, settings.percentile))
     multiples = gaps / step
-    whole = np.abs(multiples - np.round(multiples)) < 0.1
-    return step if np.mean(whole) > 0.9 else 0.0
+    whole = np.abs(multiples - np.round(multiples)) < settings.whole
+    return step if np.mean(whole) > settings.most else 0.0

@@ -7,7 +7,7 @@ same interval. With encoders of 1e-5 rad and joints at 1 rad/s that interval is 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,11 +15,25 @@ from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.filters import LowPass
 from dvrk_gravity.recording.quantization import quantum
 
-SLOWEST = 1.0  # Hz; slower wander is left to the stamps: velocities are off by a percent or two
-SLOPE_TOLERANCE = 0.03  # of a velocity column against positions, to be of use here
-LEAST_SHIFT = 0.1  # of the sampling interval, RMS; less is not worth a correction
-EXPLAINED = 0.5  # share of the disagreement that one common jitter must explain
-NEVER = 0.04  # of the sampling interval: readings closer than this are one
+
+@dataclass(frozen=True)
+class RetimingSettings:
+    """When samples are put back to the times at which they were taken.
+
+    Attributes:
+        slowest: Hz; slower wander is left to the stamps: velocities are off by a percent or two.
+            Chosen.
+        slope: Relative error of a velocity column against positions, to be of use here. Chosen.
+        least_shift: RMS shift, in sampling intervals; less is not worth a correction. Chosen.
+        explained: Part of the disagreement that one common jitter must explain. Chosen: most.
+        never: Sampling intervals; readings closer than this are one. Chosen.
+    """
+
+    slowest: float = 1.0
+    slope: float = 0.03
+    least_shift: float = 0.1
+    explained: float = 0.5
+    never: float = 0.04
 
 
 def retimed(recording: Recording) -> Recording:
@@ -32,10 +46,11 @@ def retimed(recording: Recording) -> Recording:
     Args:
         recording: With time, without gaps and stale samples.
     """
+    settings = RetimingSettings()
     time, velocity, rate = recording.time, recording.velocity, recording.rate
-    if time is None or velocity is None or rate is None or rate <= 4.0 * SLOWEST:
+    if time is None or velocity is None or rate is None or rate <= 4.0 * settings.slowest:
         return recording
-    low = LowPass(SLOWEST, rate)
+    low = LowPass(settings.slowest, rate)
     grid = np.arange(time[0], time[-1], 1.0 / rate)
     if len(grid) <= 2 * low.edge:
         return recording
@@ -45,11 +60,11 @@ def retimed(recording: Recording) -> Recording:
         return recording
     late = np.append(0.0, np.cumsum(found - stamped))
     late -= np.interp(time, grid, low(np.interp(grid, time, late)))
-    if np.std(late) * rate < LEAST_SHIFT:
+    if np.std(late) * rate < settings.least_shift:
         return recording
     taken = time + late
     before = np.append(-np.inf, np.maximum.accumulate(taken)[:-1])
-    kept = taken > before + NEVER / rate
+    kept = taken > before + settings.never / rate
     return replace(recording.rows(kept), time=taken[kept])
 
 
@@ -58,6 +73,7 @@ def _intervals(position: Array, velocity: Array, stamped: Array, nominal: float)
 
     Weighted least squares over the joints, with the stamped interval as a weak prior.
     """
+    settings = RetimingSettings()
     way, mean = np.diff(position, axis=0), 0.5 * (velocity[1:] + velocity[:-1])
     expected = mean * stamped[:, None]
     power = np.sum(expected**2, axis=0)
@@ -65,7 +81,7 @@ def _intervals(position: Array, velocity: Array, stamped: Array, nominal: float)
     step = np.array([quantum(column) for column in position.T])
     # Without steps the joints' noise is unknown: a hundredth of the typical way.
     noise = np.where(step > 0.0, step / np.sqrt(6.0), 0.01 * np.std(way, axis=0))
-    used = (np.abs(slope - 1.0) < SLOPE_TOLERANCE) & (noise > 0.0)
+    used = (np.abs(slope - 1.0) < settings.slope) & (noise > 0.0)
     if used.sum() < 2:
         return None
     way, mean, weight = way[:, used], mean[:, used], noise[used] ** -2
@@ -75,4 +91,4 @@ def _intervals(position: Array, velocity: Array, stamped: Array, nominal: float)
     left, before = (
         ((way - mean * one[:, None]) ** 2 @ weight).sum() for one in (intervals, stamped)
     )
-    return np.asarray(intervals) if left < (1.0 - EXPLAINED) * before else None
+    return np.asarray(intervals) if left < (1.0 - settings.explained) * before else None

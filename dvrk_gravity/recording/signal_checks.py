@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,19 +15,36 @@ from dvrk_gravity.recording.grid import speed, split_at_gaps, stale
 from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.sample_times import retimed
 
-STALE_SHARE = 0.01
-READ_JITTER = 0.2  # of the sampling interval
-COARSE_POSITION = 0.1  # one encoder step a sample, as part of the joint's RMS velocity
-COARSE = 0.05  # one step, as part of the signal's standard deviation
-PINNED_RUN = 5  # equal extreme readings in a row, while the joint moves
-# Part of the torque that ripple puts into what is fitted. Real recordings (MTM, PSM, UR10e) have
-# 0.000 to 0.005, simulated ones without steps 0.000 to 0.004 (`Multisine.draw`, seeds 0 to 7, at
-# 100, 200, 1000 Hz); a stiff servo that follows steps at 50 to 500 Hz leaves 0.03 to 0.15 at
-# 200 Hz, 0.01 to 0.04 at 1 kHz (seeds 1 to 4 of `stepped` in test/test_set_points.py).
-RIPPLE = 0.01
-RIPPLE_BAND = 5.65  # Hz, what is fitted: prepare.DEFAULT_CUTOFF
-SLOWEST = 1e-6  # rad/s; a joint that is never faster shows no jitter
-PINNED_SHARE = 0.02  # of static poses with the same extreme effort
+
+@dataclass(frozen=True)
+class SignalSettings:
+    """When signals are worse than they seem.
+
+    Attributes:
+        stale: Part of the samples that repeat the one before while the arm moves. Chosen.
+        read_jitter: Way of samples off their stamps, RMS in sampling intervals. Chosen.
+        coarse_position: One encoder step a sample, as a part of the joint's RMS velocity. Chosen.
+        coarse: One step, as a part of the signal's standard deviation. Chosen.
+        pinned_run: Equal extreme readings in a row, while the joint moves. Chosen.
+        pinned_share: Part of static poses with the same extreme effort. Chosen.
+        ripple: Part of the torque that ripple puts into what is fitted. Real recordings (MTM, PSM,
+            UR10e) have 0.000 to 0.005, simulated ones without steps 0.000 to 0.004
+            (`Multisine.draw`, seeds 0 to 7, at 100, 200, 1000 Hz); a stiff servo that follows steps
+            at 50 to 500 Hz leaves 0.03 to 0.15 at 200 Hz, 0.01 to 0.04 at 1 kHz (seeds 1 to 4 of
+            `stepped` in test/test_set_points.py).
+        ripple_band: Hz, what is fitted: ``prepare.DEFAULT_CUTOFF``.
+        slowest: Velocity below which a joint shows no jitter, rad/s. Chosen: rounding.
+    """
+
+    stale: float = 0.01
+    read_jitter: float = 0.2
+    coarse_position: float = 0.1
+    coarse: float = 0.05
+    pinned_run: int = 5
+    pinned_share: float = 0.02
+    ripple: float = 0.01
+    ripple_band: float = 5.65
+    slowest: float = 1e-6
 
 
 def _longest_run(mask: NDArray[np.bool_]) -> int:
@@ -36,9 +54,9 @@ def _longest_run(mask: NDArray[np.bool_]) -> int:
 
 def sampling(recording: Recording) -> list[DataWarning]:
     """Return findings about stale samples and samples taken off their stamps."""
-    findings = []
+    findings, settings = [], SignalSettings()
     old = stale(recording)
-    if np.mean(old) > STALE_SHARE:
+    if np.mean(old) > settings.stale:
         longest = _longest_run(old)
         findings.append(
             DataWarning(
@@ -53,7 +71,11 @@ def sampling(recording: Recording) -> list[DataWarning]:
     rate = recording.rate
     fresh = max(split_at_gaps(recording.rows(~old)), key=len)
     corrected = rate is not None and retimed(fresh) is not fresh
-    if jitter is not None and rate is not None and (corrected or jitter * rate > READ_JITTER):
+    if (
+        jitter is not None
+        and rate is not None
+        and (corrected or jitter * rate > settings.read_jitter)
+    ):
         findings.append(
             DataWarning(
                 "read_jitter",
@@ -81,9 +103,9 @@ def read_jitter(recording: Recording) -> float | None:
     rough = recording.position - LowPass(rate / 10.0, rate)(recording.position)
     inner = slice(20, -20)
     squared_speed = speed(recording)[inner] ** 2
-    slopes = []
+    slopes, slowest = [], SignalSettings().slowest
     for error, squared in zip((rough[inner] ** 2).T, squared_speed.T, strict=True):
-        if np.ptp(squared) > SLOWEST**2:
+        if np.ptp(squared) > slowest**2:
             columns = np.column_stack([np.ones_like(squared), squared / squared.max()])
             slopes.append(np.linalg.lstsq(columns, error, rcond=None)[0][1] / squared.max())
     return float(np.sqrt(max(np.median(slopes), 0.0))) if slopes else None
@@ -97,8 +119,8 @@ def ripple(recording: Recording) -> list[DataWarning]:
     equally wide above, for all that is known. Commands in exact step with the samples would show no
     ripple and yet do the same harm; clocks of two programs are never so exact.
     """
-    share = effort_ripple(recording)
-    if share is None or share <= RIPPLE or recording.rate is None:
+    share, settings = effort_ripple(recording), SignalSettings()
+    if share is None or share <= settings.ripple or recording.rate is None:
         return []
     return [
         DataWarning(
@@ -106,8 +128,8 @@ def ripple(recording: Recording) -> list[DataWarning]:
             None,
             {"share": share, "above_hz": recording.rate / 4.0},
             f"efforts ripple above {recording.rate / 4.0:.3g} Hz, the more the faster the joints "
-            f"move: about {100 * share:.2g} % of the torque below {RIPPLE_BAND:g} Hz may be ripple "
-            "in disguise; command positions in finer steps, or record at 1 kHz",
+            f"move: about {100 * share:.2g} % of the torque below {settings.ripple_band:g} Hz may "
+            "be ripple in disguise; command positions in finer steps, or record at 1 kHz",
         )
     ]
 
@@ -117,11 +139,12 @@ def effort_ripple(recording: Recording) -> float | None:
 
     It is what efforts have above a quarter of the sampling rate and what grows with the joint's
     speed, as steps of commanded positions do and noise does not: the slope of its square against
-    squared velocity. Spread evenly over the frequencies, ``RIPPLE_BAND`` has its part of it. The
-    median over the joints is returned.
+    squared velocity. Spread evenly over the frequencies, the band that is fitted has its part of
+    it. The median over the joints is returned.
     """
-    rate, effort = recording.rate, recording.effort
-    if rate is None or effort is None or rate / 4.0 < RIPPLE_BAND:
+    rate, effort, settings = recording.rate, recording.effort, SignalSettings()
+    band, slowest = settings.ripple_band, settings.slowest
+    if rate is None or effort is None or rate / 4.0 < band:
         return None
     fresh = max(split_at_gaps(recording.rows(~stale(recording))), key=len)
     if len(fresh) < 200 or fresh.effort is None:
@@ -132,11 +155,11 @@ def effort_ripple(recording: Recording) -> float | None:
     torque = np.mean(fresh.effort**2, axis=0)
     shares = []
     for power, squared, whole in zip(fast.T, squared_speed.T, torque, strict=True):
-        if np.ptp(squared) > SLOWEST**2 and whole > 0.0:
+        if np.ptp(squared) > slowest**2 and whole > 0.0:
             relative = squared / squared.max()
             columns = np.column_stack([np.ones_like(relative), relative])
             grows = float(np.linalg.lstsq(columns, power, rcond=None)[0][1] * relative.mean())
-            shares.append(np.sqrt(max(grows, 0.0) * RIPPLE_BAND / (rate / 4.0) / whole))
+            shares.append(np.sqrt(max(grows, 0.0) * band / (rate / 4.0) / whole))
     return float(np.median(shares)) if shares else None
 
 
@@ -144,7 +167,7 @@ def saturation(recording: Recording, limits: Mapping[str, float]) -> list[DataWa
     """Return findings about efforts that stay at a limit (N·m by joint) or at an extreme."""
     if recording.effort is None:
         return []
-    timed = recording.time is not None
+    timed, settings = recording.time is not None, SignalSettings()
     fresh, velocity = np.ones(len(recording), dtype=bool), None
     if timed and len(recording) >= 100:
         fresh = ~stale(recording)
@@ -160,11 +183,12 @@ def saturation(recording: Recording, limits: Mapping[str, float]) -> list[DataWa
             pinned = effort == reached
             if velocity is None:
                 enough = not timed and np.ptp(effort) > 0.0
-                enough = enough and pinned.sum() > max(PINNED_RUN, PINNED_SHARE * len(effort))
+                least = max(settings.pinned_run, settings.pinned_share * len(effort))
+                enough = enough and pinned.sum() > least
             else:
                 moving = velocity[fresh, column]
                 pinned &= moving > 0.1 * np.sqrt(np.mean(moving**2))
-                enough = _longest_run(pinned) >= PINNED_RUN
+                enough = _longest_run(pinned) >= settings.pinned_run
         if enough:
             findings.append(
                 DataWarning(
@@ -179,14 +203,14 @@ def saturation(recording: Recording, limits: Mapping[str, float]) -> list[DataWa
 
 def quantisation(recording: Recording) -> list[DataWarning]:
     """Return findings about signals whose steps are coarse for the motion."""
-    findings = []
+    findings, settings = [], SignalSettings()
     rate = recording.rate
     rough = speed(recording) if rate is not None and len(recording) >= 100 else None
     for column, joint in enumerate(recording.joints):
         if rough is not None and rate is not None:
             typical = float(np.sqrt(np.mean(rough[:, column] ** 2)))
             step = quantum(recording.position[:, column])
-            if typical > 0.0 and step * rate > COARSE_POSITION * typical:
+            if typical > 0.0 and step * rate > settings.coarse_position * typical:
                 findings.append(
                     DataWarning(
                         "position_quantisation",
@@ -204,7 +228,7 @@ def quantisation(recording: Recording) -> list[DataWarning]:
             if values is None:
                 continue
             step, spread = quantum(values[:, column]), float(np.std(values[:, column]))
-            if spread > 0.0 and step > COARSE * spread:
+            if spread > 0.0 and step > settings.coarse * spread:
                 findings.append(
                     DataWarning(
                         kind,

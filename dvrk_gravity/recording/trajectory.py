@@ -21,7 +21,7 @@ from dvrk_gravity.recording.gaps import Gaps
 from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
 from dvrk_gravity.recording.pieces import Findings, Piece, blocks, with_margins
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF, SHORTEST, derived_joints, low_pass
-from dvrk_gravity.recording.sample_times import SLOWEST
+from dvrk_gravity.recording.sample_times import RetimingSettings
 
 # The motion is filtered less than the torques: friction's sign and products of velocities put
 # power above the motion's own frequencies. The columns then go through the torques' filter.
@@ -113,7 +113,8 @@ def read_trajectory(
             left_out.append((block.invalid, block.repeated))
             yield block
 
-    margin = max(MARGIN * low.edge, JITTER_MARGIN * LowPass(SLOWEST, rate).edge)
+    slow = LowPass(RetimingSettings().slowest, rate)
+    margin = max(MARGIN * low.edge, JITTER_MARGIN * slow.edge)
     for place, one in enumerate(with_margins(counted(), int(np.ceil(margin)))):
         findings.add(one, *left_out[place])
         work.add(one)

@@ -11,13 +11,30 @@ from dvrk_gravity.recording.filters import LowPass, derivative
 from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
 from dvrk_gravity.recording.quantization import quantum
 
-COMPARISON_CUTOFF = 10.0  # Hz, both signals; less for slow recordings
-SLOPE_TOLERANCE = 0.03
-RESIDUAL_TOLERANCE = 0.08
-LAG_TOLERANCE = 2e-3  # s
-NOISE_MARGIN = 3.0  # times the error that the derivative itself has from the encoder's steps
-SLOWEST = 1e-6  # rad/s; a joint that varies its velocity less does not move
 DEGREE = np.pi / 180.0
+
+
+@dataclass(frozen=True)
+class ComparisonSettings:
+    """When a velocity column disagrees with the derivative of the positions.
+
+    Attributes:
+        cutoff: Of both signals' low-pass, Hz; less for slow recordings. Chosen: above the band that
+            is fitted (5.65 Hz).
+        slope: Relative error of its scale. Chosen.
+        residual: Part of it that the derivative leaves. Chosen.
+        lag: s that it may be late. Chosen.
+        noise: Times the error that the derivative itself has from the encoder's steps: three
+            standard deviations.
+        slowest: RMS velocity below which a joint does not move, rad/s. Chosen: rounding.
+    """
+
+    cutoff: float = 10.0
+    slope: float = 0.03
+    residual: float = 0.08
+    lag: float = 2e-3
+    noise: float = 3.0
+    slowest: float = 1e-6
 
 
 @dataclass(frozen=True)
@@ -45,16 +62,16 @@ class VelocityFit:
     @property
     def worse(self) -> bool:
         """Whether the column disagrees by more than the derivative's own error can explain."""
+        settings = ComparisonSettings()
         uncertainty = 4.0 * self.residual / np.sqrt(self.samples)
-        scaled = abs(self.slope - 1.0) > max(
-            SLOPE_TOLERANCE, uncertainty, NOISE_MARGIN * self.noise
-        )
-        return scaled or self.residual > max(RESIDUAL_TOLERANCE, NOISE_MARGIN * self.noise)
+        noise = settings.noise * self.noise
+        scaled = abs(self.slope - 1.0) > max(settings.slope, uncertainty, noise)
+        return scaled or self.residual > max(settings.residual, noise)
 
     @property
     def late(self) -> bool:
         """Whether the column is beyond doubt not in step with the positions, however clean."""
-        return abs(self.lag) > LAG_TOLERANCE + 4.0 * self.lag_error
+        return abs(self.lag) > ComparisonSettings().lag + 4.0 * self.lag_error
 
     @property
     def position_in_degrees(self) -> bool:
@@ -84,10 +101,10 @@ def compare_velocity(recording: Recording) -> tuple[VelocityFit | None, ...]:
         joint whose motion does not rise above its encoder's steps.
     """
     nothing: tuple[None, ...] = (None,) * len(recording.joints)
-    nominal = recording.rate
+    nominal, settings = recording.rate, ComparisonSettings()
     if recording.velocity is None or nominal is None:
         return nothing
-    low = LowPass(min(COMPARISON_CUTOFF, nominal / 20.0), nominal)
+    low = LowPass(min(settings.cutoff, nominal / 20.0), nominal)
     parts = split_at_gaps(recording, longest_bridged(nominal, low.cutoff))
     longest = max(parts, key=len)
     fresh = longest.rows(~stale(longest))
@@ -107,7 +124,7 @@ def compare_velocity(recording: Recording) -> tuple[VelocityFit | None, ...]:
         x, y, a = derived[:, j], column[:, j], acceleration[:, j]
         spread = float(np.std(x))
         noise = quantum(longest.position[:, j]) / np.sqrt(12.0) * gain
-        if spread <= max(NOISE_MARGIN * noise, SLOWEST):
+        if spread <= max(settings.noise * noise, settings.slowest):
             fits.append(None)
             continue
         slope = float(x @ y / (x @ x))

@@ -232,7 +232,8 @@ def png(picture: Picture, unit: str = "mN·m") -> bytes:
             one.plot(*_means(x[rows], y[rows]), "-", linewidth=2.0, color=strong, label=label)
         one.set_title(f"{title}: {np.sqrt(np.mean(y**2)):.3g} {unit} RMS")
         one.set_xlabel(picture.variable)
-    axes[1].legend(frameon=False, fontsize="small")
+    lines, names = axes[1].get_legend_handles_labels()
+    figure.legend(lines, names, loc="outside upper right", ncols=2, frameon=False, fontsize="small")
     axes[0].set_ylabel(f"error at {picture.joint} [{unit}]")
     return html.png(figure)
 

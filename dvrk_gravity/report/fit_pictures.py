@@ -22,7 +22,7 @@ def torque_picture(trace: Trace, column: int, joint: Joint) -> str:
     """Return measured and predicted torque of one joint over time, or over the pose number."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 2.6))
+    figure = Figure(figsize=(9.0, 2.8), layout="constrained")
     axes = figure.subplots()
     if trace.time is None:
         x = np.arange(len(trace.measured), dtype=float)
@@ -39,9 +39,9 @@ def torque_picture(trace: Trace, column: int, joint: Joint) -> str:
     axes.plot(x, 1e3 * predicted, color=PREDICTED, linewidth=1.0, label=word)
     axes.plot(x, 1e3 * (measured - predicted), color=LEFT, linewidth=0.7, label="difference")
     axes.set_ylabel(f"torque [m{joint.effort_unit}]")
-    axes.legend(loc="upper right", ncols=3, fontsize=8)
+    figure.legend(loc="outside upper right", ncols=3, fontsize=8, frameon=False)
     axes.grid(alpha=0.25)
-    return _data_url(figure)
+    return data_url(png(figure, dpi=100))
 
 
 def residual_picture(traces: Sequence[Trace], column: int, joint: Joint) -> str:
@@ -54,13 +54,14 @@ def residual_picture(traces: Sequence[Trace], column: int, joint: Joint) -> str:
     velocities = [t.velocity[:, column] for t in traces if t.velocity is not None]
     if len(velocities) == len(traces):
         panels.append((f"velocity [{unit}/s]", np.concatenate(velocities)))
-    figure = Figure(figsize=(9.0, 2.6))
+    figure = Figure(figsize=(9.0, 2.8), layout="constrained")
     axes = np.atleast_1d(figure.subplots(1, len(panels), sharey=True))
     for one, (label, x) in zip(axes, panels, strict=True):
         _scatter(one, x, 1e3 * residual)
         one.set_xlabel(label)
+        one.locator_params(axis="x", nbins=7)  # numbers that do not touch
     axes[0].set_ylabel(f"difference [m{joint.effort_unit}]")
-    return _data_url(figure)
+    return data_url(png(figure, dpi=100))
 
 
 def _scatter(axes: Any, x: Array, y: Array) -> None:
@@ -75,9 +76,3 @@ def _scatter(axes: Any, x: Array, y: Array) -> None:
         used = count >= 5
         mean = np.bincount(index, y, minlength=BINS)[used] / count[used]
         axes.plot((0.5 * (edges[1:] + edges[:-1]))[used], mean, color=PREDICTED, linewidth=1.5)
-
-
-def _data_url(figure: Any) -> str:
-    # A constrained layout would take most of the time that a picture takes.
-    figure.subplots_adjust(left=0.1, right=0.99, bottom=0.19, top=0.97, wspace=0.05)
-    return data_url(png(figure, dpi=100))

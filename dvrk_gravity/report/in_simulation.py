@@ -111,11 +111,11 @@ def _picture(drifts: Sequence[Drift], arm: Arm) -> str:
                     label = name if k == 0 else None
                     cell.plot(one.time, way, color=color, linewidth=1.3, label=label)
             cell.grid(alpha=0.3)
-            cell.set_title(
-                f"{arm.joint_names[joint]}, {100 * one.friction:.0f} % friction", fontsize=9
-            )
+            friction = f"{100 * one.friction:.0f} % friction"
+            cell.set_title(f"{arm.joint_names[joint]}\n{friction}", fontsize=9)
         row[0].set_ylabel(f"way [{_units(arm)}]")
     for cell in axes[-1]:
         cell.set_xlabel("time [s]")
-    axes[0][0].legend(fontsize=8)
+    lines, names = axes[0][0].get_legend_handles_labels()
+    figure.legend(lines, names, loc="outside upper right", ncols=2, fontsize=8, frameon=False)
     return data_url(png(figure))

@@ -10,6 +10,7 @@ import threading
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -21,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
+from dvrk_gravity.model import arm_beside
 from dvrk_gravity.parameter import Parameter
 from dvrk_gravity.ros.executor import PromptExecutor, PromptNode
 
@@ -29,6 +31,10 @@ STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Beginnings of the parameters that rclpy itself declares on every node."""
+
+
+_folders: list[Path] = []
+"""Of the parameter files that this process was started with."""
 
 
 def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
@@ -48,6 +54,7 @@ def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
         ConfigError: ROS arguments or parameters that cannot be used.
     """
     files = _parameter_files(ros_args)
+    _folders[:] = [Path(path).absolute().parent for path in files]
     for path in files:
         yaml_file.load(path)  # rcl's own words for a bad file are long and name no cause
     stop = threading.Event()
@@ -79,13 +86,18 @@ def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
 def given_parameters(node: Node) -> dict[str, Any]:
     """Return the parameters that files and arguments gave to a node, by dotted name.
 
+    The path of an arm's file is looked for from the folders of parameter files, too.
+
     For nodes built with ``automatically_declare_parameters_from_overrides``.
     """
-    return {
+    values = {
         name: plain(node.get_parameter(name).value)
         for name in node.get_parameters_by_prefix("")
         if not name.startswith(OF_RCLPY)
     }
+    for folder in _folders:
+        values = arm_beside(values, folder)
+    return values
 
 
 def plain(value: Any) -> Any:

@@ -18,7 +18,7 @@ from std_msgs.msg import Bool, Empty
 
 from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.errors import DvrkGravityError
-from dvrk_gravity.model import all_parameters, arm_of
+from dvrk_gravity.model import BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameter import Parameter, check_all
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
@@ -92,7 +92,7 @@ class Simulator(Node):
         others = all_parameters(arm_of(given))
         mine = {name: value for name, value in given.items() if name not in others}
         defaults = {name: entry.default for name, entry in SIMULATOR_PARAMETERS.items()}
-        value: dict[str, Any] = defaults | check_all(SIMULATOR_PARAMETERS, mine)
+        value: dict[str, Any] = defaults | check_all(SIMULATOR_PARAMETERS, mine, BY_EFFECTS)
         runtime.declare(self, SIMULATOR_PARAMETERS, value)
         self.add_on_set_parameters_callback(self._refuse_parameters)
 

@@ -8,7 +8,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty, Float64, Float64MultiArray, String
 
-from dvrk_gravity.model import all_parameters, arm_of
+from dvrk_gravity.model import BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameter import check_all
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.arm_link import ArmLink
@@ -35,7 +35,7 @@ class Watchdog(PromptNode):
         # A file for all nodes (`/**`) holds the model's, too.
         table = all_parameters(arm_of(given))
         values = {name: table[name].default for name in _PARAMETERS}
-        values |= check_all(table, given)
+        values |= check_all(table, given, BY_EFFECTS)
         timeout = values["watchdog_timeout"]
         assert isinstance(timeout, float)  # check_all has seen to it
         self._timeout = timeout
