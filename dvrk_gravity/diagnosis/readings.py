@@ -7,15 +7,35 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.diagnosis.model_error import model_columns
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.effects.wrong_coordinates import Reading, readings
 
 Array = NDArray[np.float64]
 
-_ALPHA = 0.001
-_LEAST_REMOVED = 0.3  # of a joint's error
-_SAMPLES = 1500
-_BLOCKS = 24
+
+@dataclass(frozen=True)
+class ReadingSettings:
+    """When a recording counts as read wrongly.
+
+    Attributes:
+        alpha: Chance of another reading where nothing is wrong, corrected for their number: a tenth
+            of the choice of effects, for everything after it stands on it. Chosen.
+        least_removed: Part of a joint's error that must go. Chosen: a sign or an order that is
+            wrong leaves little right.
+        samples: Samples compared: a bound on time.
+        blocks: Blocks of the test: Wilcoxon's least p-value is then 6e-8.
+        independent: Samples that count as one. Chosen.
+    """
+
+    alpha: float = 0.001
+    least_removed: float = 0.3
+    samples: int = 1500
+    blocks: int = 24
+    independent: float = 4.0
+
+
+_SETTINGS = ReadingSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +57,8 @@ class ReadingScore:
     @property
     def passes(self) -> bool:
         """Whether it is significant and large."""
-        return self.p_value < _ALPHA and self.removed > _LEAST_REMOVED and self.gain > 0.0
+        large = self.removed > _SETTINGS.least_removed and self.gain > 0.0
+        return large and self.p_value < _SETTINGS.alpha
 
 
 def read_as(motion: Motion, reading: Reading) -> Motion:
@@ -64,25 +85,29 @@ def try_readings(motion: Motion) -> list[ReadingScore]:
 
     if not motion.present.all():
         return []
-    rows = np.linspace(0, len(motion.q) - 1, min(_SAMPLES, len(motion.q))).astype(int)
-    block = np.arange(len(rows)) * _BLOCKS // len(rows)
+    rows = np.linspace(0, len(motion.q) - 1, min(_SETTINGS.samples, len(motion.q))).astype(int)
+    block = np.arange(len(rows)) * _SETTINGS.blocks // len(rows)
     few = _thinned(motion, rows)
     usable = ~motion.stuck[rows]
     before = few.residual**2 * usable
-    scale = np.maximum(before.mean(axis=0), 1e-12)
+    # What the model may be off by without any other reading.
+    expected = (model_columns(few) ** 2).sum(axis=2).mean(axis=0)
+    if motion.model.uncertainty is not None:
+        expected += np.nan_to_num(motion.model.uncertainty.error) ** 2
+    scale = np.maximum(before.mean(axis=0) + expected, 1e-12)
     alternatives = list(readings(motion.arm, motion.moves))
     scores = []
     for reading in alternatives:
         after = read_as(few, reading).residual ** 2 * usable
-        mean = np.maximum(after.mean(axis=0), 1e-12)
-        gain = 0.5 * (len(rows) / 4.0) * float(np.log(scale / mean).sum())
+        mean = np.maximum(after.mean(axis=0) + expected, 1e-12)
+        gain = 0.5 * (len(rows) / _SETTINGS.independent) * float(np.log(scale / mean).sum())
         if gain <= 0.0:
             continue
         better = np.bincount(block, (np.log(before + 0.1 * scale)
                                      - np.log(after + 0.1 * scale)).sum(axis=1))  # fmt: skip
         # Where a joint is held or bears nothing, a block says nothing of its sign: ranks may leave
         # in doubt what the likelihood, were there but one sample a block, does not.
-        ratio = 0.5 * _BLOCKS * float(np.log(scale / mean).sum())
+        ratio = 0.5 * _SETTINGS.blocks * float(np.log(scale / mean).sum())
         p_value = 2.0 * min(
             float(stats.wilcoxon(better, alternative="greater").pvalue),
             float(stats.chi2.sf(2.0 * ratio, 1)),

@@ -19,6 +19,8 @@ NULL = 1e-12
 """Squared size of a column, in units of the weights, that is nothing but round-off: its coefficient
 would have to be a million."""
 
+_EXCHANGES = 5  # before the solver that always ends is asked: a bound on time
+
 
 class NotConvergedError(DvrkGravityError):
     """A constrained least-squares problem that its solver gave up."""
@@ -86,6 +88,27 @@ class NormalEquations:
     def error(self, theta: Array) -> Array:
         """Return (m,) weighted sums of squared errors of (p,) coefficients."""
         return np.maximum(self.power - 2.0 * self.cross @ theta + (self.gram @ theta) @ theta, 0.0)
+
+
+class HeldOutSums:
+    """Sums of products over held-out samples, for the errors of many fits to others."""
+
+    def __init__(self, equations: NormalEquations) -> None:
+        """Keep of each channel the columns that touch it: most do not."""
+        self._power = equations.power
+        self._channels = []
+        for gram, cross in zip(equations.gram, equations.cross, strict=True):
+            used = np.flatnonzero(np.diag(gram))
+            part = np.ascontiguousarray(gram[used[:, None], used])
+            self._channels.append((used, part, cross[used]))
+
+    def error(self, theta: Array) -> Array:
+        """Return (m,) weighted sums of squared errors of (p,) coefficients."""
+        explained = []
+        for used, gram, cross in self._channels:
+            own = theta[used]
+            explained.append((2.0 * cross - gram @ own) @ own)
+        return np.maximum(self._power - np.array(explained), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,12 +211,21 @@ class Regression:
 
 
 def solve_signed(
-    precision: Array, right: Array, positive: NDArray[np.bool_]
-) -> tuple[Array, NDArray[np.bool_]]:
+    precision: Array, right: Array, positive: NDArray[np.bool_],
+    guess: NDArray[np.bool_] | None = None,
+) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
     """Solve a symmetric positive definite system with some unknowns held from below zero.
 
     The unknowns without a sign are eliminated; the others are non-negative least squares (Lawson
-    and Hanson 1974, by SciPy) on the Cholesky factor of what remains.
+    and Hanson 1974, by SciPy) on the Cholesky factor of what remains. That is spared where a few
+    exchanges of those held at zero (Portugal, Júdice, Vicente 1994) satisfy the conditions of
+    Karush, Kuhn and Tucker.
+
+    Args:
+        precision: (p, p).
+        right: (p,).
+        positive: (p,) unknowns that must not be negative.
+        guess: (p,) unknowns that are perhaps not held at zero, to begin with; by default all.
 
     Returns:
         The (p,) solution and the mask of those not held at zero.
@@ -204,9 +236,13 @@ def solve_signed(
     from scipy.linalg import cho_factor, cho_solve, solve_triangular
     from scipy.optimize import nnls
 
-    theta = np.asarray(cho_solve(cho_factor(precision, check_finite=False), right))
-    if not (positive & (theta < 0.0)).any():
-        return theta, np.ones(len(right), dtype=bool)
+    free = np.ones(len(right), dtype=bool) if guess is None else guess | ~positive
+    for _ in range(_EXCHANGES):
+        theta = _solve_free(precision, right, free)
+        wrong = positive & np.where(free, theta < 0.0, right - precision @ theta > 0.0)
+        if not wrong.any():
+            return theta, free
+        free = free ^ wrong
     signed, others = np.flatnonzero(positive), np.flatnonzero(~positive)
     coupling = precision[np.ix_(others, signed)]
     factor = cho_factor(precision[np.ix_(others, others)], check_finite=False)
@@ -227,3 +263,19 @@ def solve_signed(
     free = np.ones(len(right), dtype=bool)
     free[signed] = found > 0.0
     return theta, free
+
+
+def _solve_free(precision: Array, right: Array, free: NDArray[np.bool_]) -> Array:
+    """Return the solution (p,) with all but some unknowns at zero."""
+    from scipy.linalg.lapack import dposv
+
+    theta = np.zeros(len(right))
+    index = np.flatnonzero(free)
+    if not len(index):
+        return theta
+    whole = len(index) == len(right)
+    part = precision if whole else precision[index[:, None], index]
+    _, theta[index], info = dposv(part, right[index])
+    if info:
+        raise np.linalg.LinAlgError("normal equations are not positive definite")
+    return theta

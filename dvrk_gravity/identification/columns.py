@@ -87,11 +87,19 @@ class Columns:
 
     def select(self, **wanted: object) -> list[int]:
         """Return the indices of the columns whose fields have the wanted values."""
-        return [
-            index
-            for index, column in enumerate(self.columns)
-            if all(getattr(column, key) == value for key, value in wanted.items())
-        ]
+        key = tuple(wanted.items())
+        if key not in self._selected:
+            self._selected[key] = [
+                index
+                for index, column in enumerate(self.columns)
+                if all(getattr(column, name) == value for name, value in key)
+            ]
+        return list(self._selected[key])
+
+    @cached_property
+    def _selected(self) -> dict[tuple[tuple[str, object], ...], list[int]]:
+        """What was selected before: searches ask the same thousands of times."""
+        return {}
 
     def same(self, chosen: Sequence[int], others: Columns) -> list[int]:
         """Return which of other columns are the chosen ones; of the rigid body it is all."""

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvrk_gravity.effects.base.unknowns import Move
-from dvrk_gravity.estimation.normal_equations import NormalEquations, solve_signed
+from dvrk_gravity.estimation.normal_equations import HeldOutSums, NormalEquations, solve_signed
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
 from dvrk_gravity.estimation.splits import Folds
 from dvrk_gravity.identification.columns import Columns
@@ -108,10 +109,27 @@ class Selection:
         ridge = np.diag(1.0 / self.columns.scale[index] ** 2)
         positive = self.columns.positive[index]
         errors = []
-        for (data, right), test in zip(self._weighted, self.test, strict=True):
-            theta, _ = solve_signed(data[grid] + ridge, right[index], positive)
-            errors.append(test.select(index).error(theta))
+        theta = np.zeros(len(self.columns.columns))
+        for (data, right), test, free in zip(
+            self._weighted, self._test_sums, self._free, strict=True
+        ):
+            theta[index], free[index] = solve_signed(
+                data[grid] + ridge, right[index], positive, free[index]
+            )
+            errors.append(test.error(theta))
         return np.array(errors)
+
+    @cached_property
+    def _free(self) -> NDArray[np.bool_]:
+        """(folds, p) columns that the last fit of each fold did not hold at zero.
+
+        From one change of a model to the next they stay, as a rule.
+        """
+        return np.ones((len(self.train), len(self.columns.columns)), dtype=bool)
+
+    @cached_property
+    def _test_sums(self) -> list[HeldOutSums]:
+        return [HeldOutSums(test) for test in self.test]
 
     @cached_property
     def _weighted(self) -> list[tuple[Array, Array]]:
