@@ -31,7 +31,7 @@ class Scores:
 
     def __init__(self, p_value: float) -> None:
         self.weight = np.ones(7)
-        self.known_error = np.zeros(7)
+        self.known_error, self.model_size = np.full(7, -1.0), 0
         self._p_value = p_value
 
     def score(self, candidates) -> Score:
@@ -40,6 +40,9 @@ class Scores:
 
     def parameters(self, candidates) -> np.ndarray:
         return np.full(len(candidates), 0.1)
+
+    def size(self, candidate, theta) -> np.ndarray:
+        return np.zeros(7)
 
     def p_value(self, before, after, candidate) -> float:
         return self._p_value

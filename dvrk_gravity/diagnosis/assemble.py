@@ -104,7 +104,7 @@ def assemble(
     findings += ordered(of_accepted)
     last = held_out.error(named)
     for tried in unknown:
-        findings.append(unknown_finding(held_out, validation, named, tried, last))
+        findings.append(unknown_finding(held_out, validation, named, tried))
     after = held_out.rmse(last)
     floor = data.noise_rms(loaded.floor, validation.residual(named))
     source = data.noise_source(floor)
@@ -190,7 +190,7 @@ def _finding(
     hypothesis = one.trial.candidate.hypothesis
     named = [other.trial.candidate for other in accepted]
     # What the others leave to it, in whatever order they were found.
-    before = held_out.error([other for k, other in enumerate(named) if k != i])
+    before = held_out.error([other for k, other in enumerate(named) if k != i], named)
     after = held_out.error(named)
     joints = held_out.main_joints(one.trial.candidate, before, after)
     gain = held_out.gain(before, after, joints)

@@ -111,8 +111,7 @@ class CrossValidation:
     @property
     def redundancy(self) -> Array:
         """(n,) samples that count as one."""
-        copies = design_effect(self.data.copies, self._intraclass)
-        return self.data.samples_per_independent * copies
+        return self.data.redundancy * design_effect(self.data.copies, self._intraclass)
 
     def _mean_square(self, error: Array) -> Array:
         """Return (n,) mean squares of (R, n) errors over the usable samples."""
@@ -180,7 +179,12 @@ class CrossValidation:
 
     @property
     def _weights(self) -> Array:
-        return self._usable * self.weight
+        return self._usable * self._joint_weight
+
+    @property
+    def _joint_weight(self) -> Array:
+        """(n,) weights of joints in a fit: of errors that hang together fewer count."""
+        return self.weight * np.sqrt(self.data.samples_per_independent / self.data.redundancy)
 
     def _ridge(self, candidates: Sequence[Candidate]) -> Array:
         """Return (k, k) what is known of parameters before any data, in units of samples."""
@@ -204,8 +208,12 @@ class CrossValidation:
 
     def out_of_fold(self, candidates: Sequence[Candidate]) -> Array:
         """Return (R, n) errors of the choice's samples, each from a fit that left its fold out."""
+        return self._cross_validated(candidates)[0]
+
+    def _cross_validated(self, candidates: Sequence[Candidate]) -> tuple[Array, float]:
+        """Return :meth:`out_of_fold` and how improbable the model's parameters have to be."""
         design, target = self._beside_model(candidates), self._target
-        error = target.copy()
+        error, improbable = target.copy(), 0.0
         if design.shape[1]:
             folds = [
                 NormalEquations.of(design[rows][:, None], target[rows][:, None])
@@ -216,16 +224,26 @@ class CrossValidation:
                 rest = whole - fold
                 theta = solve(rest.gram[0] + ridge, rest.cross[0], self.settings.trace)
                 error[rows] -= design[rows] @ theta
-        weight = np.where(self.weight > 0.0, self.weight, 1.0)
-        return error.reshape(-1, self.joints) / weight
+            theta = solve(whole.gram[0] + ridge, whole.cross[0], self.settings.trace)
+            improbable = self._improbable(theta)
+        weight = np.where(self.weight > 0.0, self._joint_weight, 1.0)
+        return error.reshape(-1, self.joints) / weight, improbable
+
+    def _improbable(self, theta: Array) -> float:
+        """Return minus the log-density of the model's (d, …) parameters, but for a constant.
+
+        Each is in units of its standard deviation.
+        """
+        own = theta[: self.model_size]
+        return 0.5 * float(own @ own)
 
     def score(self, candidates: Sequence[Candidate]) -> Score:
         """Return the out-of-fold score of a set."""
-        error = self.out_of_fold(candidates)
+        error, improbable = self._cross_validated(candidates)
         mean = self._mean_square(error)
         used = self.weight > 0.0
         likelihood = -0.5 * float(self.samples[used] @ np.log(mean[used]))
-        likelihood -= sum(candidate.cost for candidate in candidates)
+        likelihood -= improbable + sum(candidate.cost for candidate in candidates)
         square = ((error * self._weights) ** 2).sum(axis=1)
         loss = np.bincount(self._block, square, minlength=self.data.count).astype(float)
         return Score(error, np.sqrt(mean), loss, likelihood)
@@ -260,34 +278,53 @@ class CrossValidation:
         known = np.where(usable, error, 0.0)[:, looked]
         part = np.zeros(len(known), dtype=np.int64)
         length = correlation_time(known, part, len(known) // 4)
-        return max(1.0, float(np.max(length)) / self.data.samples_per_independent)
+        return max(1.0, float(np.max(length / self.data.redundancy[looked])))
 
     def screen(
         self, selected: Sequence[Candidate], pool: Iterable[Candidate], keep: int
     ) -> list[Candidate]:
         """Return the candidates of the pool that fit best beside the selected ones, best first."""
         base = self._regression(selected)
-        target = base.residual(self._target)
+        theta = base.coefficients(self._target)
+        target = self._target - base.design @ theta
         square = (target**2).reshape(-1, self.joints).sum(axis=0)
         found = []
         for candidate in pool:
             raw = self._design([candidate])
-            columns = base.residual(raw)
+            beside = base.coefficients(raw)
+            columns = raw - base.design @ beside
             gram = raw.T @ columns + self._ridge([candidate])
-            error = target - columns @ solve(gram, raw.T @ target, self.settings.trace)
+            own = solve(gram, raw.T @ target, self.settings.trace)
+            error = target - columns @ own
+            spared = self._improbable(theta) - self._improbable(theta - beside @ own)
             left = (error**2).reshape(-1, self.joints).sum(axis=0)
             used = (square > 0.0) & (left > 0.0)
             gain = 0.5 * float(self.samples[used] @ np.log(square[used] / left[used]))
-            found.append((gain - candidate.cost, candidate))
+            found.append((gain + spared - candidate.cost, candidate))
         found.sort(key=lambda pair: -pair[0])
         return [candidate for gain, candidate in found[:keep] if gain > 0.0]
 
-    def residual(self, candidates: Sequence[Candidate]) -> Array:
-        """Return (T, n) what a fit of candidates to the samples of choice leaves everywhere."""
-        residual = self.data.residual.copy()
-        theta = self._regression(candidates).coefficients(self._target)
+    def residual(
+        self, candidates: Sequence[Candidate], beside: Sequence[Candidate] | None = None
+    ) -> Array:
+        """Return (T, n) what a fit of candidates to the samples of choice leaves everywhere.
+
+        Args:
+            candidates: The candidates.
+            beside: Candidates with which the model's own parameters are fitted, and then stay; by
+                default these.
+        """
+        together = candidates if beside is None else beside
+        theta = self._regression(together).coefficients(self._target)
+        if beside is not None:
+            own = theta[: self.model_size]
+            model = self._beside_model([]) @ own
+            found = Regression(
+                self._design(candidates), self._ridge(candidates), self.settings.trace
+            )
+            theta = np.concatenate([own, found.coefficients(self._target - model)])
         columns = [self.data.model_columns, *(candidate.columns() for candidate in candidates)]
-        return residual - np.concatenate(columns, axis=2) @ theta
+        return self.data.residual - np.concatenate(columns, axis=2) @ theta
 
     def parameters(self, candidates: Sequence[Candidate]) -> Array:
         """Return parameters (k,) on all the samples of choice."""
@@ -368,10 +405,16 @@ class CrossValidation:
 
     def misfit(self, candidates: Sequence[Candidate]) -> float:
         """Return minus the log-likelihood of a fit to all the samples of choice."""
-        error = self._regression(candidates).residual(self._target)
+        regression = self._regression(candidates)
+        theta = regression.coefficients(self._target)
+        error = self._target - regression.design @ theta
         mean = (error.reshape(-1, self.joints) ** 2).sum(axis=0) / self._counts
         used = mean > 0.0
-        return 0.5 * float(self.samples[used] @ np.log(mean[used]))
+        return 0.5 * float(self.samples[used] @ np.log(mean[used])) + self._improbable(theta)
+
+    def size(self, candidate: Candidate, theta: Array) -> Array:
+        """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice."""
+        return np.sqrt(self._mean_square(candidate.columns(self._rows) @ theta))
 
     def refined(self, candidate: Candidate, others: Sequence[Candidate]) -> Candidate:
         """Return a candidate with its non-linear settings at their best beside the others."""

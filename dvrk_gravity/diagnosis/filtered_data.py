@@ -196,6 +196,15 @@ class FilteredData:
         """Samples that count as one where the residual is white below the band."""
         return 1.0 if self.band is None else self.settings.samples_per_independent
 
+    @cached_property
+    def redundancy(self) -> Array:
+        """(n,) samples that count as one, by how long the model's known error hangs together."""
+        least = np.full(self.residual.shape[1], self.samples_per_independent)
+        known = self.motion.model.uncertainty
+        if known is None or self.motion.rate is None:
+            return least
+        return np.fmax(least, known.together * self.motion.rate / self.every)
+
     @property
     def copies(self) -> float:
         """How often the motion shows the same, at least 1."""

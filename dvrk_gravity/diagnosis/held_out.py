@@ -101,9 +101,16 @@ class HeldOut:
         """(T,) which samples are held out."""
         return self._held
 
-    def error(self, candidates: Sequence[Candidate]) -> Array:
-        """Return (H, n) errors of a fit to the samples of choice; NaN where nothing can be said."""
-        residual = self._validation.residual(candidates)[self._held]
+    def error(
+        self, candidates: Sequence[Candidate], beside: Sequence[Candidate] | None = None
+    ) -> Array:
+        """Return (H, n) errors of a fit to the samples of choice; NaN where nothing can be said.
+
+        Args:
+            candidates: The candidates.
+            beside: See ``CrossValidation.residual``.
+        """
+        residual = self._validation.residual(candidates, beside)[self._held]
         return np.where(self._usable, residual, np.nan)
 
     def rmse(self, error: Array) -> Array:
@@ -169,7 +176,7 @@ class HeldOut:
         self, chosen: Sequence[Candidate], candidate: Candidate
     ) -> Unconfirmed | None:
         """Return what a chosen candidate gains where it acts; ``None`` where that is nowhere."""
-        before = self.error([other for other in chosen if other is not candidate])
+        before = self.error([other for other in chosen if other is not candidate], chosen)
         after = self.error(chosen)
         joints = self.main_joints(candidate, before, after)
         theta = self._validation.parameters(chosen)

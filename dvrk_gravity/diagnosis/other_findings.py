@@ -37,11 +37,11 @@ def unknown_finding(
     validation: CrossValidation,
     named: Sequence[Candidate],
     tried: EffectTrial,
-    before: Array,
 ) -> Finding:
     """Return the finding of structure that no name fits."""
     hypothesis = tried.candidate.hypothesis
-    after = held_out.error([*named, tried.candidate])
+    with_it = [*named, tried.candidate]
+    before, after = held_out.error(named, with_it), held_out.error(with_it)
     joint = hypothesis.joints[0]
     gain = held_out.gain(before, after, [joint])
     rms = float(

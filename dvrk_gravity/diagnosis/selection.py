@@ -232,12 +232,12 @@ class Selection:
     ) -> EffectTrial:
         """Return how a candidate does beside the selected ones."""
         after = self.validation.score([*selected, candidate])
-        theta = self.validation.parameters([*selected, candidate])
-        possible = candidate.hypothesis.plausible(theta[-candidate.size :])
-        return self._trial(candidate, before, after, possible)
+        theta = self.validation.parameters([*selected, candidate])[-candidate.size :]
+        possible = candidate.hypothesis.plausible(theta)
+        return self._trial(candidate, before, after, theta, possible)
 
     def _trial(
-        self, candidate: Candidate, before: Score, after: Score, possible: bool = True
+        self, candidate: Candidate, before: Score, after: Score, theta: Array, possible: bool = True
     ) -> EffectTrial:
         """Return how a candidate does, whether it comes or stays: by the same measure.
 
@@ -249,24 +249,32 @@ class Selection:
             self.count * candidate.hypothesis.searched,
         )
         used = (self.validation.weight > 0.0) & candidate.acts
-        removed = float(np.max(1.0 - after.rms[used] / before.rms[used], initial=0.0))
+        removed = 1.0 - after.rms / np.maximum(before.rms, 1e-300)
+        size = self.validation.size(candidate, theta)
+        if self.validation.model_size:
+            # What the model's parameters would make up for as best they can is not theirs.
+            removed = np.fmax(removed, 1.0 - after.rms / np.hypot(after.rms, size))
+        most = float(np.max(removed[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
         known = settings.consequence * self.validation.known_error
-        matters = bool(np.any((before.rms**2 - after.rms**2 > known**2)[used]))
-        passes = gain > 0.0 and removed > settings.least_gain and p_value < settings.alpha
+        matters = bool(np.any((size > known)[used]))
+        passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
         passes = passes and matters
-        return EffectTrial(candidate, gain, passes and possible, after, p_value, removed, possible)
+        return EffectTrial(candidate, gain, passes and possible, after, p_value, most, possible)
 
     def _without(
         self, selected: Sequence[Candidate], looked_at: Iterable[Candidate]
     ) -> list[EffectTrial]:
         """Return how some of the selected do beside all others."""
-        whole = self.validation.score(selected)
+        whole, theta = self.validation.score(selected), self.validation.parameters(selected)
+        edges = np.cumsum([0, *(candidate.size for candidate in selected)])
+        own = {id(c): theta[a:b] for c, a, b in zip(selected, edges, edges[1:], strict=False)}
         return [
             self._trial(
                 candidate,
                 self.validation.score([other for other in selected if other is not candidate]),
                 whole,
+                own[id(candidate)],
             )
             for candidate in looked_at
         ]
