@@ -133,8 +133,9 @@ def fourier(limits: MotionLimits, base: float, random: Random) -> Sines:
     if pair is None:
         series = replace(series, amplitude=factor * amplitude)
         way = series.at(time)[0]
-        middle = random.uniform(lower - way.min(axis=0), upper - way.max(axis=0))
-        return replace(series, middle=middle)
+        low, high = lower - way.min(axis=0), upper - way.max(axis=0)
+        drawn = random.uniform(0.0, 1.0, n)  # what uses all of its range leaves no room at all
+        return replace(series, middle=low + drawn * (high - low))
     i, j = pair.first, pair.second
     while True:
         joints = _of_joints(replace(series, amplitude=factor * amplitude), i, j)
@@ -142,7 +143,7 @@ def fourier(limits: MotionLimits, base: float, random: Random) -> Sines:
         total = way[:, i] + way[:, j]
         low, high = limits.lower - way.min(axis=0), limits.upper - way.max(axis=0)
         fast = np.abs(velocity[:, j]).max() > limits.velocity[j]
-        middle = random.uniform(np.minimum(low, high), high)
+        middle = low + random.uniform(0.0, 1.0, n) * (high - low)
         least = max(low[j], pair.lower - total.min() - middle[i])
         most = min(high[j], pair.upper - total.max() - middle[i])
         if least < most and not fast:
