@@ -107,8 +107,9 @@ def _identified(
 def _mujoco(session: Session, effects: Sequence[str], through_file: bool) -> Iterator[Outcome]:
     name, seed = session.arm, session.seed
     world = MujocoWorld.draw(name, seed)
-    calibration = world.truth(draw_calibration(world.arm, seed))
-    model = _identified(session, world.record(calibration, seed), world.arm, through_file)
+    calibration = draw_calibration(world.arm, seed)
+    recording = world.record(world.truth(calibration), seed)
+    model = _identified(session, recording, world.arm, through_file)
     residual = np.array(session.residual)
     for number, effect in enumerate(effects):
         random = np.random.default_rng([seed, number])
@@ -117,7 +118,7 @@ def _mujoco(session: Session, effects: Sequence[str], through_file: bool) -> Ite
             Recording, Hidden, float
         ]:  # fmt: skip
             motion, noise = (int(one) for one in random.integers(1 << 30, size=2))
-            truth = world.truth(draw_other(world.arm, motion))
+            truth = world.truth(draw_other(world.arm, motion, calibration))
             setting = Setting(truth, world.engine, residual, world.sizes.payload, world.sizes.reach)
             hiding = lab_effects.hide(setting, effect, random)
             return world.record(hiding.truth, noise), hiding.hidden, hiding.ratio

@@ -87,7 +87,8 @@ def test_motions_keep_the_limits_that_a_program_has(name):
     limits = MotionLimits.of(arm)
     time = np.arange(0.0, 30.0, 0.01)
     for seed in SEEDS:
-        for motion in (draw_calibration(arm, seed), draw_other(arm, seed)):
+        calibration = draw_calibration(arm, seed)
+        for motion in (calibration, draw_other(arm, seed), draw_other(arm, seed, calibration)):
             q, qd, qdd = motion.at(time)
             assert (q > limits.lower - 1e-6).all()
             assert (q < limits.upper + 1e-6).all()
@@ -99,6 +100,19 @@ def test_motions_keep_the_limits_that_a_program_has(name):
                 total = q[:, limits.pair.first] + q[:, limits.pair.second]
                 assert (total > limits.pair.lower - 1e-6).all()
                 assert (total < limits.pair.upper + 1e-6).all()
+
+
+def test_most_motions_that_are_diagnosed_stay_about_where_the_calibration_went():
+    arm = mujoco_arms.arm_of("ur5")
+    time = np.arange(0.0, 30.0, 0.05)
+    calibration = draw_calibration(arm, 1)
+    known = calibration.at(time)[0]
+    more = 0.06 * np.ptp(known, axis=0)
+    near = 0
+    for seed in range(20):
+        way = draw_other(arm, seed, calibration).at(time)[0]
+        near += (way > known.min(axis=0) - more).all() and (way < known.max(axis=0) + more).all()
+    assert 10 <= near < 20
 
 
 @pytest.mark.parametrize("effect", [one for one in lab_effects.HIDERS if one != "nothing"])

@@ -14,7 +14,8 @@ Array = NDArray[np.float64]
 Random = np.random.Generator
 
 HARMONICS = 6  # of a series, as published exciting motions have them
-BASE = (0.085, 0.18)  # Hz, of published ones (MTM: 0.0857 and 0.1, PSM 0.18)
+BASE = (0.06, 0.1)  # Hz; published ones of master arms have 0.0857 and 0.1
+NEAR, BEYOND = 0.75, 0.05  # of other motions; of the way of a calibration
 LONGEST = 120.0  # s, of a drawn motion
 _RAMP = 3.0  # s, in which a drawn motion is eased in
 
@@ -50,26 +51,56 @@ def draw_calibration(arm: Arm, seed: int) -> Sines:
     return _draw(arm, random, random.uniform(0.8, 1.0), random.uniform(1.0, 1.5))
 
 
-def draw_other(arm: Arm, seed: int) -> Sines:
-    """Return a motion to diagnose from: less far or slower in some, faster in others."""
+def draw_other(arm: Arm, seed: int, calibration: Sines | None = None) -> Sines:
+    """Return a motion to diagnose from: less far or slower in some, faster in others.
+
+    Three of four stay about where the calibration went; the others go anywhere, and where that is
+    another place than the calibration's, no model can know what cables do there.
+
+    Args:
+        arm: The arm.
+        seed: Of the motion.
+        calibration: The motion that was identified from; ``None``: anywhere.
+    """
     random = np.random.default_rng([seed, 2])
     part = float(random.choice([1.0, 0.9, 0.6]))
-    return _draw(arm, random, part, float(random.choice([1.2, 1.0, 1.6, 0.7])))
+    speed = float(random.choice([1.2, 1.0, 1.6, 0.7]))
+    near = random.random() < NEAR
+    return _draw(arm, random, part, speed, calibration if near else None)
 
 
-def _draw(arm: Arm, random: Random, part: float, speed: float) -> Sines:
+def _draw(
+    arm: Arm, random: Random, part: float, speed: float, about: Sines | None = None
+) -> Sines:  # fmt: skip
     limits = MotionLimits.of(arm)
     limits = replace(
-        limits,
-        used=part * limits.used,
+        limits if about is None else _around(limits, about),
         velocity=speed * limits.velocity,
-        acceleration=speed**2 * limits.acceleration,
+        acceleration=speed * limits.acceleration,
     )
+    limits = replace(limits, used=part * limits.used)
     if random.random() < 0.4:
-        return fourier(limits, float(random.uniform(*BASE)), random)
+        return fourier(limits, min(speed, 1.0) * float(random.uniform(*BASE)), random)
     drawn = exciting_motion(limits, LONGEST, int(random.integers(1 << 30)))
     phase = drawn.phase + 2.0 * np.pi * drawn.frequency * _RAMP
     return Sines(drawn.middle, drawn.amplitude, drawn.frequency, phase)
+
+
+def _around(limits: MotionLimits, about: Sines) -> MotionLimits:
+    """Return limits within which another motion went, and a little beyond.
+
+    Those of a pair's joints are as they were: they are narrow.
+    """
+    way = about.at(np.arange(0.0, 30.0, 0.02))[0]
+    lowest, highest = way.min(axis=0), way.max(axis=0)
+    more = BEYOND * (highest - lowest)
+    lower, upper = np.maximum(limits.lower, lowest - more), np.minimum(limits.upper, highest + more)
+    used = np.ones(len(lower))
+    if limits.pair is not None:
+        both = [limits.pair.first, limits.pair.second]
+        lower[both], upper[both] = limits.lower[both], limits.upper[both]
+        used[both] = limits.used[both]
+    return replace(limits, lower=lower, upper=upper, used=used)
 
 
 def fourier(limits: MotionLimits, base: float, random: Random) -> Sines:
@@ -86,7 +117,7 @@ def fourier(limits: MotionLimits, base: float, random: Random) -> Sines:
         lower[pair.second], upper[pair.second] = pair.lower, pair.upper
     harmonic = np.arange(1.0, HARMONICS + 1.0)[:, None]
     frequency = np.tile(base * harmonic, (1, n))
-    amplitude = random.uniform(0.2, 1.0, (HARMONICS, n)) / harmonic
+    amplitude = random.uniform(0.2, 1.0, (HARMONICS, n)) / harmonic**2
     phase = random.uniform(0.0, 2.0 * np.pi, (HARMONICS, n))
     series = Sines(np.zeros(n), amplitude, frequency, phase)
     time = np.linspace(0.0, 1.0 / base, 2000)
@@ -102,8 +133,9 @@ def fourier(limits: MotionLimits, base: float, random: Random) -> Sines:
     if pair is None:
         series = replace(series, amplitude=factor * amplitude)
         way = series.at(time)[0]
-        middle = random.uniform(lower - way.min(axis=0), upper - way.max(axis=0))
-        return replace(series, middle=middle)
+        low, high = lower - way.min(axis=0), upper - way.max(axis=0)
+        drawn = random.uniform(0.0, 1.0, n)  # what uses all of its range leaves no room at all
+        return replace(series, middle=low + drawn * (high - low))
     i, j = pair.first, pair.second
     while True:
         joints = _of_joints(replace(series, amplitude=factor * amplitude), i, j)
@@ -111,7 +143,7 @@ def fourier(limits: MotionLimits, base: float, random: Random) -> Sines:
         total = way[:, i] + way[:, j]
         low, high = limits.lower - way.min(axis=0), limits.upper - way.max(axis=0)
         fast = np.abs(velocity[:, j]).max() > limits.velocity[j]
-        middle = random.uniform(np.minimum(low, high), high)
+        middle = low + random.uniform(0.0, 1.0, n) * (high - low)
         least = max(low[j], pair.lower - total.min() - middle[i])
         most = min(high[j], pair.upper - total.max() - middle[i])
         if least < most and not fast:
