@@ -48,7 +48,8 @@ def test_findings_have_the_documented_format(files):
     assert value["ci95"][0] <= value["value"] <= value["ci95"][1]
     assert value["unit"] == "N·m·s/rad"
     assert finding["gain"]["ci95"][0] <= finding["gain"]["relative"] <= finding["gain"]["ci95"][1]
-    assert set(content["rmse"]) == {"before", "after", "floor"}
+    assert set(content["rmse"]) == {"before", "after", "floor", "model"}
+    assert content["known"] == []  # the model does not tell how sure it is
     assert content["data"]["held_out"] < content["data"]["samples"]
 
 

@@ -84,18 +84,27 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     import numpy as np
 
     from dvrk_gravity.diagnosis.findings import FLOORS
+    from dvrk_gravity.diagnosis.known import ERROR
 
     lines = [f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}"]
+    if diagnosis.findings:
+        lines.append("what changed or was missed, the largest gain first:")
     for number, finding in enumerate(diagnosis.findings, start=1):
         where = ", ".join(finding.joints) or "the arm"
         lines.append(f"{number}. {finding.effect} at {where} ({finding.place})")
         lines.append(f"   {finding.sentence}")
+        if finding.remedy:
+            lines.append(f"   what to do: {finding.remedy}")
         lines += [
             f"   or {other.effect} at {', '.join(other.joints) or 'the arm'}: {other.why}"
             for other in finding.alternatives
         ]
         if not finding.in_model and finding.effect != "unknown":
             lines.append("   (not in the extended model: no term of a model file carries it)")
+    known = [one for one in diagnosis.known if one.effect != ERROR]
+    if known:
+        lines.append("what the model is known to miss, or left uncertain:")
+        lines += [f"   {one.sentence}" for one in known]
     suspected = [one for one in diagnosis.ambiguities if one.suspected]
     lines += [f"not to be told apart: {one.sentence}" for one in suspected]
     unseen = [one.pair for one in diagnosis.ambiguities if one not in suspected]
@@ -107,13 +116,19 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     from dvrk_gravity.report.units import milli_effort
 
     unit = milli_effort(diagnosis.model.arm)
-    lines.append(f"held-out RMSE [{unit}]      before    after    floor")
+
+    def shown(value: float) -> str:
+        return f"{1e3 * value:8.3f}" if np.isfinite(value) else " unknown"
+
+    columns = [diagnosis.before, diagnosis.after, diagnosis.floor, diagnosis.expected]
+    lines.append(f"held-out RMSE [{unit}]      before    after    floor expected")
     lines += [
-        f"  {joint:<20}  {1e3 * diagnosis.before[joint]:8.3f} {1e3 * diagnosis.after[joint]:8.3f} "
-        + (f"{1e3 * floor:8.3f}" if np.isfinite(floor := diagnosis.floor[joint]) else " unknown")
+        f"  {joint:<20}  " + " ".join(shown(column[joint]) for column in columns)
         for joint in diagnosis.before
     ]
-    lines.append(f"floor: {FLOORS[diagnosis.floor_from]}")
+    lines.append(
+        f"floor: {FLOORS[diagnosis.floor_from]}; expected: of the model, by its own uncertainty"
+    )
     if diagnosis.in_simulation is not None:
         from dvrk_gravity.report.in_simulation import line
 

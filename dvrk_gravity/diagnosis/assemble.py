@@ -13,6 +13,7 @@ from dvrk_gravity.diagnosis.ambiguity import ambiguities
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.extend import extended, updated
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import (
     FLOORS,
     Alternative,
@@ -61,6 +62,7 @@ class ShapelessSettings:
 
 
 _SHAPELESS = ShapelessSettings()
+_OUTSIDE = 0.02  # part of the time, below which nothing is said of it
 Readings = Sequence[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]]
 
 
@@ -256,6 +258,33 @@ def _verdict(findings: Sequence[Finding]) -> Verdict:
     return "explained"
 
 
+def _certainty(data: FilteredData) -> list[str]:
+    """Return how sure the model was taken to be, one sentence each."""
+    motion = data.motion
+    uncertainty = motion.model.uncertainty
+    if uncertainty is None:
+        return [
+            "the model does not tell how sure it is: its parameters were taken as exact and, where "
+            "much was left, as free as links plausibly weigh (their prior in docs/diagnosis.md)"
+        ]
+    notes = [
+        f"the model's parameters could move in {uncertainty.size} directions as far as their "
+        "identification left them uncertain, and its known error counted as noise"
+    ]
+    for joint in np.flatnonzero(motion.present).tolist():
+        q = motion.true_q[:, joint]
+        low, high = float(uncertainty.lower[joint]), float(uncertainty.upper[joint])
+        outside = float(np.mean((q < low) | (q > high)))
+        if outside > _OUTSIDE:
+            shown = motion.arm.joints[joint].shown
+            notes.append(
+                f"{motion.arm.joint_names[joint]} is outside what the model was identified on "
+                f"({shown(low)} to {shown(high)}) for {100 * outside:.0f} % of the time: what the "
+                "model says there is extrapolated, and counts as uncertain"
+            )
+    return notes
+
+
 def _notes(loaded: Loaded, validation: CrossValidation, floor: Array) -> tuple[str, ...]:
     data = validation.data
     notes = [
@@ -269,6 +298,7 @@ def _notes(loaded: Loaded, validation: CrossValidation, floor: Array) -> tuple[s
             "in all: a block is one phase of every period"
         )
     notes.append(f"noise floor: {FLOORS[data.noise_source(floor)]}")
+    notes += _certainty(data)
     if data.band is not None:
         notes.append(f"torques and hypotheses compared below {data.band:g} Hz, zero-phase")
         stuck = loaded.motion.stuck.mean(axis=0)

@@ -13,9 +13,9 @@ from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import Motion
-from dvrk_gravity.effects import LinearTerm
+from dvrk_gravity.effects import LinearTerm, Term
 from dvrk_gravity.effects.base.effect import Hypothesis, Values
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.model import TorqueModel, model_parameters
 from dvrk_gravity.uncertainty import ModelUncertainty
 
 Array = NDArray[np.float64]
@@ -101,9 +101,7 @@ def updated(
     for term in model.terms:
         change = before.deviations.get(term.NAME)
         if isinstance(term, LinearTerm) and change is not None and _same_length(term.theta, change):
-            theta = term.theta + change @ own
-            # A friction that drives is none.
-            term = term.with_theta(np.maximum(theta, 0.0) if term.FRICTION else theta)
+            term = _within_bounds(term.with_theta(term.theta + change @ own), model)
         if before.gravity.any() and term.gravity_vector is not None:
             term = term.with_gravity(term.gravity_vector + before.gravity @ own)
         terms.append(term)
@@ -125,6 +123,16 @@ def updated(
         speed=np.maximum(before.speed, np.abs(motion.qd).max(axis=0)),
     )
     return replace(moved, uncertainty=uncertainty)
+
+
+def _within_bounds(term: LinearTerm, model: TorqueModel) -> Term:
+    """Return a term with each parameter in the range that a model file allows it."""
+    declared, values = model_parameters(model.arm), term.parameters()
+    for name, value in values.items():
+        if isinstance(value, tuple):
+            low, high = declared[name].lower, declared[name].upper
+            values[name] = tuple(np.clip(value, low, high).tolist())
+    return type(term).from_parameters(model.arm, values) or term
 
 
 def _same_length(theta: Array, change: Array) -> bool:

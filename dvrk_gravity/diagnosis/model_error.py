@@ -20,13 +20,16 @@ class ExtrapolationSettings:
 
     Attributes:
         growth: Standard deviation of each of the functions below where a joint is as far outside as
-            the range is wide, in units of the joint's known error. Chosen.
-        powers: Powers of the distance from the edge of the range of positions: with three, friction
-            and cables of any smooth course are within reach. Chosen.
+            the range is wide, in units of the joint's known error: a tenth of the range outside, a
+            cable may be off by five times that. Chosen.
+        powers: Powers of the distance from the edge of the range of positions: with three, cables
+            of any smooth course are within reach. Chosen.
+        faster: Standard deviation likewise where a joint is twice as fast as ever before. Chosen.
     """
 
-    growth: float = 10.0
+    growth: float = 50.0
     powers: int = 3
+    faster: float = 10.0
 
 
 def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None) -> Array:
@@ -60,15 +63,20 @@ def _extrapolated(
     """Return (N, n, e) torques by which joints outside the model's range may be off."""
     columns = []
     for joint in np.flatnonzero(motion.present).tolist():
-        size = settings.growth * float(np.nan_to_num(uncertainty.error[joint]))
+        error = float(np.nan_to_num(uncertainty.error[joint]))
         low, high = uncertainty.lower[joint], uncertainty.upper[joint]
         width = max(high - low, 1e-9)
         q, qd = motion.true_q[:, joint], motion.qd[:, joint]
         for beyond in (q - high, low - q):
             away = np.maximum(beyond, 0.0) / width
-            columns += [(joint, size * away**power) for power in range(1, settings.powers + 1)]
+            columns += [
+                (joint, settings.growth * error * away**power)
+                for power in range(1, settings.powers + 1)
+            ]
         top = max(uncertainty.speed[joint], 1e-9)
-        columns.append((joint, size * np.sign(qd) * np.maximum(np.abs(qd) / top - 1.0, 0.0)))
+        columns.append(
+            (joint, settings.faster * error * np.sign(qd) * np.maximum(np.abs(qd) / top - 1.0, 0.0))
+        )
     columns = [(joint, column) for joint, column in columns if column.any()]
     torque = np.zeros((*motion.q.shape, len(columns)))
     for index, (joint, column) in enumerate(columns):

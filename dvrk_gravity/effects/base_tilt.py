@@ -28,7 +28,7 @@ class BaseTilt(Effect):
     """Gravity comes from another direction than the model takes it to."""
 
     NAME = "base_tilt"
-    REMEDY = "level the base, or"
+    REMEDY = "level the base"
     MEANINGS = meanings(
         roll=Meaning("rad", 0.0, least=-0.6, greatest=0.6),
         pitch=Meaning("rad", 0.0, least=-0.6, greatest=0.6),

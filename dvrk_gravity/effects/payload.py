@@ -22,7 +22,7 @@ from dvrk_gravity.effects.base.links import (
     link_name,
     mass_directions,
 )
-from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
 from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.state import State
@@ -37,6 +37,7 @@ _WEIGHTLESS = np.zeros(3)
 
 _LEAST = 1e-4  # kg, of which the place can be told
 _FARTHEST = 0.3  # m, from the link's frame
+_PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is worth telling
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +57,12 @@ class Payload(Term):
     """
 
     NAME = "payload"
-    REMEDY = "take off what the link carries, or leave it on and"
+    REMEDY = "take off what the link carries"
     NOT_FITTED = "what a link carries is in the parameters of links, which are fitted anyway"
     MEANINGS = meanings(
         mass=Meaning("kg", 0.0, least=0.0, greatest=5.0),
         **{f"first_moment_{axis}": Meaning("kg·m") for axis in AXES},
-        **{axis: Meaning("m", reported=False) for axis in AXES},
+        **{axis: Meaning("m", label=f"centre, {axis} of the link's frame") for axis in AXES},
     )
 
     arm: Arm
@@ -199,6 +200,16 @@ class PayloadHypothesis(Hypothesis):
         safe = mass if abs(mass) > _LEAST else _LEAST
         place = np.clip(theta[1:] / safe, -_FARTHEST, _FARTHEST)
         return {"mass": mass, **moments} | {a: float(p) for a, p in zip(AXES, place, strict=True)}
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`: with its centre, as far as that is known."""
+        known = [
+            f"{axis} {parameters[axis].shown}"
+            for axis in AXES
+            if parameters[axis].high - parameters[axis].low < 2.0 * _PLACED
+        ]
+        where = f", its centre at {', '.join(known)} in the link's frame" if known else ""
+        return super().claim(parameters) + where
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """See :meth:`Hypothesis.merge`; beside a payload that is there it is part of the link."""

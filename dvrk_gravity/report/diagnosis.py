@@ -15,6 +15,7 @@ from dvrk_gravity.diagnosis.findings import (
     Diagnosis,
     Estimate,
     Finding,
+    Known,
     Picture,
 )
 from dvrk_gravity.diagnosis.words import rows as parameter_rows
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
-h1{font-size:1.5rem;line-height:1.3}h2{font-size:1.15rem;margin-top:2.2rem}
+h1{font-size:1.5rem;line-height:1.3}h3{font-size:1.02rem;margin-top:1.6rem}h2{font-size:1.15rem;margin-top:2.2rem}
 table{border-collapse:collapse;margin:.6rem 0}
 td,th{padding:.25rem .8rem;text-align:left;border-bottom:1px solid #ddd}
 td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}
@@ -63,8 +64,12 @@ def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
     ]
     if len(diagnosis.findings) > 1:
         parts.append(_overview(diagnosis.findings))
+    if diagnosis.findings:
+        parts.append("<h2>What changed or was missed</h2>")
     for number, finding in enumerate(diagnosis.findings, start=1):
         parts.append(_finding(number, finding, diagnosis.model.arm))
+    if diagnosis.known:
+        parts.append(_known(diagnosis.known))
     if diagnosis.ambiguities:
         parts.append(_ambiguities(diagnosis.ambiguities))
     parts.append(_errors(diagnosis))
@@ -101,7 +106,9 @@ def _overview(findings: Sequence[Finding]) -> str:
 def _finding(number: int, finding: Finding, arm: Arm) -> str:
     where = ", ".join(finding.joints) or "the arm"
     head = f"{number}. {effect_title(finding.effect)} at {where}"
-    parts = [f"<h2>{escape(head)}</h2>", f"<p>{escape(finding.sentence)}.</p>"]
+    parts = [f"<h3>{escape(head)}</h3>", f"<p>{escape(finding.sentence)}.</p>"]
+    if finding.remedy:
+        parts.append(f"<p><b>What to do:</b> {escape(finding.remedy)}.</p>")
     gain = finding.gain
     rows = parameter_rows(finding)
     rows.append(
@@ -143,6 +150,16 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
     return "\n".join(parts)
 
 
+def _known(known: Sequence[Known]) -> str:
+    """Return what is no news: smaller than the model's known error, or within its uncertainty."""
+    items = "".join(f"<li>{escape(one.sentence)}</li>" for one in known)
+    return (
+        "<h2>What the model is known to miss, or left uncertain</h2>"
+        "<p class=small>No news: its identification said so, and left a file that tells how far."
+        f"</p><ul>{items}</ul>"
+    )
+
+
 def _p_value(value: float) -> str:
     return f"p = {value:.2g}" if value >= _LEAST_P else f"p < {_LEAST_P:g}"
 
@@ -150,18 +167,22 @@ def _p_value(value: float) -> str:
 def _errors(diagnosis: Diagnosis) -> str:
     rows = []
     for joint, before in diagnosis.before.items():
-        floor = diagnosis.floor[joint]
+        floor, expected = diagnosis.floor[joint], diagnosis.expected[joint]
         rows.append(
             (
                 joint,
                 f"{1e3 * before:.3f}",
                 f"{1e3 * diagnosis.after[joint]:.3f}",
                 f"{1e3 * floor:.3f}" if np.isfinite(floor) else "unknown",
+                f"{1e3 * expected:.3f}" if np.isfinite(expected) else "unknown",
                 f"{diagnosis.after[joint] / floor:.1f}" if floor > 0.0 else "",
             )
         )
-    head = ("joint", "before", "after", "noise floor", "after / floor")
-    told = f"<p class=small>The noise floor is {FLOORS[diagnosis.floor_from]}.</p>"
+    head = ("joint", "before", "after", "noise floor", "expected", "after / floor")
+    told = (
+        f"<p class=small>The noise floor is {FLOORS[diagnosis.floor_from]}; expected is what the "
+        "given model expects of itself here, by its parameters' posterior and its known error.</p>"
+    )
     unit = milli_effort(diagnosis.model.arm)
     return f"<h2>Held-out error, {unit} RMS</h2>" + html.table(head, rows) + told
 

@@ -227,7 +227,7 @@ class Hypothesis(ABC):
         joint = self.names[0] if self.names else self.site.words(self.arm)
         what = self.EFFECT.REMEDY.format(joint=joint)
         model = "use the extended model, which has it" if carried else ""
-        return "; ".join(part for part in (what, model) if part)
+        return "; or ".join(part for part in (what, model) if part)
 
     def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
         """Return what claims call site and joint."""
