@@ -41,8 +41,9 @@ class ModelUncertainty:
         gravity: (3, d) changes of gravity in the base frame, m/s^2.
         error: (n,) RMS of the error on data that the fit had not seen, in joint space, N·m; NaN
             where it is not known.
-        band: Hz; that error is what is left below this.
-        together: (n,) s in which errors hang together: the residual's correlation time.
+        band: Hz; that error is what is left below this; NaN of static poses.
+        together: (n,) s in which errors hang together: the residual's correlation time; NaN
+            likewise, as speed.
         lower: (n,) least true position that it was identified on.
         upper: (n,) greatest one.
         speed: (n,) greatest speed.
@@ -152,7 +153,7 @@ class ModelUncertainty:
             array = arrays[name]
             if array is None or array.shape != shape:
                 raise _unusable(path, f"{name} of shape {shape}")
-            if name != "error" and not np.isfinite(array).all():
+            if name not in _BY_JOINT and not np.isfinite(array).all():
                 raise _unusable(path, f"finite {name}")
 
 

@@ -21,13 +21,13 @@ class ExtrapolationSettings:
     Attributes:
         growth: Standard deviation of each of the functions below where a joint is as far outside as
             the range is wide, in units of the joint's known error: a tenth of the range outside, a
-            cable may be off by five times that. Chosen.
+            cable may be off by two or three times that. Chosen.
         powers: Powers of the distance from the edge of the range of positions: with three, cables
             of any smooth course are within reach. Chosen.
         faster: Standard deviation likewise where a joint is twice as fast as ever before. Chosen.
     """
 
-    growth: float = 50.0
+    growth: float = 25.0
     powers: int = 3
     faster: float = 10.0
 
@@ -73,10 +73,8 @@ def _extrapolated(
                 (joint, settings.growth * error * away**power)
                 for power in range(1, settings.powers + 1)
             ]
-        top = max(uncertainty.speed[joint], 1e-9)
-        columns.append(
-            (joint, settings.faster * error * np.sign(qd) * np.maximum(np.abs(qd) / top - 1.0, 0.0))
-        )
+        faster = np.maximum(np.abs(qd) / max(uncertainty.speed[joint], 1e-9) - 1.0, 0.0)
+        columns.append((joint, settings.faster * error * np.sign(qd) * np.nan_to_num(faster)))
     columns = [(joint, column) for joint, column in columns if column.any()]
     torque = np.zeros((*motion.q.shape, len(columns)))
     for index, (joint, column) in enumerate(columns):

@@ -94,3 +94,21 @@ def model_uncertainty(
         upper=columns.valid.upper,
         speed=error.speed,
     )
+
+
+def uncertainty_of_poses(model: TorqueModel, error: Array, q: Array) -> ModelUncertainty:
+    """Return what static poses leave uncertain: the error at poses that no fit had seen.
+
+    It holds what the parameters are off by, too: weight and cables make up for each other, and only
+    their sum is told well.
+
+    Args:
+        model: The model.
+        error: (n,) its RMS in joint space, N·m.
+        q: (N, n) positions of the poses.
+    """
+    unknown, none = np.full(model.arm.n, np.nan), np.zeros((model.arm.n, 0))
+    return ModelUncertainty(
+        coefficients={}, deviations={}, offset=none, gravity=np.zeros((3, 0)), error=error,
+        band=np.nan, together=unknown, lower=q.min(axis=0), upper=q.max(axis=0), speed=unknown,
+    )  # fmt: skip

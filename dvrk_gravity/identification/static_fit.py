@@ -13,6 +13,7 @@ from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential, slabs
 from dvrk_gravity.identification import result, static_report
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.holding import holding
+from dvrk_gravity.identification.model_uncertainty import uncertainty_of_poses
 from dvrk_gravity.identification.result import Fit, Trace
 from dvrk_gravity.identification.static_model import fit_poses
 from dvrk_gravity.identification.static_poses import Poses, read_poses
@@ -74,8 +75,10 @@ def fit_static(
         joint_errors(arm.joint_names, measured[used], shown(fitted)[used]),
         held, arm, coordinates, static=True,
     )  # fmt: skip
+    error = (poses.effort[held_out] - predicted)[unseen]
+    uncertainty = uncertainty_of_poses(model, np.sqrt(np.mean(error**2, axis=0)), poses.q)
     return Fit(
-        model=replace(model, verdict=verdict.level, reason=verdict.reason),
+        model=replace(model, verdict=verdict.level, reason=verdict.reason, uncertainty=uncertainty),
         held_out=joint_errors(arm.joint_names, measured[held_out], shown(predicted)),
         training=training,
         parameters=static_report.parameters(table, solution, spread),
