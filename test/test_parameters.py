@@ -17,6 +17,7 @@ from dvrk_gravity.model import (
     ARM_PARAMETER,
     CONSOLE_PARAMETER,
     REASON_PARAMETER,
+    UNCERTAINTY_PARAMETER,
     VERDICT_PARAMETER,
     all_parameters,
     model_parameters,
@@ -57,7 +58,7 @@ def refusal(entry: Parameter, value: object, says: str) -> ConfigError:
 
 def test_no_name_is_declared_twice():
     declared = [ARM_PARAMETER, CONSOLE_PARAMETER, VERDICT_PARAMETER]
-    declared += [REASON_PARAMETER, *NODE_PARAMETERS.values()]
+    declared += [REASON_PARAMETER, UNCERTAINTY_PARAMETER, *NODE_PARAMETERS.values()]
     declared += [entry for term in terms() for entry in term.schema(ARM)]
     names = [entry.name for entry in declared] + ["joint_offset"]
     assert sorted(names) == sorted(set(names))

@@ -20,6 +20,7 @@ from dvrk_gravity.diagnosis.findings import (
     Diagnosis,
     Finding,
     Gain,
+    Known,
     Rejected,
     ordered,
 )
@@ -196,7 +197,7 @@ def finding(effect: str, value: Estimate, gain: Gain, name: str = "coefficient")
     )  # fmt: skip
 
 
-def test_the_headline_is_certain_where_any_finding_is():
+def test_the_headline_is_certain_where_any_finding_is_and_removes_most_of_these():
     clear, around_zero = Estimate(0.02, 0.01, 0.03, ""), Estimate(0.02, -0.01, 0.05, "")
     certain = finding("viscous_friction", clear, CLEAR)
     small = finding("viscous_friction", around_zero, CLEAR)
@@ -204,7 +205,8 @@ def test_the_headline_is_certain_where_any_finding_is():
     exact = finding("torque_scale", Estimate(1.1, 0.9, 1.3, ""), CLEAR, "factor")
 
     assert [one.certain for one in (certain, small, weak, exact)] == [True, False, False, False]
-    assert ordered([small, weak, certain, exact]) == [certain, small, weak, exact]
+    more = finding("viscous_friction", clear, Gain(0.6, 0.5, 0.7, 0.001))
+    assert ordered([weak, certain, more, small]) == [more, certain, small, weak]
 
 
 def test_a_table_shows_what_a_person_can_use_and_no_counts_of_parameters(every):
@@ -235,12 +237,15 @@ def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
         alternatives=(Alternative("presliding_hysteresis", ("elbow_pitch",), "as well"),),
         rejected=(Rejected("viscous_friction", ("elbow_pitch",), "joint", 143.0, 59.0),),
         sentence="elbow_pitch has more",
+        remedy="look at its cables",
     )  # fmt: skip
+    known = Known("model_error", ("elbow_pitch",), {}, "elbow_pitch is left as it was")
     by_joint = dict.fromkeys(JOINT_NAMES, 0.01)
     text = render(
         Diagnosis(
-            "ambiguous", (found,), by_joint, by_joint, dict.fromkeys(JOINT_NAMES, np.nan),
-            "nothing", 100, 30, (), (), (Ambiguity(*contenders, 0.9, "a and b", "a or b"),),
+            "ambiguous", (found,), (known,), by_joint, by_joint,
+            dict.fromkeys(JOINT_NAMES, np.nan), by_joint, "nothing", 100, 30, (), (),
+            (Ambiguity(*contenders, 0.9, "a and b", "a or b"),),
             TorqueModel(Arm.load("mtmr"), ()),
         ),
         ["<run>.csv"],
@@ -248,6 +253,8 @@ def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
 
     assert Page(text).open == []
     assert "&lt;run&gt;.csv" in text
+    assert "<li>elbow_pitch is left as it was</li>" in text
+    assert "<b>What to do:</b> look at its cables." in text
     assert "<td>moving up</td><td>10.0 ± 5.0 mN·m more</td>" in text
     assert "p &lt; 0.001" in text
     assert "<td>presliding hysteresis</td>" in text

@@ -191,7 +191,7 @@ class Finding:
     sentence: str
     picture: Picture | None
     in_model: bool
-    remedy: str
+    remedy: str = ""
 
     def __repr__(self) -> str:
         """Name effect and joints."""

@@ -47,8 +47,6 @@ class RunSettings:
             reach. Chosen: a wrong reading explains nearly all, a cause beside it some.
         doubtful: Times the noise, above which the masses of a model that does not tell how sure it
             is may move along. Chosen.
-        more_doubtful: Times the known error of one that does tell, above which its masses may move
-            further than it says: as for structure without a name. Chosen.
         moving_gain: Log-likelihood that they must then bring, all costs taken off: what five
             parameters cost. Chosen.
         attempts: At a choice that the held-out blocks confirm: a bound on time.
@@ -62,7 +60,6 @@ class RunSettings:
 
     reading: float = 0.7
     doubtful: float = 1.5
-    more_doubtful: float = 2.5
     moving_gain: float = 20.0
     attempts: int = 3
     at_floor: float = 1.05
@@ -171,10 +168,9 @@ def investigate(
     say("weighing hypotheses")
     chosen = selection.run()
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
-    limit = np.maximum(
-        _SETTINGS.doubtful * np.nan_to_num(floor), _SETTINGS.more_doubtful * validation.known_error
-    )
-    if np.any(validation.score(chosen).rms > limit):
+    # A model that tells how sure it is has been free to move as far as it says, and no further.
+    telling = model.uncertainty is not None
+    if not telling and np.any(validation.score(chosen).rms > _SETTINGS.doubtful * floor):
         selection, chosen = _with_model_moving(validation, pool, selection, chosen, say)
     chosen, unconfirmed = _confirmed(validation, selection, chosen, say)
     # Masses that only moved along are no cause: they come last.

@@ -39,8 +39,8 @@ class SelectionSettings:
         close: Part of the best gain by which those may miss it.
         equal: Part of the best gain by which one that is as good may miss it. Chosen; see
             `make sensitivity`.
-        equal_least: Log-likelihood likewise, at least: odds of 150 to one, "very strong" in the
-            scale of Kass and Raftery (1995).
+        equal_least: Log-likelihood likewise, at least: odds of 20 to one, "strong" in the scale of
+            Kass and Raftery (1995).
         overlap: Part of a torque that another must reproduce to stand in its place. Chosen.
         rejected: Alternatives that are shown though they are worse.
         consequence: Times a joint's known error that a finding's torque must be, RMS: at one, a
@@ -55,7 +55,7 @@ class SelectionSettings:
     refined: int = 6
     close: float = 0.15
     equal: float = 0.02
-    equal_least: float = 5.0
+    equal_least: float = 3.0
     overlap: float = 0.5
     rejected: int = 8
     consequence: float = 1.0

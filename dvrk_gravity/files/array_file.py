@@ -38,7 +38,7 @@ def load(path: Path) -> dict[str, Array]:
     try:
         if not text_file.is_file(path) or path.stat().st_size > MAX_BYTES:
             raise ConfigError("", "something else", "a file of arrays (.npz)", path)
-        with np.load(path, allow_pickle=False) as found:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as found:
             return {name: np.asarray(found[name], dtype=float) for name in found.files}
     except OSError as error:
         raise ConfigError("", error.strerror, "a readable file of arrays (.npz)", path) from error

@@ -1,0 +1,84 @@
+"""The diagnosis with models that were identified, of arms whose friction no model has exactly."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.diagnosis import Diagnosis, diagnose
+from dvrk_gravity.identification import identify
+from testing import lab_effects
+from testing.lab_effects import Setting
+from testing.lab_motion import draw_calibration, draw_other
+from testing.mujoco_world import MujocoWorld
+from testing.score import Outcome, compare
+
+ARMS = {"mtmr": 5, "chain": 4}  # arm: seed
+
+
+@cache
+def calibrated(name: str):
+    seed = ARMS[name]
+    world = MujocoWorld.draw(name, seed)
+    recording = world.record(world.truth(draw_calibration(world.arm, seed)), seed)
+    fit = identify(recording, world.arm)
+    return world, fit.model, np.array([error.rmse for error in fit.held_out.values()])
+
+
+def tried(name: str, effect: str, seed: int) -> tuple[Diagnosis, Outcome]:
+    """Hide an effect in another motion of an arm and diagnose it with its identified model."""
+    world, model, left = calibrated(name)
+    random = np.random.default_rng(seed)
+    truth = world.truth(draw_other(world.arm, int(random.integers(1 << 30))))
+    setting = Setting(truth, world.engine, left, world.sizes.payload, world.sizes.reach)
+    hiding = lab_effects.hide(setting, effect, random)
+    diagnosis = diagnose(world.record(hiding.truth, seed), model)
+    outcome = Outcome("mujoco", name, ARMS[name], effect, ratio=hiding.ratio)
+    compare(outcome, hiding.hidden, diagnosis, world.arm)
+    return diagnosis, outcome
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_another_motion_is_no_news_and_the_error_is_what_the_model_expects(name):
+    diagnosis, _ = tried(name, "nothing", 1)
+
+    assert diagnosis.findings == ()
+    assert diagnosis.verdict == "nothing_to_explain"
+    for joint, after in diagnosis.after.items():
+        assert after < 2.5 * diagnosis.expected[joint], joint
+    assert {one.joints for one in diagnosis.known} >= {(joint,) for joint in diagnosis.after}
+
+
+@pytest.mark.parametrize(
+    ("name", "effect", "seed"),
+    [("mtmr", "payload", 2), ("mtmr", "coulomb_friction", 4), ("chain", "payload", 2),
+     ("chain", "coulomb_friction", 3)],
+)  # fmt: skip
+def test_what_is_hidden_is_named_or_listed_and_nothing_beside_it(name, effect, seed):
+    diagnosis, outcome = tried(name, effect, seed)
+
+    assert outcome.ratio > 2.0
+    assert outcome.place in ("first", "alternative"), str(outcome)
+    assert outcome.further == 0, str(outcome)
+    assert all(outcome.errors[key] < 0.2 or outcome.inside[key] for key in outcome.errors)
+    assert diagnosis.findings[0].remedy
+
+
+def test_the_extended_model_knows_how_sure_it_is_and_finds_nothing_more(tmp_path):
+    diagnosis, _ = tried("chain", "payload", 2)
+    extended = diagnosis.model
+
+    assert extended.uncertainty is not None
+    extended.save(tmp_path / "extended.yaml")
+    again = type(extended).load(tmp_path / "extended.yaml")
+    assert again.uncertainty is not None
+    world, _, _ = calibrated("chain")
+    random = np.random.default_rng(2)
+    truth = world.truth(draw_other(world.arm, int(random.integers(1 << 30))))
+    setting = Setting(
+        truth, world.engine, calibrated("chain")[2], world.sizes.payload, world.sizes.reach
+    )
+    hiding = lab_effects.hide(setting, "payload", random)
+    assert diagnose(world.record(hiding.truth, 2), again).findings == ()

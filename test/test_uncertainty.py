@@ -1,0 +1,109 @@
+"""A model knows how sure it is: the file that says so, and what it allows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.effects import LinearTerm, State
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.identification import identify
+from dvrk_gravity.model import TorqueModel, uncertainty_file
+from testing.world import World
+
+STEP = 0.1  # of a standard deviation; torque is linear in coefficients
+
+
+@pytest.fixture(scope="module")
+def model() -> TorqueModel:
+    world = World.draw(5)
+    return identify(world.record(3, 4), world.arm).model
+
+
+@pytest.fixture
+def saved(model, tmp_path):
+    model.save(tmp_path / "model.yaml")
+    return tmp_path / "model.yaml"
+
+
+def test_it_lies_beside_the_model_which_names_it(model, saved):
+    again = TorqueModel.load(saved).uncertainty
+
+    assert f"uncertainty: {uncertainty_file(saved).name}" in saved.read_text()
+    assert again.size == model.uncertainty.size > 50
+    for name, change in model.uncertainty.deviations.items():
+        np.testing.assert_array_equal(again.deviations[name], change)
+    for name in ("offset", "gravity", "error", "together", "lower", "upper", "speed"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(model.uncertainty, name))
+
+
+def test_a_model_without_the_file_works_and_does_not_tell(saved):
+    uncertainty_file(saved).unlink()
+
+    model = TorqueModel.load(saved)
+
+    assert model.uncertainty is None
+    assert np.isfinite(model.torque(np.zeros(7))).all()
+
+
+def test_coefficients_changed_by_hand_are_no_longer_what_it_is_about(saved):
+    text = saved.read_text()
+    beta = next(line for line in text.splitlines() if line.strip().startswith("beta:"))
+    saved.write_text(text.replace(beta, beta.replace("[", "[1.0, ", 1).rsplit(",", 1)[0] + "]"))
+
+    assert TorqueModel.load(saved).uncertainty is None
+
+
+@pytest.mark.parametrize("content", [b"", b"no arrays", b"PK\x03\x04 cut off"])
+def test_a_file_of_something_else_is_one_line_that_names_it(saved, content):
+    uncertainty_file(saved).write_bytes(content)
+
+    with pytest.raises(ConfigError, match=r"^[^\n]*model\.uncertainty\.npz[^\n]*$"):
+        TorqueModel.load(saved)
+
+
+def test_arrays_of_another_arm_are_refused(saved, model):
+    wrong = replace(model.uncertainty, error=np.zeros(3))
+    wrong.save(uncertainty_file(saved))
+
+    with pytest.raises(ConfigError, match=r"error of shape \(7,\)"):
+        TorqueModel.load(saved)
+
+
+def test_its_torques_are_those_of_models_whose_coefficients_are_changed(model):
+    random = np.random.default_rng(0)
+    q, qd, qdd = random.uniform(-0.5, 0.5, (3, 40, 7))
+    state = State(q, qd, qdd)
+    columns = model.uncertainty.torque(model.terms, state)
+
+    for direction in range(0, model.uncertainty.size, 7):
+
+        def changed(term, direction=direction):
+            change = model.uncertainty.deviations.get(term.NAME)
+            if change is None or not isinstance(term, LinearTerm):
+                return term
+            return term.with_theta(term.theta + STEP * change[:, direction])
+
+        other = replace(model, terms=tuple(changed(term) for term in model.terms))
+        slope = (other.torque_at(state) - model.torque_at(state)) / STEP
+        np.testing.assert_allclose(columns[:, :, direction], slope, atol=1e-9)
+
+
+def test_another_motion_lies_within_what_the_model_expects_of_itself():
+    """Its prediction's error, in units of its own standard deviation, is about one."""
+    ratios = []
+    for seed in (5, 6):
+        world = World.draw(seed)
+        fitted, exact = identify(world.record(3, 4), world.arm).model, world.model()
+        random = np.random.default_rng(seed)
+        low, high = fitted.uncertainty.lower, fitted.uncertainty.upper
+        state = State(random.uniform(low, high, (500, 7)), *random.normal(size=(2, 500, 7)) * 0.3)
+        spread = np.sqrt((fitted.uncertainty.torque(fitted.terms, state) ** 2).sum(axis=2))
+        error = fitted.torque_at(state) - exact.torque_at(state)
+        allowed = np.hypot(spread, fitted.uncertainty.error)
+        ratios.append(np.sqrt(np.mean((error / allowed) ** 2, axis=0)))
+
+    assert np.median(ratios) < 1.0
+    assert np.max(ratios) < 2.5
