@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import MODEL_FILE, FakeArm
+from forking import loading_itself
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import Arm
@@ -446,7 +447,8 @@ def catches_sigint(node: NodeProcess) -> bool:
 
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.25])
 def test_ctrl_c_while_it_loads_ends_it_without_a_word(domain, delay):
-    node = NodeProcess("compensator", "--params-file", str(MODEL_FILE))
+    with loading_itself():
+        node = NodeProcess("compensator", "--params-file", str(MODEL_FILE))
     try:
         # Python's own handler comes and goes before the package's first line has been run.
         for caught in (True, False):
@@ -462,7 +464,8 @@ def test_ctrl_c_while_it_loads_ends_it_without_a_word(domain, delay):
 
 
 def test_ctrl_c_while_it_sets_up_waits_ramps_and_is_in_a_fault(arm, start):
-    setting_up = start("compensator", wait=False)
+    with loading_itself():
+        setting_up = start("compensator", wait=False)
     while not catches_sigint(setting_up):
         time.sleep(0.0005)  # Python's own
     while catches_sigint(setting_up):
