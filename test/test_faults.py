@@ -313,6 +313,9 @@ NONSENSE = [
 
 
 def test_parameters_set_to_every_kind_of_nonsense_change_nothing(arm, start):
+    from rcl_interfaces.srv import SetParametersAtomically
+    from rclpy.parameter import Parameter
+
     names = ["effort_limit", "slew_limit", "timeout", "beta", "ramp_time", "enabled", "resume",
              "no_such_parameter", "directional_cable.positive.wrist_yaw"]  # fmt: skip
     # What is no nonsense there: booleans and numbers that fit, an array that is not given.
@@ -326,17 +329,25 @@ def test_parameters_set_to_every_kind_of_nonsense_change_nothing(arm, start):
     arm.run_until(lambda: arm.state.startswith("commanding"), "commanding")
     arm.run(0.2)
     before = arm.efforts[-1]
+    service = arm.client.node.create_client(
+        SetParametersAtomically, "compensator/set_parameters_atomically"
+    )
+    arm.run_until(service.service_is_ready, "the service")
     taken = []
     for name in names:
         for number, value in enumerate(NONSENSE):
             if (name, number) in harmless:
                 continue
-            with contextlib.suppress(TypeError, ValueError, AssertionError, OverflowError):
-                successful, reason = arm.client.set_parameters({name: value})
-                if successful:
-                    taken.append((name, value))
-                assert successful or reason
-                arm.run(0.005)
+            try:
+                given = Parameter(name, value=value).to_parameter_msg()
+                future = service.call_async(SetParametersAtomically.Request(parameters=[given]))
+            except (TypeError, ValueError, AssertionError, OverflowError):
+                continue  # no message can carry it
+            arm.run_until(future.done, "an answer")
+            result = future.result().result
+            if result.successful:
+                taken.append((name, value))
+            assert result.successful or result.reason
     assert not taken
     arm.run(0.1)
     np.testing.assert_array_equal(arm.efforts[-1], before)
