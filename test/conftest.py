@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from forking import forked_nodes
 from hypothesis import settings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -58,6 +59,16 @@ def ambient_domain() -> Iterator[int]:
 
     with private_domain() as number:
         yield number
+
+
+@pytest.fixture(scope="session", autouse=True)
+def quick_nodes() -> Iterator[None]:
+    """Fork nodes from a process that has loaded what they load; let them find each other soon."""
+    profile = REPOSITORY / "test" / "discovery.xml"
+    with pytest.MonkeyPatch.context() as patch, forked_nodes():
+        if "FASTRTPS_DEFAULT_PROFILES_FILE" not in os.environ:
+            patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile))
+        yield
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ KNOWN = World.draw(5)
 def recording() -> Recording:
     """14 s of an arm with viscous friction that its model lacks."""
     world, _ = hide(KNOWN, "viscous_friction", np.random.default_rng(2))
-    return world.record(3, 4, duration=14.0)
+    return world.record(3, 4, 14.0, 100.0)
 
 
 @pytest.fixture(scope="module")
@@ -68,19 +68,24 @@ def test_the_report_is_complete_in_itself_and_begins_with_the_sentence(files):
     assert page.index(content["findings"][0]["sentence"]) < page.index("<h2>")
 
 
-def test_a_name_in_the_report_cannot_become_markup(files, recording):
+@pytest.fixture(scope="module")
+def diagnosed(recording):
+    """Return what is found, the model that was given, and what it was before."""
+    model = KNOWN.model()
+    before = model.parameters()
+    return diagnose(recording, model), model, before
+
+
+def test_a_name_in_the_report_cannot_become_markup(diagnosed):
     from dvrk_gravity.report.diagnosis import render
 
-    page = render(diagnose(recording, KNOWN.model()), ["<script>alert(1)</script>.csv"])
+    page = render(diagnosed[0], ["<script>alert(1)</script>.csv"])
 
     assert "<script>" not in page
 
 
-def test_the_given_model_is_left_as_it_was(recording):
-    model = KNOWN.model()
-    before = model.parameters()
-
-    diagnose(recording, model)
+def test_the_given_model_is_left_as_it_was(diagnosed):
+    _, model, before = diagnosed
 
     assert model.parameters() == before
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache, reduce
+
 import numpy as np
 import pytest
 
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
+from dvrk_gravity.recording import Recording
 from testing.hide import HIDERS, Hidden, hide
 from testing.world import World
 
@@ -25,8 +28,17 @@ def diagnosed(effect: str, seed: int = SEED) -> tuple[Hidden, Diagnosis]:
     random = np.random.default_rng([seed, sorted(HIDERS).index(effect)])
     world, hidden = hide(known, effect, random)
     motion, noise = (int(n) for n in random.integers(1 << 30, size=2))
-    recording = world.record(motion, noise, LONGER.get(effect, DURATION), RATE)
+    if world.readings:  # in each the arm moves alike
+        recording = reduce(lambda one, read: read(one), world.readings, moved(seed))
+    else:
+        recording = world.record(motion, noise, LONGER.get(effect, DURATION), RATE)
     return hidden, diagnose(recording, known.model())
+
+
+@lru_cache
+def moved(seed: int) -> Recording:
+    """Return what right readings tell of an arm in which nothing is hidden."""
+    return World.draw(seed).record(1, 2, DURATION, RATE)
 
 
 @pytest.fixture(scope="module", params=NAMED)
@@ -74,7 +86,9 @@ def test_it_brings_most_of_the_attainable_gain(case):
     assert before[joint] - after[joint] >= 0.8 * (before[joint] - floor[joint])
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))]
+)
 def test_it_is_silent_where_nothing_is_hidden(seed):
     _, diagnosis = diagnosed("nothing", seed)
 
@@ -82,7 +96,7 @@ def test_it_is_silent_where_nothing_is_hidden(seed):
     assert diagnosis.findings == ()
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_what_has_no_name_is_called_unknown(seed):
     hidden, diagnosis = diagnosed("outside", seed)
 

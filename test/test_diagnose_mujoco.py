@@ -18,7 +18,7 @@ from testing.mujoco_arms import mtm
 from testing.world import World
 
 ARM = Arm.load("mtmr")
-RATE, DURATION = 250.0, 18.0
+RATE, DURATION = 125.0, 18.0
 DOWN = (0.0, 0.0, -9.81)
 NOISE = np.array([0.02, 0.02, 0.02, 0.005, 0.002, 0.002, 0.001])
 FRICTION = 0.05  # N·m, hidden on the wrist's platform

@@ -35,7 +35,7 @@ def periodic() -> Recording:
     """25 s of an arm that repeats a motion of 10 s."""
     drawn = Multisine.draw(KNOWN.arm, 3)
     motion = replace(drawn, frequency=np.round(drawn.frequency * PERIOD) / PERIOD)
-    return record_motion(SimulatedArm(KNOWN.plant(), KNOWN.sensors, 4), motion, 25.0, 200.0)
+    return record_motion(SimulatedArm(KNOWN.plant(), KNOWN.sensors, 4), motion, 25.0, 100.0)
 
 
 def test_what_differs_between_periods_is_the_noise_whatever_repeats():
@@ -104,14 +104,14 @@ def test_a_known_model_of_a_repeated_motion_stands_at_its_floor(periodic):
 
 
 def test_a_motion_that_does_not_repeat_says_where_its_floor_comes_from():
-    result = diagnose(KNOWN.record(3, 4, duration=12.0), KNOWN.model())
+    result = diagnose(KNOWN.record(3, 4, 12.0, 100.0), KNOWN.model())
 
     assert result.floor_from == "high_frequencies"
 
 
 def test_wrong_coordinates_are_found_before_what_else_is_wrong():
     world, _ = hide(KNOWN, "viscous_friction", np.random.default_rng(2))
-    right = world.record(3, 4, duration=14.0)
+    right = world.record(3, 4, 14.0, 100.0)
     back = KNOWN.arm.joint_to_actuator
     motors = replace(
         right,

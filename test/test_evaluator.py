@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from conftest import MODEL_FILE
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
@@ -13,9 +13,6 @@ from dvrk_gravity import TorqueModel
 from dvrk_gravity.compensate.evaluator import prepare_sum
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.effects import State, Term
-
-settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
-settings.load_profile("repeatable")
 
 # All of the friction is compensated: the torque to apply is the model's.
 BASE = TorqueModel.load(MODEL_FILE).parameters() | {

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import MODEL_FILE
+from test_static_fit import truth
 
-from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Recording
 
 
 @pytest.fixture(scope="module")
-def static_model(measured_data, tmp_path_factory) -> TorqueModel:
-    files = [measured_data / f"mtmr28002_static_{way}.csv" for way in ("pos", "neg")]
+def static_model(tmp_path_factory) -> TorqueModel:
+    """A model with every term that static poses give, and two functions of several joints."""
     path = tmp_path_factory.mktemp("static") / "model.yaml"
-    identify([Recording.load(file) for file in files], TorqueModel.load(MODEL_FILE).arm).model.save(
-        path
-    )
+    truth(
+        **{
+            "held_load.orders": (0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 2, 0, 0),
+            "held_load.mean.elbow_pitch": (0.01, 0.03),
+            "held_load.difference.elbow_pitch": (0.01, -0.02),
+            "held_load.mean.shoulder_pitch": (0.02, -0.01),
+            "held_load.difference.shoulder_pitch": (0.0, 0.01),
+            "shown_torque.lower": (-0.1, -0.4, -0.2, -0.06, -0.03, -0.01, 0.0),
+            "shown_torque.upper": (0.1, 0.4, 0.2, 0.06, 0.03, 0.01, 0.0),
+        }
+    ).save(path)
     return TorqueModel.load(path)
 
 

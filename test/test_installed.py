@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -49,10 +50,14 @@ def examples(verbs: list[str]) -> list[tuple[str, str]]:
 
 @dataclass(frozen=True)
 class Installed:
-    """An install space and a folder with the files that the examples name."""
+    """An install space, and a folder with the files that the examples name; each gets a copy."""
 
     prefix: Path
     folder: Path
+
+    def copied(self, folder: Path) -> Installed:
+        """Return the same with files of one's own: what one example writes, no other reads."""
+        return replace(self, folder=shutil.copytree(self.folder, folder / "work", symlinks=True))
 
     def start(self, verb: str, *words: str) -> subprocess.Popen[str]:
         site = next(self.prefix.glob("lib/python3*/site-packages"))
@@ -119,8 +124,10 @@ def test_help_of_an_executable_shows_an_example(verb, installed):
 @pytest.mark.parametrize(
     ("verb", "words"), examples(sorted(set(EXECUTABLES) - {*NODES, *DRIVE_AN_ARM})), ids=str
 )
-def test_the_example_of_an_executable_runs(verb, words, installed, domain):
-    status, output = installed.call(verb, *shlex.split(words), *QUICK.get(verb, []))
+def test_the_example_of_an_executable_runs(verb, words, installed, domain, tmp_path):
+    status, output = installed.copied(tmp_path).call(
+        verb, *shlex.split(words), *QUICK.get(verb, [])
+    )
     assert status == 0, output
 
 
