@@ -46,11 +46,13 @@ def run(args: argparse.Namespace) -> int:
     """Diagnose, write the three files, print a summary; return the exit status."""
     # Here and not above: Pinocchio and SciPy are slow to load and --help needs none of it.
     from dvrk_gravity.diagnosis import diagnose
-    from dvrk_gravity.model import TorqueModel
+    from dvrk_gravity.model import TorqueModel, uncertainty_file
     from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report.diagnosis import render
 
-    outputs.check_folder("--out", args.out, WRITTEN, [*args.recordings, args.model])
+    given = [args.model, uncertainty_file(args.model)]
+    beside = uncertainty_file(Path(EXTENDED)).name
+    outputs.check_folder("--out", args.out, [*WRITTEN, beside], [*args.recordings, *given])
     model = TorqueModel.load(args.model)
     still = still_joints(args.at, model.arm)
     recordings = [

@@ -54,13 +54,19 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.identification import identify
     from dvrk_gravity.identification.table import fit_text
-    from dvrk_gravity.model import VERDICTS
+    from dvrk_gravity.model import VERDICTS, uncertainty_file
     from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report.identification import render
 
     report = arguments.report or arguments.out.with_suffix(".html")
+    uncertainty = uncertainty_file(arguments.out)
     outputs.check(
-        {"--out": arguments.out, "--report": report, "--json": arguments.json},
+        {
+            "--out": arguments.out,
+            "--report": report,
+            "--json": arguments.json,
+            "--out, how sure it is": uncertainty,
+        },
         [*arguments.recordings, *arguments.validate, Arm.file(arguments.arm)],
     )
     arm = Arm.load(arguments.arm)
@@ -94,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
         text_file.write(arguments.json, json.dumps(fit.to_json(), indent=1) + "\n")
     for line in fit_text(fit):
         print(line)
-    print(f"\nmodel: {arguments.out}\nreport: {report}")
+    print(f"\nmodel: {arguments.out}\nhow sure it is: {uncertainty}\nreport: {report}")
     return int(fit.verdict.level == VERDICTS[-1])
 
 
