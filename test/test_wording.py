@@ -90,7 +90,7 @@ class Case:
 
     def sentence(self, sign: float = 1.0, spread: float = 0.3, gain: Gain = CLEAR) -> str:
         """Return the sentence of such a fit."""
-        return sentence_of(self.hypothesis, self.estimates(sign, spread), gain, "elbow_pitch")
+        return sentence_of(self.hypothesis, self.estimates(sign, spread), gain, ["elbow_pitch"])
 
 
 @pytest.fixture(scope="module")

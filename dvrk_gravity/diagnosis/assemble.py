@@ -215,7 +215,9 @@ def _finding(
             )
             for other in one.rejected
         ),
-        sentence=sentence_of(hypothesis, parameters, gain, hypothesis.arm.joint_names[joints[0]]),
+        sentence=sentence_of(
+            hypothesis, parameters, gain, [hypothesis.arm.joint_names[joint] for joint in joints]
+        ),
         picture=picture_of(validation.data, held_out, hypothesis, joints[0], before, after),
         in_model=carried,
         remedy=hypothesis.remedy(carried),

@@ -19,17 +19,16 @@ class ExtrapolationSettings:
     """How far a model may be off outside the positions and speeds that it was identified on.
 
     Attributes:
-        size: Standard deviation of each of the functions below far outside the range of positions,
-            in units of the joint's known error. Chosen: simulated cables of other shapes than the
-            model's were off by four to six times that (benchmark/lab_trials.py, seeds 0 to 8).
-        reach: Part of the range's width, at which half of that is reached. Chosen.
-        powers: Powers of x / (x + reach), x the distance from the range's edge: with three, cables
-            of any smooth course are within reach. Chosen.
+        growth: Standard deviation of each of the functions below where a joint is as far outside as
+            the range is wide, in units of the joint's known error. Chosen: simulated cables and
+            springs of other shapes than the model's were off by four times that at a tenth of the
+            range outside and by thirteen half of it (benchmark/lab_trials.py, seeds 0 to 8).
+        powers: Powers of the distance from the range's edge: with three, cables of any smooth
+            course are within reach. Chosen.
         faster: Standard deviation likewise where a joint is twice as fast as ever before. Chosen.
     """
 
-    size: float = 5.0
-    reach: float = 0.25
+    growth: float = 25.0
     powers: int = 3
     faster: float = 10.0
 
@@ -71,9 +70,8 @@ def _extrapolated(
         q, qd = motion.true_q[:, joint], motion.qd[:, joint]
         for beyond in (q - high, low - q):
             away = np.maximum(beyond, 0.0) / width
-            away /= away + settings.reach
             columns += [
-                (joint, settings.size * error * away**power)
+                (joint, settings.growth * error * away**power)
                 for power in range(1, settings.powers + 1)
             ]
         faster = np.maximum(np.abs(qd) / max(uncertainty.speed[joint], 1e-9) - 1.0, 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.findings import Finding, Gain
@@ -33,7 +33,7 @@ def rows(finding: Finding) -> list[tuple[str, str]]:
 
 
 def sentence_of(
-    hypothesis: Hypothesis, parameters: Mapping[str, Estimate], gain: Gain, joint: str
+    hypothesis: Hypothesis, parameters: Mapping[str, Estimate], gain: Gain, joints: Sequence[str]
 ) -> str:
     """Return the finding in one sentence, with value, interval and what it removes.
 
@@ -41,11 +41,13 @@ def sentence_of(
         hypothesis: The hypothesis.
         parameters: Its estimates by name.
         gain: Its gain on held-out data.
-        joint: The joint whose error falls most.
+        joints: The joints of whose error the gain is, the one that gains most first.
     """
+    first, *others = joints
+    where = f"{first} and {len(others)} more joints" if len(others) > 1 else " and ".join(joints)
     does = "removes" if gain.relative >= 0.0 else "adds"
     preposition = "of" if gain.relative >= 0.0 else "to"
-    removed = f"{does} {100 * abs(gain.relative):.0f} % {preposition} the error at {joint}"
+    removed = f"{does} {100 * abs(gain.relative):.0f} % {preposition} the error at {where}"
     sentence = f"{hypothesis.claim(parameters)}; {hypothesis.correction()} {removed}"
     if gain.low <= 0.0:
         interval = f"{100 * gain.low:.0f} to {100 * gain.high:.0f} %"

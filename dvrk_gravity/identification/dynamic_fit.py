@@ -18,7 +18,11 @@ from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.holding import holding
 from dvrk_gravity.identification.identifiability import describe
 from dvrk_gravity.identification.kinematic_search import around_calibration
-from dvrk_gravity.identification.model_uncertainty import known_error, model_uncertainty
+from dvrk_gravity.identification.model_uncertainty import (
+    KnownError,
+    known_error,
+    model_uncertainty,
+)
 from dvrk_gravity.identification.motion import Source, read_motions
 from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.physical import certificate, physical_links
@@ -96,6 +100,7 @@ def fit_dynamic(
     """
     motions = read_motions(recordings, arm, coordinates, cutoff)
     problem = pose(motions.parts, arm, effects, lambda share: report("regressor", share), form=form)
+    posed = problem
     problem, chosen = choose(
         problem, starts(problem.design.columns, effects),
         lambda share: report("choice of terms", share),
@@ -110,9 +115,11 @@ def fit_dynamic(
     )
     verdict = judge(held_out, training, found.holding, arm, coordinates)
     model = _model(columns, chosen, found.solution, found.links)
+    error = known_error(design, found.blind, cutoff)
+    if effects is not None and form is Columns:
+        error = _with_all_terms(posed, cutoff, error, report)
     uncertainty = model_uncertainty(
-        columns, chosen, found.solution.theta, found.spread,
-        known_error(design, found.blind, cutoff), model,
+        columns, chosen, found.solution.theta, found.spread, error, model
     )  # fmt: skip
     return Fit(
         model=replace(model, verdict=verdict.level, reason=verdict.reason, uncertainty=uncertainty),
@@ -184,6 +191,21 @@ def _held_out(
         rows = folds.tested[fold]
         predicted[rows] = design.x[rows][:, :, index] @ theta
     return predicted
+
+
+def _with_all_terms(problem: Problem, band: float, own: KnownError, report: Report) -> KnownError:
+    """Return the error that all terms would leave, where a model may not have all.
+
+    What a model was not allowed to explain is no error that it has to have: it is missed.
+    """
+    free = replace(problem, selection=replace(problem.selection, effects=None, choices=[]))
+    columns = problem.design.columns
+    free, chosen = choose(
+        free, starts(columns), lambda share: report("what all terms would leave", share)
+    )
+    blind = _held_out(free.design, free.folds, free.selection, chosen, physical=False)
+    error = known_error(free.design, blind, band)
+    return error if np.sum(error.rms**2 / own.rms**2) < len(own.rms) else own
 
 
 def _how_validated(folds: Folds) -> str:
