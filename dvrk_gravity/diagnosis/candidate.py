@@ -77,7 +77,9 @@ class Score:
     Attributes:
         rms: (n,) out-of-fold error, N·m.
         loss: (blocks,) squared error of each block in units of the weights.
-        likelihood: Sum over joints of -n/2 log(mean squared error), costs taken off.
+        likelihood: Sum over joints of -n/2 log(mean squared error), costs taken off, and how
+            improbable the model's own parameters are.
+        improbable: That part of it.
         error: (R, n) the errors, N·m.
     """
 
@@ -85,3 +87,4 @@ class Score:
     rms: Array
     loss: Array
     likelihood: float
+    improbable: float = 0.0
