@@ -41,9 +41,6 @@ class Scores:
     def parameters(self, candidates) -> np.ndarray:
         return np.full(len(candidates), 0.1)
 
-    def gain(self, before, after, candidate) -> float:
-        return after.likelihood - before.likelihood
-
     def size(self, candidate, theta) -> np.ndarray:
         return np.zeros(7)
 

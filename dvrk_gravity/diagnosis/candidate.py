@@ -77,9 +77,7 @@ class Score:
     Attributes:
         rms: (n,) out-of-fold error, N·m.
         loss: (blocks,) squared error of each block in units of the weights.
-        likelihood: Sum over joints of -n/2 log(mean squared error), costs taken off, and how
-            improbable the model's own parameters are.
-        improbable: That part of it.
+        likelihood: Sum over joints of -n/2 log(mean squared error), costs taken off.
         error: (R, n) the errors, N·m.
     """
 
@@ -87,4 +85,3 @@ class Score:
     rms: Array
     loss: Array
     likelihood: float
-    improbable: float = 0.0

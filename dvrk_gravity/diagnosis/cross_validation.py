@@ -111,8 +111,7 @@ class CrossValidation:
     @property
     def redundancy(self) -> Array:
         """(n,) samples that count as one."""
-        copies = design_effect(self.data.copies, self._intraclass)
-        return self.data.samples_per_independent * copies
+        return self.data.redundancy * design_effect(self.data.copies, self._intraclass)
 
     def _mean_square(self, error: Array) -> Array:
         """Return (n,) mean squares of (R, n) errors over the usable samples."""
@@ -244,38 +243,10 @@ class CrossValidation:
         mean = self._mean_square(error)
         used = self.weight > 0.0
         likelihood = -0.5 * float(self.samples[used] @ np.log(mean[used]))
-        likelihood -= sum(candidate.cost for candidate in candidates)
+        likelihood -= improbable + sum(candidate.cost for candidate in candidates)
         square = ((error * self._weights) ** 2).sum(axis=1)
         loss = np.bincount(self._block, square, minlength=self.data.count).astype(float)
-        return Score(error, np.sqrt(mean), loss, likelihood - improbable, improbable)
-
-    def gain(self, before: Score, after: Score, candidate: Candidate) -> float:
-        """Return the log-likelihood that a candidate gains, its cost taken off.
-
-        Of errors that hang together, as the model's known error does, fewer count for what varies
-        slowly than for what varies fast.
-        """
-        spared = before.improbable - after.improbable
-        raw = after.likelihood - before.likelihood + candidate.cost - spared
-        return raw / self.colour(candidate) + spared - candidate.cost
-
-    def colour(self, candidate: Candidate) -> float:
-        """Return how many times fewer samples count for a candidate in the model's known error.
-
-        The variance of its coefficient in an autoregressive error of the known correlation time,
-        over that in a white one of the same size, at least 1 (Kish's design effect for regression).
-        """
-        lag, rho = self.data.known_colour
-        if not rho.any() or len(candidate.values) <= lag:
-            return 1.0
-        energy = whitened = 0.0
-        for index, joint in enumerate(candidate.joints.tolist()):
-            column = candidate.values[:, index] * self.weight[joint]
-            column = column / np.sqrt(np.maximum((candidate.values**2).sum(axis=(0, 1)), 1e-300))
-            energy += float((column[lag:] ** 2).sum())
-            ahead = column[lag:] - rho[joint] * column[:-lag]
-            whitened += float((ahead**2).sum()) / (1.0 - float(rho[joint]) ** 2)
-        return max(1.0, energy / max(whitened, 1e-300))
+        return Score(error, np.sqrt(mean), loss, likelihood)
 
     def p_value(self, before: Score, after: Score, candidate: Candidate) -> float:
         """Return the one-sided p-value of the gain over the blocks where a candidate acts.
@@ -307,7 +278,7 @@ class CrossValidation:
         known = np.where(usable, error, 0.0)[:, looked]
         part = np.zeros(len(known), dtype=np.int64)
         length = correlation_time(known, part, len(known) // 4)
-        return max(1.0, float(np.max(length)) / self.data.samples_per_independent)
+        return max(1.0, float(np.max(length / self.data.redundancy[looked])))
 
     def screen(
         self, selected: Sequence[Candidate], pool: Iterable[Candidate], keep: int
@@ -329,7 +300,6 @@ class CrossValidation:
             left = (error**2).reshape(-1, self.joints).sum(axis=0)
             used = (square > 0.0) & (left > 0.0)
             gain = 0.5 * float(self.samples[used] @ np.log(square[used] / left[used]))
-            gain /= self.colour(candidate)
             found.append((gain + spared - candidate.cost, candidate))
         found.sort(key=lambda pair: -pair[0])
         return [candidate for gain, candidate in found[:keep] if gain > 0.0]

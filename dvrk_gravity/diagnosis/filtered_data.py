@@ -205,17 +205,6 @@ class FilteredData:
             return least
         return np.fmax(least, known.together * self.motion.rate / self.every)
 
-    @cached_property
-    def known_colour(self) -> tuple[int, Array]:
-        """Lag, samples, and (n,) autocorrelations there of the model's known error beyond noise's.
-
-        Of the autoregressive process whose correlation time is the known one: samples that far
-        apart are independent in noise that is white below the band.
-        """
-        lag = max(1, round(self.samples_per_independent))
-        apart = self.redundancy / self.samples_per_independent
-        return lag, (apart - 1.0) / (apart + 1.0)
-
     @property
     def copies(self) -> float:
         """How often the motion shows the same, at least 1."""

@@ -255,7 +255,7 @@ class Selection:
             # What the model's parameters would make up for as best they can is not theirs.
             removed = np.fmax(removed, 1.0 - after.rms / np.hypot(after.rms, size))
         most = float(np.max(removed[used], initial=0.0))
-        gain, settings = self.validation.gain(before, after, candidate), self.settings
+        gain, settings = after.likelihood - before.likelihood, self.settings
         known = settings.consequence * self.validation.known_error
         matters = bool(np.any((size > known)[used]))
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
