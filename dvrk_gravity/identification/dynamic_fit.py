@@ -196,7 +196,8 @@ def _held_out(
 def _with_all_terms(problem: Problem, band: float, own: KnownError, report: Report) -> KnownError:
     """Return the error that all terms would leave, where a model may not have all.
 
-    What a model was not allowed to explain is no error that it has to have: it is missed.
+    What a model was not allowed to explain is no error that it has to have: it is missed. How long
+    the errors of *this* model hang together is not known, for what it misses is to be found.
     """
     free = replace(problem, selection=replace(problem.selection, effects=None, choices=[]))
     columns = problem.design.columns
@@ -205,6 +206,7 @@ def _with_all_terms(problem: Problem, band: float, own: KnownError, report: Repo
     )
     blind = _held_out(free.design, free.folds, free.selection, chosen, physical=False)
     error = known_error(free.design, blind, band)
+    error = replace(error, together=np.full(len(own.rms), np.nan))
     return error if np.sum(error.rms**2 / own.rms**2) < len(own.rms) else own
 
 
