@@ -54,7 +54,7 @@ def test_another_motion_is_no_news_and_the_error_is_what_the_model_expects(name)
 @pytest.mark.parametrize(
     ("name", "effect", "seed"),
     [("mtmr", "payload", 2), ("mtmr", "coulomb_friction", 4), ("chain", "payload", 2),
-     ("chain", "coulomb_friction", 5)],
+     ("chain", "coulomb_friction", 7)],
 )  # fmt: skip
 def test_what_is_hidden_is_named_or_listed_and_nothing_beside_it(name, effect, seed):
     diagnosis, outcome = tried(name, effect, seed)

@@ -253,7 +253,8 @@ class Selection:
         size = self.validation.size(candidate, theta)
         if self.validation.model_size:
             # What the model's parameters would make up for as best they can is not theirs.
-            removed = np.fmax(removed, 1.0 - after.rms / np.hypot(after.rms, size))
+            both = np.maximum(np.hypot(after.rms, size), 1e-300)
+            removed = np.fmax(removed, 1.0 - after.rms / both)
         most = float(np.max(removed[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
         known = settings.consequence * self.validation.known_error
