@@ -92,7 +92,7 @@ def load(
     handling: list[str] = []
     floors = []
     share = LONGEST / len(recordings)
-    for recording in recordings:
+    for number, recording in enumerate(recordings):
         looked_at = excerpt(recording, share, min(STRETCH, share))
         warnings += [w for w in looked_at.warnings or () if w not in warnings]
         rate: float | None = None
@@ -107,7 +107,7 @@ def load(
             step = _step(stretch, model.arm)
             thin = 1 if rate is None else max(1, round(rate / RATE))
             pieces += [
-                _piece(segment, thin, model, start, still or {}, step)
+                replace(_piece(segment, thin, model, start, still or {}, step), clock=(number,))
                 for segment in prepared.segments
             ]
             floors.append(_noise_density(stretch, model.arm))
@@ -225,6 +225,7 @@ def _join(pieces: Sequence[Motion]) -> Motion:
         direction=np.vstack(known) if len(known) == len(pieces) else None,
         time=np.concatenate([piece.time for piece in pieces]),
         parts=tuple(slice(a, b) for a, b in pairwise(edges)),
+        clock=tuple(number for piece in pieces for number in piece.clock),
     )
 
 

@@ -47,6 +47,7 @@ class Motion:
         rate: Hz; ``None`` for static poses.
         present: (n,) which joints were recorded.
         step: (n,) steps of the positions, rad.
+        clock: By part, number of the recording whose time it is in; default: all of one.
     """
 
     model: TorqueModel
@@ -60,6 +61,7 @@ class Motion:
     rate: float | None
     present: NDArray[np.bool_]
     step: Array
+    clock: tuple[int, ...] = ()
 
     @property
     def arm(self) -> Arm:
