@@ -27,6 +27,7 @@ from dvrk_gravity.recording import (
     prepare,
 )
 from dvrk_gravity.recording.grid import quantum
+from dvrk_gravity.recording.read_before import counted_once
 
 Array = NDArray[np.float64]
 
@@ -88,8 +89,8 @@ def load(
     if {one.joints for one in heads} != {heads[0].joints}:
         raise RecordingError(heads[0].source, "the recordings hold different joints")
     pieces: list[Motion] = []
-    warnings: list[DataWarning] = []
-    handling: list[str] = []
+    recordings, left_out, repeated = counted_once(recordings)
+    warnings, handling = list(repeated), list(left_out)
     floors = []
     share = LONGEST / len(recordings)
     for number, recording in enumerate(recordings):
@@ -112,7 +113,7 @@ def load(
             ]
             floors.append(_noise_density(stretch, model.arm))
     if not pieces:
-        raise RecordingError(heads[0].source, f"has too many gaps: {handling[0]}")
+        raise RecordingError(heads[0].source, f"has too many gaps: {handling[len(left_out)]}")
     motion = _join(pieces)
     if static and len(motion.q) < FEWEST:
         raise RecordingError(
