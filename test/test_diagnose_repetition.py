@@ -84,6 +84,30 @@ def test_the_period_is_found_across_a_gap_and_phases_agree_on_either_side(missed
     np.testing.assert_allclose(off, 0.0, atol=1e-3)
 
 
+def test_a_floor_of_repetition_is_no_less_than_the_steps_of_the_efforts_leave():
+    """A motion without noise, read in steps of an effort, comes back to the same steps."""
+    drawn = Multisine.draw(KNOWN.arm, 3)
+    motion = replace(drawn, frequency=np.round(drawn.frequency * PERIOD) / PERIOD)
+    time = np.arange(5000) / 200.0
+    q, qd = motion.at(time + motion.ramp)
+    exact = KNOWN.model().torque(q, qd)
+    step = np.array([0.1, 0.1, 0.1, 0.02, 0.01, 0.01, 0.005])
+    read = step * np.round(exact / step)
+    data = FilteredData.of(load([Recording(JOINT_NAMES, time, q, qd, read)], KNOWN.model()).motion)
+    unknown = np.full(N_JOINTS, np.nan)
+
+    assert data.repetition is not None
+    bearing = slice(1, 6)  # the others bear no weight: what is always the same has no steps
+    floor = data.noise_rms(unknown)[bearing]
+    step = step[bearing]
+    # White up to 100 Hz, of which the band lets through somewhat less than 8 Hz.
+    np.testing.assert_allclose(floor, step / np.sqrt(12.0) * np.sqrt(8.0 / 100.0), rtol=0.1)
+    # It is about what rounding did to the torque, at least.
+    assert (floor < 1.2 * np.std(data.reduce(read - exact), axis=0)[bearing]).all()
+    repeated = replace(data, motion=replace(data.motion, rounding=np.zeros(N_JOINTS)))
+    assert (repeated.noise_rms(unknown)[bearing] < 0.2 * floor).all()
+
+
 def test_no_held_out_phase_is_seen_in_another_period(periodic):
     data = FilteredData.of(load([periodic], KNOWN.model()).motion)
 

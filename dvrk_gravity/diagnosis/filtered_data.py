@@ -237,6 +237,9 @@ class FilteredData:
     def noise_rms(self, density: Array, residual: Array | None = None) -> Array:
         """Return (n,) noise, N·m: what does not come back with the motion, where that repeats.
 
+        It is no less than what the steps of the efforts leave: rounding to step / sqrt(12) (Bennett
+        1948) comes back with a motion that repeats, and so does not show there.
+
         Args:
             density: (n,) effort noise density as high frequencies show it, N·m/sqrt(Hz); for
                 motion that does not repeat.
@@ -250,4 +253,5 @@ class FilteredData:
             return noise
         residual = self.residual if residual is None else residual
         differs = repetition_noise(self.repetition, self.common_time, residual, self.usable)
-        return np.where(np.isfinite(differs), differs, noise)
+        differs = np.where(np.isfinite(differs), differs, noise)
+        return np.fmax(differs, band_noise(self.motion.rounding, self.band))

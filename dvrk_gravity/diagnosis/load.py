@@ -105,10 +105,14 @@ def load(
             warnings += [w for w in prepared.warnings if w not in warnings]
             handling += [h for h in prepared.handling if h not in handling]
             start = 0.0 if static else (stretch.start_ns - heads[0].start_ns) * 1e-9
-            step = _step(stretch, model.arm)
+            step, rounding = _step(stretch, model.arm), _rounding(stretch, model.arm)
             thin = 1 if rate is None else max(1, round(rate / RATE))
             pieces += [
-                replace(_piece(segment, thin, model, start, still or {}, step), clock=(number,))
+                replace(
+                    _piece(segment, thin, model, start, still or {}, step),
+                    clock=(number,),
+                    rounding=rounding,
+                )
                 for segment in prepared.segments
             ]
             floors.append(_noise_density(stretch, model.arm))
@@ -212,6 +216,23 @@ def _step(recording: Recording, arm: Arm) -> Array:
     return steps
 
 
+def _rounding(recording: Recording, arm: Arm) -> Array:
+    """Return (n,) density of the noise that the steps of the efforts leave, N·m/sqrt(Hz).
+
+    An effort that goes over many steps is rounded by step / sqrt(12), evenly over all frequencies
+    up to half the rate (Bennett 1948); one that goes slowly, by as much at lower ones.
+    """
+    density = np.zeros(arm.n)
+    if recording.rate is None or recording.effort is None:
+        return density
+    for joint, column in zip(recording.joints, recording.effort.T, strict=True):
+        density[arm.joint_names.index(joint)] = quantum(column)
+    density /= np.sqrt(12.0 * recording.rate / 2.0)
+    if recording.coordinates == "actuator":
+        density = np.sqrt(density**2 @ arm.joint_effort(np.eye(arm.n)) ** 2)
+    return density
+
+
 def _join(pieces: Sequence[Motion]) -> Motion:
     edges = np.concatenate([[0], np.cumsum([len(piece.q) for piece in pieces])]).tolist()
     first = pieces[0]
@@ -227,6 +248,7 @@ def _join(pieces: Sequence[Motion]) -> Motion:
         time=np.concatenate([piece.time for piece in pieces]),
         parts=tuple(slice(a, b) for a, b in pairwise(edges)),
         clock=tuple(number for piece in pieces for number in piece.clock),
+        rounding=np.sqrt(np.mean([piece.rounding**2 for piece in pieces], axis=0)),
     )
 
 
