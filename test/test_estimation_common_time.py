@@ -197,6 +197,8 @@ def test_halves_of_a_simulated_motion_do_not_look_better_than_the_whole(periodic
                    ([periodic], halves(periodic)))  # fmt: skip
     assert mean_error(both) == pytest.approx(mean_error(whole), rel=0.05)
     assert "repeats every 11.6" in both.validation
+    assert "held out of all of them" in both.validation
+    assert "held out of all of them" not in whole.validation
 
 
 def test_halves_of_the_measured_motion_look_no_better_than_the_whole():

@@ -96,11 +96,13 @@ class Folds:
         tested: (folds, n) samples that are predicted.
         excluded: (folds, n) samples that the fold's fit may not see: those, and a gap.
         periods: Periods of the motions that repeat, s.
+        shared: Whether several recordings show some of the same motion.
     """
 
     tested: Mask
     excluded: Mask
     periods: tuple[float, ...] = ()
+    shared: bool = False
 
     @classmethod
     def of_masks(cls, masks: Sequence[Mask]) -> Folds:
@@ -182,7 +184,10 @@ def make_folds(
                 distance = np.abs((phase - (fold + 0.5) + count / 2) % count - count / 2)
             excluded[fold, rows] = distance < 0.5 + gap
     periods = tuple(period for period in seen.periods if period)
-    return Folds(label == np.arange(count)[:, None], excluded, periods)
+    recording = part if clock is None else np.asarray(clock)[part]
+    pairs = np.unique(np.column_stack([seen.group, recording]), axis=0)
+    shared = len(pairs) > len(np.unique(pairs[:, 0]))
+    return Folds(label == np.arange(count)[:, None], excluded, periods, shared)
 
 
 def make_blocks(
