@@ -31,13 +31,9 @@ from dvrk_gravity.diagnosis.selection import SelectionSettings as EffectSelectio
 from dvrk_gravity.estimation.covariance import CovarianceSettings
 from dvrk_gravity.estimation.evidence import EvidenceSettings
 from dvrk_gravity.estimation.noise import NoiseSettings
+from dvrk_gravity.estimation.repetition import RepetitionSettings
 from dvrk_gravity.estimation.robust import RobustSettings
-from dvrk_gravity.estimation.splits import (
-    BlockSettings,
-    FoldSettings,
-    GridSettings,
-    RepetitionSettings,
-)
+from dvrk_gravity.estimation.splits import BlockSettings, FoldSettings, GridSettings
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.design import DesignSettings
 from dvrk_gravity.identification.hand import HandSettings

@@ -15,7 +15,7 @@ from dvrk_gravity.cli import diagnose as command
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.estimation.noise import repetition_noise
-from dvrk_gravity.estimation.splits import Repetition, find_repetition
+from dvrk_gravity.estimation.repetition import Repetition, find_common_time, find_repetition
 from dvrk_gravity.identification.columns import identified
 from dvrk_gravity.identification.kinematic_calibration import KINEMATIC
 from dvrk_gravity.planning import Multisine
@@ -66,19 +66,46 @@ def test_too_little_seen_twice_is_no_floor():
     assert np.isnan(found).all()
 
 
-def test_the_period_is_found_across_a_gap_and_not_where_the_phase_jumps():
+@pytest.mark.parametrize("missed", [1.0, 0.37], ids=["a period", "some of a period"])
+def test_the_period_is_found_across_a_gap_and_phases_agree_on_either_side(missed):
     time = np.arange(5000) / 200.0
     phase = np.outer(2.0 * np.pi * time / PERIOD, [1.0, 2.0, 3.0, 1.0, 2.0, 1.0, 4.0])
     q = np.sin(phase + np.arange(7))
-    parts = (slice(0, 3200), slice(3200, 5000))
+    part = (np.arange(5000) >= 3200).astype(np.int64)
 
-    gap = time + np.where(np.arange(5000) < 3200, 0.0, PERIOD)
-    found = find_repetition(q, gap, parts, 200.0)
-    jump = time + np.where(np.arange(5000) < 3200, 0.0, 0.37 * PERIOD)
+    seen = find_common_time(time + part * missed * PERIOD, part, q, 200.0, [0, 0])
+    found = find_repetition(seen, part, q, 200.0)
 
     assert found is not None
-    assert found.period == pytest.approx(PERIOD, abs=0.01)
-    assert find_repetition(q, jump, parts, 200.0) is None
+    repetition, common = found
+    assert repetition.period == pytest.approx(PERIOD, abs=0.01)
+    assert (np.diff(common) > 0.0).all()
+    off = (repetition.phase(common) - time / PERIOD + 0.5) % 1.0 - 0.5
+    np.testing.assert_allclose(off, 0.0, atol=1e-3)
+
+
+def test_a_floor_of_repetition_is_no_less_than_the_steps_of_the_efforts_leave():
+    """A motion without noise, read in steps of an effort, comes back to the same steps."""
+    drawn = Multisine.draw(KNOWN.arm, 3)
+    motion = replace(drawn, frequency=np.round(drawn.frequency * PERIOD) / PERIOD)
+    time = np.arange(5000) / 200.0
+    q, qd = motion.at(time + motion.ramp)
+    exact = KNOWN.model().torque(q, qd)
+    step = np.array([0.1, 0.1, 0.1, 0.02, 0.01, 0.01, 0.005])
+    read = step * np.round(exact / step)
+    data = FilteredData.of(load([Recording(JOINT_NAMES, time, q, qd, read)], KNOWN.model()).motion)
+    unknown = np.full(N_JOINTS, np.nan)
+
+    assert data.repetition is not None
+    bearing = slice(1, 6)  # the others bear no weight: what is always the same has no steps
+    floor = data.noise_rms(unknown)[bearing]
+    step = step[bearing]
+    # White up to 100 Hz, of which the band lets through somewhat less than 8 Hz.
+    np.testing.assert_allclose(floor, step / np.sqrt(12.0) * np.sqrt(8.0 / 100.0), rtol=0.1)
+    # It is about what rounding did to the torque, at least.
+    assert (floor < 1.2 * np.std(data.reduce(read - exact), axis=0)[bearing]).all()
+    repeated = replace(data, motion=replace(data.motion, rounding=np.zeros(N_JOINTS)))
+    assert (repeated.noise_rms(unknown)[bearing] < 0.2 * floor).all()
 
 
 def test_no_held_out_phase_is_seen_in_another_period(periodic):

@@ -15,12 +15,11 @@ from dvrk_gravity.estimation.normal_equations import (
     solve,
     solve_signed,
 )
+from dvrk_gravity.estimation.repetition import CommonTime, find_period
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, eliminate_backward, select
 from dvrk_gravity.estimation.splits import (
     BlockSettings,
     Folds,
-    Repetition,
-    find_period,
     inner_slabs,
     make_blocks,
     make_folds,
@@ -132,17 +131,17 @@ def test_equal_phases_are_held_out_together_and_a_gap_is_kept():
         assert np.abs(held[:, None] - fitted).min() / 50.0 >= 0.3 - 0.021
 
 
-@pytest.mark.parametrize("repetition", [None, Repetition(6.0, 3.3)])
-def test_a_third_of_the_blocks_is_held_out_and_the_others_are_dealt_into_folds(repetition):
+@pytest.mark.parametrize("period", [None, 6.0])
+def test_a_third_of_the_blocks_is_held_out_and_the_others_are_dealt_into_folds(period):
     time = np.arange(800) / 40.0
-    blocks = make_blocks(time, 40.0, repetition)
-    assert 0.25 < blocks.held_out.mean() < 0.4
+    blocks = make_blocks(CommonTime.one(time, period), 40.0)
+    assert 0.3 < blocks.held_out.sum() / (blocks.label >= 0).sum() < 0.37
     for fold in range(BlockSettings().folds):
         mine = set(blocks.label[blocks.fold == fold])
         assert mine
         assert not mine & set(blocks.label[blocks.held_out])
         assert not mine & set(blocks.label[(blocks.fold >= 0) & (blocks.fold != fold)])
-    if repetition is not None:
+    if period is not None:
         phase = np.round(time % 6.0, 6)
         assert not set(phase[blocks.held_out]) & set(phase[blocks.fold >= 0])
 

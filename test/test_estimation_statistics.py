@@ -25,6 +25,7 @@ from dvrk_gravity.estimation.noise import (
     repetition_noise,
 )
 from dvrk_gravity.estimation.normal_equations import NormalEquations, fit
+from dvrk_gravity.estimation.repetition import Repetition
 from dvrk_gravity.estimation.robust import (
     RobustSettings,
     RobustState,
@@ -32,7 +33,7 @@ from dvrk_gravity.estimation.robust import (
     robust_scale,
     robust_weights,
 )
-from dvrk_gravity.estimation.splits import Repetition, sequential
+from dvrk_gravity.estimation.splits import sequential
 
 
 def coloured(random: np.random.Generator, shape: tuple[int, ...], a: float) -> np.ndarray:

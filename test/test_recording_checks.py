@@ -226,8 +226,8 @@ def test_every_kind_of_finding_has_a_case():
     # A recording does not tell its arm or its coordinates: `identify` finds these.
     of_the_arm = {"coordinates", "arm_limits", "other_hand"}
     # What gaps cost depends on the filter: `prepare` and `read_trajectory` find it.
-    # So does what is left of a long recording: `excerpt`.
-    of_others = {"samples_discarded", "excerpt"}
+    # So does what is left of a long recording: `excerpt`. What was read before: `ReadBefore`.
+    of_others = {"samples_discarded", "excerpt", "read_before"}
     assert set(get_args(Kind)) == {fault[0] for fault in FAULTS} | of_the_arm | of_others
 
 

@@ -12,13 +12,13 @@ from dvrk_gravity.diagnosis.findings import FloorFrom
 from dvrk_gravity.diagnosis.model_error import model_columns
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.estimation.noise import band_noise, pairs_a_period_apart, repetition_noise
-from dvrk_gravity.estimation.splits import (
-    Blocks,
-    BlockSettings,
+from dvrk_gravity.estimation.repetition import (
+    CommonTime,
     Repetition,
+    find_common_time,
     find_repetition,
-    make_blocks,
 )
+from dvrk_gravity.estimation.splits import Blocks, BlockSettings, make_blocks
 from dvrk_gravity.recording import LowPass
 
 Array = NDArray[np.float64]
@@ -72,6 +72,7 @@ class FilteredData:
         residual: (T, n) measured minus modelled torque, N·m.
         blocks: Which samples belong together.
         repetition: How the motion repeats, if it does.
+        common_time: (T,) s, increasing; whole periods apart the motion shows the same.
         settings: How torques are compared.
     """
 
@@ -81,6 +82,7 @@ class FilteredData:
     residual: Array
     blocks: Blocks
     repetition: Repetition | None
+    common_time: Array
     settings: FilterSettings
 
     @classmethod
@@ -93,14 +95,22 @@ class FilteredData:
         if rate is not None and band is not None:
             every = max(1, int(rate / (settings.oversampling * band)))
         nothing = Blocks(np.zeros(0, dtype=np.int64), 0, settings.blocks)
-        data = cls(motion, band, every, np.zeros((0, 0)), nothing, None, settings)
-        again = None if rate is None else find_repetition(motion.q, motion.time, motion.parts, rate)
-        thinned = None if rate is None else rate / every
+        empty = np.zeros(0)
+        data = cls(motion, band, every, np.zeros((0, 0)), nothing, None, empty, settings)
+        residual = data.reduce(motion.residual)
+        if rate is None:
+            blocks = make_blocks(CommonTime.one(data.time), None, settings.blocks)
+            return replace(data, residual=residual, blocks=blocks, common_time=data.time)
+        part = np.repeat(np.arange(len(motion.parts)), [p.stop - p.start for p in motion.parts])
+        clock = motion.clock or (0,) * len(motion.parts)
+        seen = find_common_time(motion.time, part, motion.q, rate, clock)
+        again = find_repetition(seen, part, motion.q, rate)
+        repetition, common = again or (None, motion.time)
+        columns = np.column_stack([common if again else seen.time, seen.group])
+        thinned = data.reduce_state(columns)
+        blocks = make_blocks(seen.at(*thinned.T), rate / every, settings.blocks)
         return replace(
-            data,
-            residual=data.reduce(motion.residual),
-            blocks=make_blocks(data.time, thinned, again, settings.blocks),
-            repetition=again,
+            data, residual=residual, blocks=blocks, repetition=repetition, common_time=thinned[:, 0]
         )
 
     def reduce(self, columns: Array) -> Array:
@@ -216,7 +226,7 @@ class FilteredData:
         Args:
             rows: (R,) indices of the samples.
         """
-        return pairs_a_period_apart(self.time[rows], self.repetition, self.settings.near)
+        return pairs_a_period_apart(self.common_time[rows], self.repetition, self.settings.near)
 
     def noise_source(self, noise: Array) -> FloorFrom:
         """Return where (n,) noise RMS come from."""
@@ -226,6 +236,9 @@ class FilteredData:
 
     def noise_rms(self, density: Array, residual: Array | None = None) -> Array:
         """Return (n,) noise, N·m: what does not come back with the motion, where that repeats.
+
+        It is no less than what the steps of the efforts leave: rounding to step / sqrt(12) (Bennett
+        1948) comes back with a motion that repeats, and so does not show there.
 
         Args:
             density: (n,) effort noise density as high frequencies show it, N·m/sqrt(Hz); for
@@ -239,5 +252,6 @@ class FilteredData:
         if self.repetition is None:
             return noise
         residual = self.residual if residual is None else residual
-        differs = repetition_noise(self.repetition, self.time, residual, self.usable)
-        return np.where(np.isfinite(differs), differs, noise)
+        differs = repetition_noise(self.repetition, self.common_time, residual, self.usable)
+        differs = np.where(np.isfinite(differs), differs, noise)
+        return np.fmax(differs, band_noise(self.motion.rounding, self.band))

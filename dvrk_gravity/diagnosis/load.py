@@ -27,6 +27,7 @@ from dvrk_gravity.recording import (
     prepare,
 )
 from dvrk_gravity.recording.grid import quantum
+from dvrk_gravity.recording.read_before import counted_once
 
 Array = NDArray[np.float64]
 
@@ -88,11 +89,11 @@ def load(
     if {one.joints for one in heads} != {heads[0].joints}:
         raise RecordingError(heads[0].source, "the recordings hold different joints")
     pieces: list[Motion] = []
-    warnings: list[DataWarning] = []
-    handling: list[str] = []
+    recordings, left_out, repeated = counted_once(recordings)
+    warnings, handling = list(repeated), list(left_out)
     floors = []
     share = LONGEST / len(recordings)
-    for recording in recordings:
+    for number, recording in enumerate(recordings):
         looked_at = excerpt(recording, share, min(STRETCH, share))
         warnings += [w for w in looked_at.warnings or () if w not in warnings]
         rate: float | None = None
@@ -104,15 +105,19 @@ def load(
             warnings += [w for w in prepared.warnings if w not in warnings]
             handling += [h for h in prepared.handling if h not in handling]
             start = 0.0 if static else (stretch.start_ns - heads[0].start_ns) * 1e-9
-            step = _step(stretch, model.arm)
+            step, rounding = _step(stretch, model.arm), _rounding(stretch, model.arm)
             thin = 1 if rate is None else max(1, round(rate / RATE))
             pieces += [
-                _piece(segment, thin, model, start, still or {}, step)
+                replace(
+                    _piece(segment, thin, model, start, still or {}, step),
+                    clock=(number,),
+                    rounding=rounding,
+                )
                 for segment in prepared.segments
             ]
             floors.append(_noise_density(stretch, model.arm))
     if not pieces:
-        raise RecordingError(heads[0].source, f"has too many gaps: {handling[0]}")
+        raise RecordingError(heads[0].source, f"has too many gaps: {handling[len(left_out)]}")
     motion = _join(pieces)
     if static and len(motion.q) < FEWEST:
         raise RecordingError(
@@ -211,6 +216,23 @@ def _step(recording: Recording, arm: Arm) -> Array:
     return steps
 
 
+def _rounding(recording: Recording, arm: Arm) -> Array:
+    """Return (n,) density of the noise that the steps of the efforts leave, N·m/sqrt(Hz).
+
+    An effort that goes over many steps is rounded by step / sqrt(12), evenly over all frequencies
+    up to half the rate (Bennett 1948); one that goes slowly, by as much at lower ones.
+    """
+    density = np.zeros(arm.n)
+    if recording.rate is None or recording.effort is None:
+        return density
+    for joint, column in zip(recording.joints, recording.effort.T, strict=True):
+        density[arm.joint_names.index(joint)] = quantum(column)
+    density /= np.sqrt(12.0 * recording.rate / 2.0)
+    if recording.coordinates == "actuator":
+        density = np.sqrt(density**2 @ arm.joint_effort(np.eye(arm.n)) ** 2)
+    return density
+
+
 def _join(pieces: Sequence[Motion]) -> Motion:
     edges = np.concatenate([[0], np.cumsum([len(piece.q) for piece in pieces])]).tolist()
     first = pieces[0]
@@ -225,6 +247,8 @@ def _join(pieces: Sequence[Motion]) -> Motion:
         direction=np.vstack(known) if len(known) == len(pieces) else None,
         time=np.concatenate([piece.time for piece in pieces]),
         parts=tuple(slice(a, b) for a, b in pairwise(edges)),
+        clock=tuple(number for piece in pieces for number in piece.clock),
+        rounding=np.sqrt(np.mean([piece.rounding**2 for piece in pieces], axis=0)),
     )
 
 

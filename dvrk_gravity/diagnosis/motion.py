@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -47,6 +47,8 @@ class Motion:
         rate: Hz; ``None`` for static poses.
         present: (n,) which joints were recorded.
         step: (n,) steps of the positions, rad.
+        clock: By part, number of the recording whose time it is in; default: all of one.
+        rounding: (n,) density of the noise that the steps of the efforts leave, N·m/sqrt(Hz).
     """
 
     model: TorqueModel
@@ -60,6 +62,8 @@ class Motion:
     rate: float | None
     present: NDArray[np.bool_]
     step: Array
+    clock: tuple[int, ...] = ()
+    rounding: Array = field(default_factory=lambda: np.zeros(()))
 
     @property
     def arm(self) -> Arm:

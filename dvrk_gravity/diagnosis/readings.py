@@ -73,6 +73,7 @@ def read_as(motion: Motion, reading: Reading) -> Motion:
         qdd=motion.qdd @ reading.motion.T,
         effort=motion.effort @ reading.effort.T,
         direction=direction,
+        rounding=np.sqrt((motion.rounding * np.ones(motion.arm.n)) ** 2 @ reading.effort.T**2),
     )
 
 

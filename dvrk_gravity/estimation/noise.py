@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.estimation import Array
-from dvrk_gravity.estimation.splits import Labels, Mask, Repetition
+from dvrk_gravity.estimation.repetition import Labels, Repetition
+
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -15,23 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.estimation import Array
+from dvrk_gravity.estimation.repetition import (
+    CommonTime,
+    Labels,
+    RepetitionSettings,
+    find_common_time,
+)
 
-Labels = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class RepetitionSettings:
-    """When a motion counts as repeated.
-
-    Attributes:
-        tolerance: Part of its spread by which a motion that repeats may differ from itself. Chosen;
-            see `make sensitivity`.
-        shortest: Period from which on one is looked for, s. Chosen; see `make sensitivity`.
-    """
-
-    tolerance: float = 0.05
-    shortest: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -105,11 +96,13 @@ class Folds:
         tested: (folds, n) samples that are predicted.
         excluded: (folds, n) samples that the fold's fit may not see: those, and a gap.
         periods: Periods of the motions that repeat, s.
+        shared: Whether several recordings show some of the same motion.
     """
 
     tested: Mask
     excluded: Mask
     periods: tuple[float, ...] = ()
+    shared: bool = False
 
     @classmethod
     def of_masks(cls, masks: Sequence[Mask]) -> Folds:
@@ -152,52 +145,36 @@ class Blocks:
         return fold
 
 
-@dataclass(frozen=True)
-class Repetition:
-    """A motion that comes back to itself.
-
-    Attributes:
-        period: s.
-        copies: How often a phase is seen, in the mean.
-    """
-
-    period: float
-    copies: float
-
-    def phase(self, time: Array) -> Array:
-        """Return (n,) phases in [0, 1) of times in s."""
-        return np.asarray(time % self.period / self.period)
-
-
 def sequential(total: int, count: int) -> Labels:
     """Return (n,) numbers of ``count`` blocks of samples that follow each other."""
     return np.arange(total, dtype=np.int64) * count // total
 
 
 def make_folds(
-    time: Array, part: Labels, position: Array, rate: float, settings: FoldSettings | None = None
-) -> Folds:
+    time: Array, part: Labels, position: Array, rate: float, settings: FoldSettings | None = None,
+    clock: Sequence[int] | None = None,
+) -> Folds:  # fmt: skip
     """Cut samples into folds: blocks of time, or of phase where the motion repeats.
+
+    What several parts show of one motion is held out of all of them together.
 
     Args:
         time: (n,) s, increasing within each part.
-        part: (n,) number of the recording that a sample came from.
+        part: (n,) number of the contiguous part that a sample is in.
         position: (n, m) what repeats or does not.
         rate: Hz.
         settings: How; default: :class:`FoldSettings`.
+        clock: By number of the part, which recording's time it is in; default: each its own.
     """
     settings = settings or FoldSettings()
+    seen = find_common_time(time, part, position, rate, clock, settings.repetition)
     count = settings.count
     label = np.zeros(len(time), dtype=np.int64)
     excluded = np.zeros((count, len(time)), dtype=bool)
-    periods = []
-    for index in np.unique(part):
-        rows = np.flatnonzero(part == index)
-        since = time[rows] - time[rows[0]]
-        period = find_period(position[rows], rate, settings.repetition)
-        length = period or float(since[-1]) + 1.0 / rate
-        if period:
-            periods.append(period)
+    for index, period in enumerate(seen.periods):
+        rows = np.flatnonzero(seen.group == index)
+        since = seen.time[rows] - seen.time[rows].min()
+        length = period or float(since.max()) + 1.0 / rate
         phase = (since % length) / length * count
         label[rows] = np.minimum(phase.astype(int), count - 1)
         gap = settings.gap * count / length
@@ -206,102 +183,64 @@ def make_folds(
             if period:
                 distance = np.abs((phase - (fold + 0.5) + count / 2) % count - count / 2)
             excluded[fold, rows] = distance < 0.5 + gap
-    return Folds(label == np.arange(count)[:, None], excluded, tuple(periods))
-
-
-def find_period(
-    position: Array, rate: float, settings: RepetitionSettings | None = None
-) -> float | None:
-    """Return the period of (n, m) positions, s; ``None`` if they do not repeat.
-
-    The least lag, up to two thirds of the length, at which the motion comes back to itself, every
-    channel in units of its own spread.
-    """
-    settings = settings or RepetitionSettings()
-    spread = np.maximum(position.std(axis=0), 1e-3)
-    scaled = (position - position.mean(axis=0)) / spread
-    first, last = int(settings.shortest * rate), int(len(position) * 2 / 3)
-    if last <= first:
-        return None
-    # |x(t) - x(t + lag)|^2 over all lags at once, through the autocorrelation.
-    size = 2 * len(scaled)
-    spectrum = np.fft.rfft(scaled, size, axis=0)
-    product = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[: len(scaled)].sum(axis=1)
-    power = np.cumsum(np.sum(scaled**2, axis=1))
-    lags = np.arange(first, last)
-    pairs = len(scaled) - lags
-    both = power[pairs - 1] + power[-1] - power[lags - 1]
-    difference = np.sqrt(np.maximum(both - 2.0 * product[lags], 0.0) / (pairs * scaled.shape[1]))
-    good = difference < settings.tolerance * np.sqrt(2.0)
-    if not good.any():
-        return None
-    start = int(np.argmax(good))
-    stop = start + int(np.argmin(good[start:])) if not good[start:].all() else len(good)
-    best = start + int(np.argmin(difference[start:stop]))
-    return float(lags[best] / rate)
-
-
-def find_repetition(
-    position: Array, time: Array, parts: Sequence[slice], rate: float,
-    settings: RepetitionSettings | None = None,
-) -> Repetition | None:  # fmt: skip
-    """Return how a motion repeats; ``None`` if it does not.
-
-    Parts share their phase, as those of one recording with gaps do; recordings that begin at
-    different phases of one motion do not repeat in this sense.
-
-    Args:
-        position: (n, m).
-        time: (n,) s.
-        parts: Contiguous parts, uniformly sampled.
-        rate: Hz.
-        settings: When a motion counts as repeated.
-    """
-    from scipy.interpolate import CubicSpline
-
-    settings = settings or RepetitionSettings()
-    longest = max(parts, key=lambda part: part.stop - part.start)
-    period = find_period(position[longest], rate, settings)
-    if period is None:
-        return None
-    start = time[longest][0]
-    first = CubicSpline(time[longest], position[longest])(start + (time - start) % period)
-    apart = (position - first) / np.maximum(position.std(axis=0), 1e-3)
-    if np.sqrt(np.mean(apart**2)) > np.sqrt(2.0) * settings.tolerance:
-        return None
-    return Repetition(period, max(1.0, len(position) / rate / period))
+    periods = tuple(period for period in seen.periods if period)
+    recording = part if clock is None else np.asarray(clock)[part]
+    pairs = np.unique(np.column_stack([seen.group, recording]), axis=0)
+    shared = len(pairs) > len(np.unique(pairs[:, 0]))
+    return Folds(label == np.arange(count)[:, None], excluded, periods, shared)
 
 
 def make_blocks(
-    time: Array, rate: float | None, repetition: Repetition | None = None,
-    settings: BlockSettings | None = None,
-) -> Blocks:  # fmt: skip
+    seen: CommonTime, rate: float | None, settings: BlockSettings | None = None
+) -> Blocks:
     """Cut samples into blocks of time, or of phase where the motion repeats; or poses.
 
     Args:
-        time: (n,) s, of the samples in their order.
+        seen: When the samples were taken; of poses, their numbers in order.
         rate: Hz; ``None`` for poses, that follow each other without time.
-        repetition: How the motion repeats, if it does.
         settings: How; default: :class:`BlockSettings`.
     """
     settings = settings or BlockSettings()
-    total, bounds = len(time), (settings.fewest, settings.most)
+    bounds = (settings.fewest, settings.most)
+    turns: list[float] = []
     if rate is None:
+        total = len(seen.time)
         count = int(np.clip(total // settings.poses, *bounds))
-        return Blocks(sequential(total, count), count, settings)
-    if repetition is None:
-        count = int(np.clip(total / rate / settings.duration, *bounds))
-        label = sequential(total, count)
+        place, length = np.arange(total, dtype=float), float(total)
     else:
-        count = int(np.clip(repetition.period / settings.duration, *bounds))
-        fitting = int(repetition.period * rate / settings.phase_samples)
-        count = max(2 * settings.folds, min(count, fitting))
-        label = (repetition.phase(time) * count).astype(np.int64) % count
-    inside = np.ones(total, dtype=bool)
-    edges = np.flatnonzero(np.diff(label)) + 1
-    for shift in range(-settings.guard, settings.guard):
-        inside[edges + shift] = False
-    return Blocks(np.where(inside, label, -1), count, settings)
+        place, length, turns = _laid_out(seen, rate)
+        count = int(np.clip(length / rate / settings.duration, *bounds))
+        if any(seen.periods):
+            count = max(2 * settings.folds, min(count, int(length / settings.phase_samples)))
+    label = np.minimum((place * count / length).astype(np.int64), count - 1)
+    # A guard on either side, in whatever part.
+    edges = np.unique([*(np.arange(1, count) * length / count), *turns])
+    before = place[:, None] - edges[np.maximum(np.searchsorted(edges, place, "right") - 1, 0), None]
+    after = np.append(edges, np.inf)[np.searchsorted(edges, place, "right")] - place
+    near = (before[:, 0] >= 0.0) & (before[:, 0] < settings.guard)
+    near |= after <= settings.guard
+    return Blocks(np.where(near, -1, label), count, settings)
+
+
+def _laid_out(seen: CommonTime, rate: float) -> tuple[Array, float, list[float]]:
+    """Return (n,) places of samples where what is the same lies in one, groups in a row.
+
+    Returns:
+        Places, in samples; their number; and where a period begins or ends.
+    """
+    place, total = np.zeros(len(seen.time)), 0.0
+    turns: list[float] = []
+    for index, period in enumerate(seen.periods):
+        rows = np.flatnonzero(seen.group == index)
+        if period is None:
+            since = np.round((seen.time[rows] - seen.time[rows].min()) * rate)
+            there, rank = np.unique(since, return_inverse=True)
+            place[rows], length = total + rank, float(len(there))
+        else:
+            place[rows], length = total + seen.time[rows] % period * rate, period * rate
+            turns += [total, total + length]
+        total += length
+    return place, total, turns
 
 
 def slabs(position: Array, settings: GridSettings | None = None) -> Labels:

@@ -220,6 +220,8 @@ def _how_validated(folds: Folds) -> str:
     if found:
         shown = ", ".join(f"{period:g}" for period in found)
         text += f"; the motion repeats every {shown} s, so equal phases are held out together"
+    if folds.shared:
+        text += "; recordings show the same motion: the same states are held out of all of them"
     return text
 
 

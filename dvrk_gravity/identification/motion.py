@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from dvrk_gravity.recording import (
 from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.pieces import parts_of
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
+from dvrk_gravity.recording.read_before import ReadBefore
 
 # What can be fitted to: in memory, in a file, or prepared already.
 Source = Recording | RecordingFile | Trajectory
@@ -99,6 +101,49 @@ def read(recording: Source, cutoff: float = DEFAULT_CUTOFF) -> Trajectory:
     return read_trajectory(parts_of(recording, PART), cutoff)
 
 
+def read_once(
+    recordings: Iterable[Source], cutoff: float = DEFAULT_CUTOFF
+) -> tuple[list[Trajectory | None], tuple[str, ...], tuple[DataWarning, ...]]:
+    """Filter trajectories without what was read before, in them or in others before them.
+
+    Args:
+        recordings: Trajectories; what is prepared already is passed on.
+        cutoff: Of the torques' low-pass, Hz.
+
+    Returns:
+        Trajectories, ``None`` for those of which nothing is left; what was left out, and warnings
+        of it.
+
+    Raises:
+        RecordingError: Whatever ``read_trajectory`` refuses.
+    """
+    before = ReadBefore()
+    found: list[Trajectory | None] = []
+    lines: list[str] = []
+    warnings: list[DataWarning] = []
+    for recording in recordings:
+        if isinstance(recording, Trajectory):
+            found.append(recording)
+            continue
+        if isinstance(recording, RecordingFile):
+            fresh = before.fresh(recording.parts())
+        else:
+            fresh = before.fresh(parts_of(recording, PART))
+        first = next(fresh, None)
+        trajectory = None
+        if first is not None:
+            try:
+                trajectory = read_trajectory(chain([first], fresh), cutoff)
+            except RecordingError:
+                if not before.skipped:
+                    raise
+        found.append(None if before.skipped else trajectory)
+        if (told := before.told()) is not None:
+            lines.append(told[0])
+            warnings += told[1]
+    return found, tuple(lines), tuple(warnings)
+
+
 def read_motions(
     recordings: Iterable[Source],
     arm: Arm,
@@ -118,9 +163,9 @@ def read_motions(
         RecordingError: No efforts, a joint missing, or whatever ``read_trajectory`` refuses.
     """
     parts: list[Motion] = []
-    warnings: list[DataWarning] = []
-    handling: list[str] = []
-    trajectories = [read(recording, cutoff) for recording in recordings]
+    once, left_out, repeated = read_once(recordings, cutoff)
+    warnings, handling = list(repeated), list(left_out)
+    trajectories = [trajectory for trajectory in once if trajectory is not None]
     same = 1.0 + RateSettings().same
     rates = [one.filter.rate for trajectory in trajectories for one in trajectory.stretches]
     for source, trajectory in enumerate(trajectories):

@@ -100,7 +100,8 @@ def pose(
     q = np.concatenate([motion.state.q for motion in motions])
     columns = form(arm, q.min(axis=0), q.max(axis=0), kinematics)
     design = build_design(columns, motions, progress)
-    folds = make_folds(design.time, design.part, design.state.q, design.rate)
+    clock = [motion.source for motion in motions]
+    folds = make_folds(design.time, design.part, design.state.q, design.rate, clock=clock)
     weighting = weigh(design)
     whole, train, test = split_equations(design, folds, weighting.sample)
     selection = Selection(columns, train, test, weighting.motor, effects=effects)

@@ -20,11 +20,10 @@ from dvrk_gravity.identification.coordinates import detect_coordinates, doubt
 from dvrk_gravity.identification.dynamic_fit import fit_dynamic
 from dvrk_gravity.identification.evaluation import all_static, evaluate
 from dvrk_gravity.identification.hand import by_weight
-from dvrk_gravity.identification.motion import head, known_still, read, require_all, whole
+from dvrk_gravity.identification.motion import head, known_still, read_once, require_all, whole
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.recording import (
-    DataWarning,
     Given,
     Recording,
     RecordingFile,
@@ -32,6 +31,7 @@ from dvrk_gravity.recording import (
     opened,
 )
 from dvrk_gravity.recording.data import Coordinates, known_coordinates
+from dvrk_gravity.recording.read_before import counted_once
 
 Report = Callable[[str, float], None]
 
@@ -158,8 +158,10 @@ def _static(
         raise ConfigError("--coordinates", ",".join(map(str, coordinates)), "one for all poses")
     for recording in recordings:
         require_all(head(recording), arm)
-    poses = [whole(recording) for recording in recordings]
-    return fit_static(poses, arm, coordinates[0] or "joint", report, for_console)
+    once, left_out, repeated = counted_once(recordings)
+    poses = [whole(recording) for recording in once]
+    fit = fit_static(poses, arm, coordinates[0] or "joint", report, for_console)
+    return replace(fit, handling=(*left_out, *fit.handling), warnings=(*repeated, *fit.warnings))
 
 
 def _dynamic(
@@ -183,12 +185,15 @@ def _dynamic(
             "which tells gravity and inertia",
         )
     report("reading", 0.0)
-    trajectories = [read(recording) for recording in recordings]
+    trajectories, left_out, repeated = read_once(recordings)
     report("coordinates", 0.0)
-    reasons: list[str] = []
-    warnings: list[DataWarning] = []
+    reasons, warnings = list(left_out), list(repeated)
     readable: list[Trajectory] = []
-    for trajectory, full, one in zip(trajectories, complete, coordinates, strict=True):
+    fitted = [place for place, trajectory in enumerate(trajectories) if trajectory is not None]
+    complete = [complete[place] for place in fitted]
+    for full, place in zip(complete, fitted, strict=True):
+        trajectory, one = trajectories[place], coordinates[place]
+        assert trajectory is not None
         if not full:
             one = one or "joint"
             reasons.append(_partial(trajectory, arm, one, still))

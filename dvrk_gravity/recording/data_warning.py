@@ -10,6 +10,7 @@ from typing import Literal
 Kind = Literal[
     "invalid_stamps",
     "repeated_stamps",
+    "read_before",
     "stale_samples",
     "read_jitter",
     "time_jitter",

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from pathlib import Path
+
+import numpy as np
 
 from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.errors import ArgumentError
+from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.recording import files
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.files import A_PATH
@@ -55,6 +58,7 @@ class RecordingFile:
         """Read the first part; arguments are those of ``Recording.load``."""
         self._path, self._topic, self._time_base = path, topic, time_base
         self._coordinates, self._arm = coordinates, arm
+        self._left_out: tuple[tuple[int, int], ...] = ()
         self.head = next(self.parts())
 
     def __repr__(self) -> str:
@@ -65,17 +69,47 @@ class RecordingFile:
         """Return the same file read as an arm's; see ``Recording.of``."""
         if self._arm is arm:
             return self
-        return RecordingFile(self._path, self._topic, self._time_base, self._coordinates, arm)
+        given = self._path, self._topic, self._time_base, self._coordinates
+        return RecordingFile(*given, arm).without(self._left_out)
+
+    def without(self, left_out: Sequence[tuple[int, int]]) -> RecordingFile:
+        """Return the same file without some spans of its rows, first and last but one of each.
+
+        Raises:
+            RecordingError: If nothing is left.
+        """
+        result = copy(self)
+        result._left_out = tuple(left_out)
+        first = next(result.parts(), None)
+        if first is None:
+            raise RecordingError(self.head.source, "holds no samples")
+        result.head = first
+        return result
 
     def parts(self) -> Iterator[Recording]:
         """Yield consecutive parts."""
-        return iterate_recording(
+        parts = iterate_recording(
             self._path, self._topic, self._coordinates, self._time_base, arm=self._arm
         )
+        return _without(parts, self._left_out) if self._left_out else parts
 
     def load(self) -> Recording:
         """Return the whole."""
         return files.join(list(self.parts()))
+
+
+def _without(
+    parts: Iterator[Recording], left_out: Sequence[tuple[int, int]]
+) -> Iterator[Recording]:
+    """Yield what is left of parts without some spans of the rows of all."""
+    row = 0
+    for part in parts:
+        keep = np.ones(len(part), dtype=bool)
+        for start, stop in left_out:
+            keep[max(start - row, 0) : max(stop - row, 0)] = False
+        row += len(part)
+        if keep.any():
+            yield part.rows(keep)
 
 
 Given = Recording | RecordingFile | str | os.PathLike[str]

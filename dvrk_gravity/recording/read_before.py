@@ -1,0 +1,273 @@
+"""Samples that were read before: a file given twice, a copy of it, a recording appended to itself.
+
+What is measured twice differs by its noise; what is the same to the last bit is the same
+measurement. Counted twice it would weigh double, and a motion would seem to repeat without noise.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.recording.data import Recording
+from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.files import join
+from dvrk_gravity.recording.pieces import parts_of
+from dvrk_gravity.recording.samples import CHUNK
+from dvrk_gravity.recording.stream import RecordingFile
+
+Prints = NDArray[np.uint64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class ReadBeforeSettings:
+    """When samples count as read before.
+
+    Attributes:
+        duration: s that must be the same sample by sample. Chosen: noise alone makes no two samples
+            in a row the same.
+        changing: Part of them that must differ from the sample before: what stands still, or is not
+            renewed, is the same as ever. Chosen.
+        most: Ways back that are looked at in one part. Chosen: recordings are copied a few times.
+        marks: Samples of that time, at least, by which it is looked up. Chosen: none of them is
+            found once in exp(16), for memory of an eighth or less.
+        least: s left of a recording below which it is not used. Chosen: some lengths of the filter.
+    """
+
+    duration: float = 1.0
+    changing: float = 0.1
+    most: int = 100
+    marks: int = 16
+    least: float = 2.0
+
+
+class ReadBefore:
+    """Reads recordings one after the other, and leaves out what it has read before.
+
+    It remembers a 64-bit print of position and effort of every sample, no samples.
+
+    Attributes:
+        samples: Samples of the last recording.
+        left_out: First and last but one row of what was left out of it.
+        remaining: s that are left of it; infinite for static poses.
+    """
+
+    def __init__(self, settings: ReadBeforeSettings | None = None) -> None:
+        """Begin before the first recording."""
+        self._settings = settings or ReadBeforeSettings()
+        self._prints: Prints = np.zeros(1024, dtype=np.uint64)
+        self._count = 0
+        self._first: dict[int, int] = {}  # where a print was read first, of some samples
+        self._begin("", 0)
+
+    def _begin(self, source: str, samples: int) -> None:
+        self._source, self.samples = source, samples
+        self.left_out: list[tuple[int, int]] = []
+        self.remaining = float("inf")
+
+    @property
+    def number(self) -> int:
+        """Samples that were left out of the last recording."""
+        return sum(stop - start for start, stop in self.left_out)
+
+    def fresh(self, parts: Iterable[Recording]) -> Iterator[Recording]:
+        """Yield what consecutive parts of a recording hold that was not read before."""
+        self._begin("", 0)
+        held: Recording | None = None
+        run, rate = 1, None
+        active: set[int] = set()
+        counts = np.zeros(2, dtype=int)
+        for part, last in _with_last(parts):
+            if held is None:
+                self._source, rate = part.source, part.rate
+                run = (
+                    1 if part.time is None else max(2, round(self._settings.duration * (rate or 1)))
+                )
+            self._add(part, run, part.time is None)
+            self.samples += len(part)
+            block = part if held is None else join([held, part])
+            decided = len(block) if last else len(block) - run
+            if decided <= 0:
+                held = block
+                continue
+            begin = self._count - len(block)
+            if block.time is None:
+                again = self._poses(begin, decided)
+            elif rate is None:
+                again = np.zeros(decided, dtype=bool)
+            else:
+                again, active = self._runs(begin, decided, run, active)
+            row = self.samples - len(block)
+            self.left_out += [(row + a, row + b) for a, b in _spans(again)]
+            counts += block.invalid, block.repeated
+            if not again.all():
+                invalid, repeated = counts.tolist()
+                yield replace(
+                    block.rows(np.flatnonzero(~again)), invalid=invalid, repeated=repeated
+                )
+                counts[:] = 0
+            if decided < len(block):
+                held = replace(block.rows(slice(decided, None)), invalid=0, repeated=0)
+        if rate is not None:
+            self.remaining = (self.samples - self.number) / rate
+
+    def told(self) -> tuple[str, tuple[DataWarning, ...]] | None:
+        """Return what was left out of the last recording, in a line and as a warning, if any."""
+        if not self.left_out:
+            return None
+        kept = self.samples - self.number
+        text = (
+            f"{self._source}: {self.number} of {self.samples} samples repeat exactly what was read "
+            "before, and count once"
+        )
+        if not kept:
+            text += "; it is skipped"
+        elif self.remaining < self._settings.least:
+            text += f"; the other {self.remaining:.2g} s are too short to be used"
+        numbers = {"samples": self.number, "share": self.number / self.samples}
+        return text, (DataWarning("read_before", None, numbers, text),)
+
+    @property
+    def skipped(self) -> bool:
+        """Whether so much of the last recording was left out that the rest is of no use."""
+        return bool(self.left_out) and (
+            self.number == self.samples or self.remaining < self._settings.least
+        )
+
+    def _add(self, part: Recording, run: int, poses: bool) -> None:
+        """Remember the prints of a part."""
+        prints = _prints(part)
+        while self._count + len(prints) > len(self._prints):
+            self._prints = np.concatenate([self._prints, np.zeros_like(self._prints)])
+        begin, self._count = self._count, self._count + len(prints)
+        self._prints[begin : self._count] = prints
+        for place in self._marks(begin, self._count, run, poses).tolist():
+            self._first.setdefault(int(self._prints[place]), place)
+
+    def _marks(self, begin: int, end: int, run: int, poses: bool) -> NDArray[np.int64]:
+        """Return the samples that are looked up: of the same prints in every recording."""
+        prints = self._prints[begin:end]
+        if poses:
+            return np.arange(begin, end)
+        every = 1 << max(0, int(np.log2(run / self._settings.marks)))  # of each other a multiple
+        chosen = prints % np.uint64(every) == 0
+        chosen[1:] &= prints[1:] != prints[:-1]
+        return begin + np.flatnonzero(chosen)
+
+    def _poses(self, begin: int, decided: int) -> Mask:
+        places = range(begin, begin + decided)
+        return np.array([self._first[int(self._prints[place])] < place for place in places])
+
+    def _runs(self, begin: int, decided: int, run: int, active: set[int]) -> tuple[Mask, set[int]]:
+        """Return which of the samples from one on were read before, and the ways back to them.
+
+        Args:
+            begin: Number of the first sample.
+            decided: Samples to decide on; as many as make a run are known beyond, if there are.
+            run: Samples that make one.
+            active: Ways back at which the samples just before were read before.
+        """
+        votes: Counter[int] = Counter()
+        for place in self._marks(begin, self._count, run, False).tolist():
+            votes[place - self._first[int(self._prints[place])]] += 1
+        again = np.zeros(decided, dtype=bool)
+        going_on = set()
+        del votes[0]
+        for back in {one for one, _ in votes.most_common(self._settings.most)} | active:
+            # A run may have begun in the part before.
+            start = max(begin - run, back)
+            here = self._prints[start : self._count]
+            same = here == self._prints[start - back : self._count - back]
+            changes = np.cumsum(np.append(False, here[1:] != here[:-1]))
+            for first, stop in _spans(same):
+                goes_on = back in active and start + first <= begin < start + stop
+                moving = changes[stop - 1] - changes[first]
+                if not goes_on and (
+                    stop - first < run or moving < self._settings.changing * (stop - first)
+                ):
+                    continue
+                again[max(start + first - begin, 0) : max(start + stop - begin, 0)] = True
+                if start + stop > begin + decided:
+                    going_on.add(back)
+        return again, going_on
+
+
+def counted_once(
+    recordings: Sequence[Recording | RecordingFile],
+) -> tuple[list[Recording | RecordingFile], tuple[str, ...], tuple[DataWarning, ...]]:
+    """Return recordings without what was read before in them or in others, and what that was.
+
+    Those of which nothing is left are left out. Files are read once for it.
+    """
+    before = ReadBefore()
+    kept: list[Recording | RecordingFile] = []
+    lines: list[str] = []
+    warnings: list[DataWarning] = []
+    for one in recordings:
+        for _ in before.fresh(
+            one.parts() if isinstance(one, RecordingFile) else parts_of(one, CHUNK)
+        ):
+            pass
+        told = before.told()
+        if told is not None:
+            lines.append(told[0])
+            warnings += told[1]
+        if not before.skipped:
+            kept.append(without(one, before.left_out) if told else one)
+    return kept, tuple(lines), tuple(warnings)
+
+
+def without(
+    one: Recording | RecordingFile, left_out: Sequence[tuple[int, int]]
+) -> Recording | RecordingFile:
+    """Return a recording without some spans of its rows."""
+    if isinstance(one, RecordingFile):
+        return one.without(left_out)
+    keep = np.ones(len(one), dtype=bool)
+    for start, stop in left_out:
+        keep[start:stop] = False
+    return one.rows(keep)
+
+
+def _with_last(parts: Iterable[Recording]) -> Iterator[tuple[Recording, bool]]:
+    """Yield parts, and whether they are the last."""
+    held: Recording | None = None
+    for part in parts:
+        if held is not None:
+            yield held, False
+        held = part
+    if held is not None:
+        yield held, True
+
+
+def _spans(mask: Mask) -> list[tuple[int, int]]:
+    """Return where runs of true values begin and end."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False)).tolist()
+    return list(pairwise(edges))[::2]
+
+
+def _prints(part: Recording) -> Prints:
+    """Return (N,) prints of positions and efforts: the same for the same, else at random."""
+    values = [part.position]
+    for more in (part.effort, part.direction):
+        if more is not None:
+            values.append(more)
+    bits = (np.hstack(values) + 0.0).view(np.uint64)  # -0 is 0
+    total = np.zeros(len(bits), dtype=np.uint64)
+    for column in bits.T:
+        total = _mixed(total ^ column)
+    return total
+
+
+def _mixed(bits: Prints) -> Prints:
+    """Return 64 bits that each depend on all (the finaliser of SplitMix64, Steele et al. 2014)."""
+    bits = bits + np.uint64(0x9E3779B97F4A7C15)
+    bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return bits ^ (bits >> np.uint64(31))
