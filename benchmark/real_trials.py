@@ -24,12 +24,12 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from dvrk_gravity.effects.links import link_name
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree
+from dvrk_gravity.effects.base.links import link_name
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.model import TorqueModel

@@ -10,7 +10,8 @@ import pytest
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree, nominal_inertias
-from dvrk_gravity.effects import meaning, named
+from dvrk_gravity.effects import named
+from dvrk_gravity.effects.base import meaning
 from dvrk_gravity.planning import MotionLimits
 from testing import lab_effects, mujoco_arms
 from testing.hidden_parts import Hidden
