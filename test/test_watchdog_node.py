@@ -83,6 +83,8 @@ def test_it_holds_the_arm_of_a_compensator_that_was_killed(arm):
 def test_a_watchdog_that_is_ended_does_not_leave_a_commanded_arm_unwatched(arm, commander):
     with NodeProcess("watchdog", "-p", "watchdog_timeout:=1.0") as node:
         command, _ = commander()
-        silence_after(arm, command, 10)
+        # A reader may learn of its writer after the writer did of it.
+        while arm.client.state("watchdog") != "the arm is commanded":
+            silence_after(arm, command, 10)
         node.stop()
         arm.client.wait(lambda: bool(arm.holds), "the hold")
