@@ -87,7 +87,7 @@ class ModelUncertainty:
 
     def fits(self, terms: Iterable[Term]) -> bool:
         """Tell whether terms have the coefficients that the posterior is about."""
-        known = {term.NAME: term.theta for term in terms if isinstance(term, LinearTerm)}
+        known = coefficients_of(terms)
         return all(
             name in known
             and known[name].shape == theta.shape
@@ -155,6 +155,11 @@ class ModelUncertainty:
                 raise _unusable(path, f"{name} of shape {shape}")
             if name not in _BY_JOINT and not np.isfinite(array).all():
                 raise _unusable(path, f"finite {name}")
+
+
+def coefficients_of(terms: Iterable[Term]) -> dict[str, Array]:
+    """Return the (k,) coefficients of each term that is linear in them, by its name."""
+    return {term.NAME: term.theta for term in terms if isinstance(term, LinearTerm)}
 
 
 def _unusable(path: Path, expected: str) -> ConfigError:

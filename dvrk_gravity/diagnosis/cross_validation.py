@@ -189,14 +189,17 @@ class CrossValidation:
     def _ridge(self, candidates: Sequence[Candidate]) -> Array:
         """Return (k, k) what is known of parameters before any data, in units of samples."""
         ridges = [np.zeros(0), *(candidate.ridge for candidate in candidates)]
-        known = self.data.samples_per_independent * self.data.copies
-        return np.diag(known * np.concatenate(ridges))
+        return np.diag(self._prior_weight * np.concatenate(ridges))
+
+    @property
+    def _prior_weight(self) -> float:
+        """Samples that count as one, by which a prior is multiplied beside sums over all."""
+        return self.data.samples_per_independent * self.data.copies
 
     def _ridge_beside_model(self, candidates: Sequence[Candidate]) -> Array:
-        known = self.data.samples_per_independent * self.data.copies
-        own = self._model.shape[2]
+        own = self.model_size
         ridge = np.zeros((own + sum(c.size for c in candidates),) * 2)
-        ridge[:own, :own] = known * np.eye(own)
+        ridge[:own, :own] = self._prior_weight * np.eye(own)
         ridge[own:, own:] = self._ridge(candidates)
         return ridge
 
@@ -328,12 +331,12 @@ class CrossValidation:
 
     def parameters(self, candidates: Sequence[Candidate]) -> Array:
         """Return parameters (k,) on all the samples of choice."""
-        return self._regression(candidates).coefficients(self._target)[self._model.shape[2] :]
+        return self._regression(candidates).coefficients(self._target)[self.model_size :]
 
     def moved(self, candidates: Sequence[Candidate]) -> Array:
         """Return (T, n) torque by which the model's own parameters moved beside candidates."""
         theta = self._regression(candidates).coefficients(self._target)
-        return self.data.model_columns @ theta[: self._model.shape[2]]
+        return self.data.model_columns @ theta[: self.model_size]
 
     def posterior(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return mean (d + k,) and covariance of the model's directions and of parameters.
@@ -344,9 +347,8 @@ class CrossValidation:
         regression = self._regression(candidates)
         theta = regression.coefficients(self._target)
         error = self.out_of_fold(candidates)
-        known = self.data.samples_per_independent * self.data.copies
-        known *= self.correlation(error, self._usable, np.ones(self.joints, dtype=bool))
-        return theta, known * regression.inverse
+        longer = self.correlation(error, self._usable, np.ones(self.joints, dtype=bool))
+        return theta, self._prior_weight * longer * regression.inverse
 
     def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
@@ -355,6 +357,7 @@ class CrossValidation:
         and what the model's parameters, which are not free, may be off by as it says.
         """
         design, target = self._beside_model(candidates), self._target
+        ridge = self._ridge_beside_model(candidates)
         block = np.repeat(self._block // self._clustered, self.joints)
         order = np.argsort(block, kind="stable")
         edges = np.flatnonzero(np.diff(block[order], prepend=-1))[1:]
@@ -363,12 +366,11 @@ class CrossValidation:
         )
         theta, covariance = block_jackknife(
             [x.T @ x for x, _ in pieces], [x.T @ y for x, y in pieces],
-            self._ridge_beside_model(candidates), self.settings.trace,
+            ridge, self.settings.trace,
         )  # fmt: skip
-        own, ridge = self._model.shape[2], self._ridge_beside_model(candidates)
-        inverse = self._regression(candidates).inverse[own:, :own]
-        known = self.data.samples_per_independent * self.data.copies
-        held = known * inverse @ ridge[:own, :own] @ inverse.T
+        own = self.model_size
+        inverse = Regression(design, ridge, self.settings.trace).inverse[own:, :own]
+        held = self._prior_weight * inverse @ ridge[:own, :own] @ inverse.T
         return theta[own:], covariance[own:, own:] + held
 
     def contains(self, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]) -> bool:

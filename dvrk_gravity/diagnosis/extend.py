@@ -16,7 +16,7 @@ from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.effects import LinearTerm, Term
 from dvrk_gravity.effects.base.effect import Hypothesis, Values
 from dvrk_gravity.model import TorqueModel, model_parameters
-from dvrk_gravity.uncertainty import ModelUncertainty
+from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def updated(
         parts = np.split(theta, edges[1:-1])
         return extended(motion, [(o.hypothesis, p) for o, p in zip(named, parts, strict=True)])[0]
 
-    here = _coefficients(model)
+    here = coefficients_of(model.terms)
     deviations = {
         name: change @ spread[: before.size]
         for name, change in before.deviations.items()
@@ -90,7 +90,7 @@ def updated(
     }
     for row, column in zip(spread[validation.model_size :], np.eye(len(found)), strict=True):
         size = float(np.linalg.norm(row))
-        there = _coefficients(at(found + size * column))
+        there = coefficients_of(at(found + size * column).terms)
         for name, theta in here.items():
             if size > 0.0 and name in there and there[name].shape == theta.shape:
                 slope = (there[name] - theta) / size
@@ -108,7 +108,7 @@ def updated(
     moved = replace(
         model, terms=tuple(terms), joint_offset=model.joint_offset + before.offset @ own
     )
-    after = _coefficients(moved)
+    after = coefficients_of(moved.terms)
     error = held_out.rmse(held_out.error(named))
     uncertainty = ModelUncertainty(
         coefficients={name: after[name] for name in deviations},
@@ -138,7 +138,3 @@ def _within_bounds(term: LinearTerm, model: TorqueModel) -> Term:
 def _same_length(theta: Array, change: Array) -> bool:
     """Tell whether a term still has the coefficients that changes are about."""
     return len(theta) == len(change)
-
-
-def _coefficients(model: TorqueModel) -> dict[str, Array]:
-    return {term.NAME: term.theta for term in model.terms if isinstance(term, LinearTerm)}

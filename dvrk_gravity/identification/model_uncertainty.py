@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.effects import LinearTerm
 from dvrk_gravity.estimation.covariance import Uncertainty
 from dvrk_gravity.estimation.noise import NoiseSettings, correlation_time
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording.data import Array
-from dvrk_gravity.uncertainty import ModelUncertainty
+from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
 
 
 @dataclass(frozen=True)
@@ -71,14 +70,14 @@ def model_uncertainty(
     centre[list(chosen)] = theta
 
     def coefficients(at: Array) -> dict[str, Array]:
-        return {t.NAME: t.theta for t in columns.terms(at) if isinstance(t, LinearTerm)}
+        return coefficients_of(columns.terms(at))
 
     here, kinematics = coefficients(centre), columns.corrected(centre)
     there = [coefficients(centre + change) for change in whole.T]
     moved = [columns.corrected(centre + change) for change in whole.T]
     arm = columns.arm
     zeros, base = kinematics.offset + np.zeros(arm.n), kinematics.mounted(arm).gravity
-    own = {term.NAME: term.theta for term in model.terms if isinstance(term, LinearTerm)}
+    own = coefficients_of(model.terms)
     return ModelUncertainty(
         coefficients={name: own[name] for name in here},
         deviations={
