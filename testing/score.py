@@ -20,6 +20,7 @@ from testing.hidden_parts import Hidden
 CLOSE = 0.2  # of a value, that an estimate may be off
 RATIOS = (0.0, 2.0, 5.0, np.inf)  # of what is hidden to what the model leaves
 WHOLE_ARM = ("base_tilt", "time_delay")
+OUTSIDE = 0.2  # of the time: from here on a recording is not one of what the model was made for
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ class Outcome:
         effect: What was hidden.
         joints: Where.
         ratio: How large, in units of what the identified model leaves.
+        outside: Part of the time that a joint where it acts is where the model was not identified.
         verdict: Of the diagnosis.
         found: Effect and joints of every finding, in order.
         certain: Of each, whether it was told without `perhaps`.
@@ -83,6 +85,7 @@ class Outcome:
     effect: str
     joints: list[str] = field(default_factory=list)
     ratio: float = 0.0
+    outside: float = 0.0
     verdict: str = ""
     found: list[str] = field(default_factory=list)
     certain: list[bool] = field(default_factory=list)
@@ -103,9 +106,10 @@ class Outcome:
             name + ("" if sure else " (perhaps)")
             for name, sure in zip(self.found, self.certain, strict=True)
         )
+        away = f", {100 * self.outside:.0f} % outside" if self.outside >= OUTSIDE else ""
         return (
             f"{self.engine} {self.arm} {self.seed}: {self.effect}{' ' + where if where else ''} "
-            f"x{self.ratio:.1f} -> {self.place}: {found or 'nothing'}  [{self.seconds:.1f} s]"
+            f"x{self.ratio:.1f}{away} -> {self.place}: {found or 'nothing'}  [{self.seconds:.1f} s]"
         )
 
 
@@ -121,6 +125,7 @@ def tried(
     """
     try:
         recording, hidden, outcome.ratio = make()
+        outcome.outside = outside(recording, hidden, model)
         start = time.monotonic()
         diagnosis = diagnose(recording, model)
         outcome.seconds = time.monotonic() - start
@@ -128,6 +133,22 @@ def tried(
     except Exception:
         outcome.failure = traceback.format_exc(limit=4)
     return outcome
+
+
+def outside(recording: Recording, hidden: Hidden, model: TorqueModel) -> float:
+    """Return the greatest part of the time that a joint is where the model was not identified.
+
+    Of the joints where something is hidden; of all, if that is the arm as a whole or nothing.
+    """
+    known = model.uncertainty
+    if known is None:
+        return 0.0
+    q = recording.position
+    if recording.coordinates == "actuator":
+        q = model.arm.joint_position(q)
+    beyond = np.mean((q < known.lower) | (q > known.upper), axis=0)
+    joints = [model.arm.joint_names.index(name) for name in hidden.joints]
+    return float(np.max(beyond[joints] if joints else beyond))
 
 
 def compare(outcome: Outcome, hidden: Hidden, diagnosis: Diagnosis, arm: Arm) -> None:
@@ -210,6 +231,13 @@ def report(title: str, outcomes: Sequence[Outcome], identified: Mapping[str, flo
         lines.append(_row(effect, [one for one in hidden if one.effect == effect]))
     lines.append(_row("all", hidden))
     lines += _by_arm(hidden)
+    for name, inside in (("within the range", True), ("elsewhere", False)):
+        these = [one for one in hidden if (one.outside < OUTSIDE) == inside]
+        quiet = [one for one in clean if (one.outside < OUTSIDE) == inside]
+        lines.append(
+            f"{_row(name, these)}; false alarms {sum(bool(one.found) for one in quiet)} of "
+            f"{len(quiet)} clean"
+        )
     alarms = [one for one in clean if one.found]
     named = [one for one in clean if any(not name.startswith("unknown") for name in one.found)]
     wrongly = Counter(name for one in alarms for name in one.found)

@@ -16,7 +16,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.estimation import evidence
-from dvrk_gravity.estimation.covariance import block_jackknife
+from dvrk_gravity.estimation.covariance import NORMAL_95, block_jackknife
 from dvrk_gravity.estimation.evidence import EvidenceSettings
 from dvrk_gravity.estimation.noise import correlation_time, design_effect, intraclass_correlation
 from dvrk_gravity.estimation.normal_equations import NormalEquations, Regression, solve
@@ -354,8 +354,13 @@ class CrossValidation:
         """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
 
         The covariance is the jackknife's over blocks, as many together as errors hang together,
-        and what the model's parameters, which are not free, may be off by as it says.
+        and what the model's parameters, which are not free, may be off by as it says. That of few
+        blocks is widened so that normal 95 % intervals are as wide as Student's with one degree of
+        freedom less than there are blocks (Cameron and Miller 2015, section VI).
         """
+        from scipy.stats import norm
+        from scipy.stats import t as student
+
         design, target = self._beside_model(candidates), self._target
         ridge = self._ridge_beside_model(candidates)
         block = np.repeat(self._block // self._clustered, self.joints)
@@ -371,7 +376,8 @@ class CrossValidation:
         own = self.model_size
         inverse = Regression(design, ridge, self.settings.trace).inverse[own:, :own]
         held = self._prior_weight * inverse @ ridge[:own, :own] @ inverse.T
-        return theta[own:], covariance[own:, own:] + held
+        wider = student.ppf(norm.cdf(NORMAL_95), max(len(pieces) - 1, 1)) / NORMAL_95
+        return theta[own:], wider**2 * (covariance[own:, own:] + held)
 
     def contains(self, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]) -> bool:
         """Tell whether a larger hypothesis is a smaller one with needless parameters."""

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 class ExtrapolationSettings:
     """How far a model may be off outside the positions and speeds that it was identified on.
 
+    However far outside, it is off by no more than the joint can exert.
+
     Attributes:
         growth: Standard deviation of each of the functions below where a joint is as far outside as
             the range is wide, in units of the joint's known error. Chosen: simulated cables and
@@ -64,6 +66,7 @@ def _extrapolated(
     """Return (N, n, e) torques by which joints outside the model's range may be off."""
     columns = []
     for joint in np.flatnonzero(motion.present).tolist():
+        most = motion.arm.joints[joint].effort_limit
         error = float(np.nan_to_num(uncertainty.error[joint]))
         low, high = uncertainty.lower[joint], uncertainty.upper[joint]
         width = max(high - low, 1e-9)
@@ -71,11 +74,12 @@ def _extrapolated(
         for beyond in (q - high, low - q):
             away = np.maximum(beyond, 0.0) / width
             columns += [
-                (joint, settings.growth * error * away**power)
+                (joint, np.minimum(settings.growth * error * away**power, most))
                 for power in range(1, settings.powers + 1)
             ]
         faster = np.maximum(np.abs(qd) / max(uncertainty.speed[joint], 1e-9) - 1.0, 0.0)
-        columns.append((joint, settings.faster * error * np.sign(qd) * np.nan_to_num(faster)))
+        faster = np.minimum(settings.faster * error * np.nan_to_num(faster), most)
+        columns.append((joint, np.sign(qd) * faster))
     columns = [(joint, column) for joint, column in columns if column.any()]
     torque = np.zeros((*motion.q.shape, len(columns)))
     for index, (joint, column) in enumerate(columns):
