@@ -11,6 +11,7 @@ from dvrk_gravity.effects import LinearTerm, State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel, uncertainty_file
+from dvrk_gravity.recording import Recording
 from testing.world import World
 
 STEP = 0.1  # of a standard deviation; torque is linear in coefficients
@@ -89,6 +90,30 @@ def test_its_torques_are_those_of_models_whose_coefficients_are_changed(model):
         other = replace(model, terms=tuple(changed(term) for term in model.terms))
         slope = (other.torque_at(state) - model.torque_at(state)) / STEP
         np.testing.assert_allclose(columns[:, :, direction], slope, atol=1e-9)
+
+
+def test_friction_that_a_motion_cannot_place_is_uncertain_at_joint_and_motor_alike():
+    """The fit has one of them; where shoulder and elbow go to and fro together either would do."""
+    world = World.draw(5)
+    time = np.arange(0.0, 25.0, 0.01)
+    shares = 2.0 * np.pi * np.array([0.13, 0.17, 0.17, 0.23, 0.29, 0.31, 0.37])
+    middle, way = np.array([0.0, 0.3, 0.1, 0.5, 1.0, 0.0, 1.0]), 0.2
+    q = middle + way * np.sin(time[:, None] * shares)
+    qd = way * shares * np.cos(time[:, None] * shares)
+    qdd = -way * shares**2 * np.sin(time[:, None] * shares)
+    noise = np.random.default_rng(1).normal(scale=2e-3, size=q.shape)
+    recording = Recording(
+        world.arm.joint_names, time, q, qd, world.model().torque(q, qd, qdd) + noise
+    )
+
+    fitted = identify(recording, world.arm).model
+
+    level = fitted.term("coulomb_friction").theta.reshape(4, 7)[[0, 2], 2].sum()
+    changes = fitted.uncertainty.deviations["coulomb_friction"].reshape(4, 7, -1)[:, 2]
+    at_joint, at_motor = changes[0], changes[2]
+    assert level > 0.01
+    assert min(np.linalg.norm(at_joint), np.linalg.norm(at_motor)) > 0.3 * level
+    assert np.linalg.norm(at_joint + at_motor) < 0.1 * level
 
 
 def test_another_motion_lies_within_what_the_model_expects_of_itself():

@@ -22,6 +22,7 @@ from dvrk_gravity.identification.model_uncertainty import (
     KnownError,
     known_error,
     model_uncertainty,
+    stood_in_for,
 )
 from dvrk_gravity.identification.motion import Source, read_motions
 from dvrk_gravity.identification.moves import starts
@@ -118,9 +119,11 @@ def fit_dynamic(
     error = known_error(design, found.blind, cutoff)
     if effects is not None and form is Columns:
         error = _with_all_terms(posed, cutoff, error, report)
+    theta = np.zeros(len(columns.columns))
+    theta[list(chosen)] = found.solution.theta
     uncertainty = model_uncertainty(
-        columns, chosen, found.solution.theta, found.spread, error, model
-    )  # fmt: skip
+        columns, theta, *_posterior(problem, chosen, found), error, model
+    )
     return Fit(
         model=replace(model, verdict=verdict.level, reason=verdict.reason, uncertainty=uncertainty),
         held_out=held_out,
@@ -158,17 +161,43 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) ->
     predicted = design.x[:, :, index] @ solution.theta
     blind = _held_out(design, problem.folds, problem.selection, index, physical)
     fitted, unseen = (weighting.sample * (design.y - torque) for torque in (predicted, blind))
-    meat = autocorrelated_scores(
-        design.x[:, :, index], fitted, unseen, design.part, design.rate, weighting.motor,
-        design.measured,
-    )  # fmt: skip
-    spread = sandwich(solution, meat)
+    spread = _spread(problem, index, solution, fitted, unseen)
     weight = weighting.sample * weighting.motor
     parameters, identifiability = describe(columns, index, solution, spread, design, weight)
     held = holding(
         lambda q: _at_rest(columns, index, q), solution.theta, spread, design.state.q, columns.arm
     )
     return Estimate(solution, links, predicted, blind, parameters, identifiability, held, spread)
+
+
+def _spread(
+    problem: Problem, index: Sequence[int], solution: Solution, fitted: Array, unseen: Array
+) -> Uncertainty:
+    """Return the covariance of some columns' coefficients from (N, n) weighted residuals."""
+    design = problem.design
+    meat = autocorrelated_scores(
+        design.x[:, :, list(index)], fitted, unseen, design.part, design.rate,
+        problem.weighting.motor, design.measured,
+    )  # fmt: skip
+    return sandwich(solution, meat)
+
+
+def _posterior(
+    problem: Problem, chosen: Sequence[int], found: Estimate
+) -> tuple[list[int], Uncertainty]:
+    """Return columns, and the covariance of their coefficients, that a model is not sure of.
+
+    Beside the chosen ones these are columns for which the chosen ones stand in, see
+    :func:`stood_in_for`: that those are not there is no more certain than that they are.
+    """
+    design, weighting = problem.design, problem.weighting
+    index = sorted({*chosen, *stood_in_for(problem, chosen, found.solution.theta)})
+    fit_of_all = solved(problem, index)
+    free = np.ones(len(index), dtype=bool)  # a sign that is held at zero is no certainty either
+    fitted, unseen = (
+        weighting.sample * (design.y - torque) for torque in (found.predicted, found.blind)
+    )
+    return index, _spread(problem, index, replace(fit_of_all, free=free), fitted, unseen)
 
 
 def _at_rest(columns: Columns, chosen: Sequence[int], q: Array) -> Array:

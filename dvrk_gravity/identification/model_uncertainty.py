@@ -11,9 +11,30 @@ from dvrk_gravity.estimation.covariance import Uncertainty
 from dvrk_gravity.estimation.noise import NoiseSettings, correlation_time
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
+from dvrk_gravity.identification.problem import Problem
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
+
+
+@dataclass(frozen=True)
+class PosteriorSettings:
+    """What of a fit counts as uncertain.
+
+    Attributes:
+        overlap: Part of the torque of a column that the model does not have, above which it is
+            uncertain whether it has it: so much its own columns reproduce in the data. What is
+            told apart better than that the choice of terms has seen. Chosen: as much as another
+            must reproduce to stand in a finding's place.
+        certain: Part of its prior's standard deviation below which a direction is taken to be
+            known: of what a joint may plausibly have as cable or friction that is less than effort
+            sensors tell.
+        same: Part of a column's torque by which one that is the same may miss it: rounding.
+    """
+
+    overlap: float = 0.5
+    certain: float = 3e-3
+    same: float = 1e-9
 
 
 @dataclass(frozen=True)
@@ -44,37 +65,79 @@ def known_error(design: Design, blind: Array, band: float) -> KnownError:
     return KnownError(np.sqrt(np.mean(error**2, axis=0)), together, band, speed)
 
 
+def stood_in_for(
+    problem: Problem, chosen: Sequence[int], theta: Array, settings: PosteriorSettings | None = None
+) -> list[int]:
+    """Return the columns that the chosen ones stand in for, and that the model's terms could have.
+
+    Args:
+        problem: The problem.
+        chosen: Columns of the fit.
+        theta: (p,) their coefficients.
+        settings: When one stands in for another.
+    """
+    settings = settings or PosteriorSettings()
+    columns, index = problem.design.columns, np.array(chosen, dtype=np.int64)
+    gram, _ = problem.equations.combined(problem.weighting.motor)
+    inside = gram[np.ix_(index, index)] + np.diag(1.0 / columns.scale[index] ** 2)
+    others = np.setdiff1d(np.arange(len(columns.columns)), index)
+    beside = gram[np.ix_(index, others)]
+    reproduced = np.einsum("ij,ij->j", beside, np.linalg.solve(inside, beside))
+    own = np.diag(gram)
+    # A motor that moves its own joint alone is that joint: no other place.
+    alike = gram**2 > (1.0 - settings.same) * np.outer(own, own)
+    twins = np.asarray(np.triu(alike, 1).any(axis=0))
+    new = ~twins[others] & ~np.asarray(alike[np.ix_(index, others)].any(axis=0))
+    found = others[new & (reproduced > settings.overlap * own[others])]
+    centre = np.zeros(len(columns.columns))
+    centre[index] = theta
+    here = _layout(columns, centre)
+    return [
+        column
+        for column in found.tolist()
+        if columns.offers(columns.columns[column])
+        and _layout(columns, centre + columns.scale[column] * np.eye(len(centre))[column]) == here
+    ]
+
+
+def _layout(columns: Columns, theta: Array) -> dict[str, int]:
+    """Return how many coefficients each term of a model has."""
+    return {name: len(one) for name, one in coefficients_of(columns.terms(theta)).items()}
+
+
 def model_uncertainty(
     columns: Columns,
-    chosen: Sequence[int],
     theta: Array,
+    index: Sequence[int],
     spread: Uncertainty,
     error: KnownError,
     model: TorqueModel,
+    settings: PosteriorSettings | None = None,
 ) -> ModelUncertainty:
     """Return the posterior of a model's coefficients.
 
     Args:
         columns: All columns of the fit.
-        chosen: Those of the model.
-        theta: (p,) their coefficients.
-        spread: Their covariance; what the prior moved them by counts as uncertain, too.
+        theta: (p,) coefficients of all of them, zero of those that the model does not have.
+        index: Columns that the model is not sure of.
+        spread: Covariance of theirs; what the prior moved them by counts as uncertain, too.
         error: What the model left.
         model: The model made of them.
+        settings: Which directions count.
     """
-    variance, vectors = np.linalg.eigh(spread.covariance + spread.bias)
-    whole = np.zeros((len(columns.columns), len(theta)))
-    whole[list(chosen)] = vectors * np.sqrt(np.maximum(variance, 0.0))
-    whole = whole[:, variance > 0.0]
-    centre = np.zeros(len(columns.columns))
-    centre[list(chosen)] = theta
+    scale = columns.scale[list(index)]
+    relative = (spread.covariance + spread.bias) / np.outer(scale, scale)
+    variance, vectors = np.linalg.eigh(relative)
+    uncertain = variance > (settings or PosteriorSettings()).certain ** 2
+    whole = np.zeros((len(columns.columns), int(uncertain.sum())))
+    whole[list(index)] = scale[:, None] * vectors[:, uncertain] * np.sqrt(variance[uncertain])
 
     def coefficients(at: Array) -> dict[str, Array]:
         return coefficients_of(columns.terms(at))
 
-    here, kinematics = coefficients(centre), columns.corrected(centre)
-    there = [coefficients(centre + change) for change in whole.T]
-    moved = [columns.corrected(centre + change) for change in whole.T]
+    here, kinematics = coefficients(theta), columns.corrected(theta)
+    there = [coefficients(theta + change) for change in whole.T]
+    moved = [columns.corrected(theta + change) for change in whole.T]
     arm = columns.arm
     zeros, base = kinematics.offset + np.zeros(arm.n), kinematics.mounted(arm).gravity
     own = coefficients_of(model.terms)
