@@ -79,6 +79,7 @@ def chain(
     kinds: Sequence[JointKind],
     followers: Sequence[Follower] = (),
     convention: Convention = "standard",
+    rows: Array | None = None,
 ) -> tuple[Body, ...]:
     """Return the bodies ``link1`` … ``linkn`` of a chain and those that follow, depth first.
 
@@ -88,8 +89,11 @@ def chain(
         followers: Links that follow, each after the one that it moves on; on one link they come
             before the chain goes on.
         convention: Of the table.
+        rows: (n, n) coefficients of the joints in each link's coordinate; ``None``: each link
+            moves by its own joint alone.
     """
     frames = link_frames(table, convention)
+    moved_by = np.eye(len(table)) if rows is None else rows
     bodies: list[Body] = []
 
     def hang(link: str, parent: int) -> None:
@@ -107,8 +111,7 @@ def chain(
     parent, before = -1, pin.SE3.Identity()
     for i, (row, kind, frame) in enumerate(zip(table, kinds, frames, strict=True)):
         placement = before if convention == "standard" else before * row.about_x
-        unit = np.eye(len(table))[i]
-        bodies.append(Body(f"link{i + 1}", parent, placement, kind, unit, frame))
+        bodies.append(Body(f"link{i + 1}", parent, placement, kind, moved_by[i].copy(), frame))
         parent, before = len(bodies) - 1, frame
         hang(f"link{i + 1}", parent)
     return tuple(bodies)

@@ -6,11 +6,13 @@
       - {name: yaw, alpha: 90, a: 0, d: 0.1, offset: 0, lower: -90, upper: 90, effort_limit: 20}
       - {name: slide, type: prismatic, alpha: 0, a: 0, d: 0.2, offset: 90, lower: 0, upper: 0.3,
          effort_limit: 50}
+      - {name: grip, alpha: 90, a: 0, d: 0, offset: 0, lower: 0, upper: 60, effort_limit: 1,
+         follows: {yaw: -0.5}}    # its link turns by grip - yaw / 2; by grip alone if left out
     followers:                    # links whose coordinate is a combination of joints'
       - {name: weight, parent: link1, xyz: [0, 0, 0], rpy: [0, 0, 0], type: prismatic,
          follows: {slide: -0.5}}
-    actuator_to_joint: [[1, 0], [0, 1]]       # q = M a; the identity if left out
-    actuator_effort_limit: [20, 50]           # the joints', if there is no matrix
+    actuator_to_joint: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # q = M a; the identity if left out
+    actuator_effort_limit: [20, 50, 1]        # the joints', if there is no matrix
     base_rpy: [0, 0, 0]                       # roll, pitch, yaw of the base in the world, degrees
 
 The links are ``link1`` to ``linkn``; a follower's axis is the z axis of the frame that ``xyz`` and
@@ -74,7 +76,8 @@ def _parse(content: dict[str, Any], source: str) -> Description:
     convention = _choice("convention", content.get("convention", "standard"), CONVENTIONS)
     joints, table = _joints(content["joints"])
     followers = _followers(content, joints, table, convention)
-    bodies = chain(table, [joint.kind for joint in joints], followers, convention)
+    rows = _rows(content["joints"], joints)
+    bodies = chain(table, [joint.kind for joint in joints], followers, convention, rows)
     matrix, limits = _transmission(content, joints)
     roll, pitch, yaw = np.radians(_numbers("base_rpy", content.get("base_rpy", [0, 0, 0]), 3))
     base = (float(roll), float(pitch), float(yaw))
@@ -97,10 +100,13 @@ def _joint(where: str, row: Any) -> tuple[Joint, DHRow]:
     if not isinstance(name, str) or not name:
         raise ConfigError(where, row, f"a joint with a name, {', '.join(_JOINT)}")
     where = f"joints.{name}"
-    odd = (set(row) - {"type"}) ^ {"name", *_JOINT}
+    odd = (set(row) - {"type", "follows"}) ^ {"name", *_JOINT}
     if odd:
         raise ConfigError(
-            where, sorted(map(str, odd)), f"just {', '.join(_JOINT)}, and type if it is prismatic"
+            where,
+            sorted(map(str, odd)),
+            f"just {', '.join(_JOINT)}, type if it is prismatic, and follows if its link moves by "
+            "other joints too",
         )
     kind = _choice(f"{where}.type", row.get("type", "revolute"), _KINDS)
     value = {key: _number(f"{where}.{key}", row[key]) for key in _JOINT}
@@ -115,6 +121,20 @@ def _joint(where: str, row: Any) -> tuple[Joint, DHRow]:
             f"{where}.effort_limit", row["effort_limit"], f"more than 0 {joint.effort_unit}"
         )
     return joint, DHRow(value["alpha"], value["a"], value["d"], value["offset"])
+
+
+def _rows(rows: Sequence[Any], joints: Sequence[Joint]) -> Array:
+    """Return (n, n) coefficients of the joints in the coordinate of each joint's link."""
+    names = tuple(joint.name for joint in joints)
+    found = np.eye(len(joints))
+    for i, (row, joint) in enumerate(zip(rows, joints, strict=True)):
+        if "follows" in row:
+            field = f"joints.{joint.name}.follows"
+            factors = _follows(field, row["follows"], names)
+            if factors[i]:
+                raise ConfigError(field, joint.name, "other joints than its own")
+            found[i] += factors
+    return found
 
 
 def _transmission(content: dict[str, Any], joints: Sequence[Joint]) -> tuple[Array, Array]:
@@ -174,17 +194,22 @@ def _follower(
     where = f"followers.{name}"
     parent = _choice(f"{where}.parent", row["parent"], tuple(frames))
     kind = _choice(f"{where}.type", row.get("type", "revolute"), _KINDS)
-    follows = row["follows"]
-    if not isinstance(follows, dict) or not follows:
-        raise ConfigError(f"{where}.follows", follows, "JOINT: factor, of at least one joint")
-    factors = np.zeros(len(joints))
-    for joint, factor in follows.items():
-        index = joints.index(_choice(f"{where}.follows", joint, joints))
-        factors[index] = _number(f"{where}.follows.{joint}", factor)
+    factors = _follows(f"{where}.follows", row["follows"], joints)
     xyz = np.array(_numbers(f"{where}.xyz", row.get("xyz", [0, 0, 0]), 3))
     rpy = np.radians(_numbers(f"{where}.rpy", row.get("rpy", [0, 0, 0]), 3))
     placement = frames[parent] * pin.SE3(pin.rpy.rpyToMatrix(*rpy), xyz)
     return Follower(name, parent, placement, kind, factors, pin.SE3.Identity())
+
+
+def _follows(field: str, follows: Any, joints: tuple[str, ...]) -> Array:
+    """Return (n,) coefficients of the joints that a link follows."""
+    if not isinstance(follows, dict) or not follows:
+        raise ConfigError(field, follows, "JOINT: factor, of at least one joint")
+    factors = np.zeros(len(joints))
+    for joint, factor in follows.items():
+        index = joints.index(_choice(field, joint, joints))
+        factors[index] = _number(f"{field}.{joint}", factor)
+    return factors
 
 
 def _parallelogram(
