@@ -29,7 +29,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree
-from dvrk_gravity.effects.base.links import link_name
+from dvrk_gravity.effects.base.links import links_of_joints
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.model import TorqueModel
@@ -106,7 +106,7 @@ class ModelBodies:
     ) -> Array:  # fmt: skip
         """See :meth:`Bodies.added`."""
         body = pin.Inertia(mass, np.asarray(place), inertia * np.eye(3))
-        tree = build_tree(self._arm, {link_name(self._arm, joint): body}, self._arm.gravity)
+        tree = build_tree(self._arm, {self._arm.body_names[links_of_joints(self._arm)[joint]]: body}, self._arm.gravity)
         return np.array([tree.inverse_dynamics(*row) for row in zip(*motion, strict=True)])
 
     def torque(self, q: Array, qd: Array, qdd: Array, gravity: Array | None = None) -> Array:

@@ -18,8 +18,6 @@ from dvrk_gravity.effects.base.link_prior import beta_map, prior_scale, weight_d
 from dvrk_gravity.effects.base.links import (
     AXES,
     joints_with_weight,
-    link_columns,
-    link_name,
     links_of_joints,
     moment_directions,
 )
@@ -61,11 +59,12 @@ class LinkCom(Effect):
             return
         arm = motion.arm
         for joint in joints_with_weight(arm):
+            link = links_of_joints(arm)[joint]
             for axes in ((0,), (1,), (2,), (0, 1, 2)):
                 letters = "".join(AXES[axis] for axis in axes)
                 yield MomentHypothesis(
-                    arm=arm, site=site.link(joint), joints=(joint,),
-                    form=f"{link_name(arm, joint)} {letters}", axes=axes,
+                    arm=arm, site=site.link(link), joints=(joint,),
+                    form=f"{arm.body_names[link]} {letters}", axes=axes,
                 )  # fmt: skip
         if not is_mtm(arm):
             yield LinkWeightsHypothesis(
@@ -78,7 +77,7 @@ class LinkCom(Effect):
             return
         for entry, joint in enumerate(_BETA_JOINTS):
             yield BetaHypothesis(
-                arm=arm, site=site.link(joint), joints=(joint,),
+                arm=arm, site=site.link(links_of_joints(arm)[joint]), joints=(joint,),
                 form=f"weight only, {gravity.BETA_NAMES[entry]}", entry=entry,
             )  # fmt: skip
         yield AllWeightsHypothesis(
@@ -105,7 +104,7 @@ class MomentHypothesis(Hypothesis):
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`."""
         del setting
-        return link_columns(motion, self.site.index, self._directions)
+        return motion.link_torque(self.site.index, self._directions)
 
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """See :meth:`Hypothesis.describe`."""
@@ -229,12 +228,11 @@ class LinkWeightsHypothesis(Hypothesis):
         return "fitting them anew beside all else"
 
 
-def with_link(arm: Arm, values: Values, joint: int, change: Array) -> Values | None:
-    """Return a model's parameters with (10,) more of a joint's link, in the joint's frame.
+def with_link(arm: Arm, values: Values, index: int, change: Array) -> Values | None:
+    """Return a model's parameters with (10,) more of a body, in its joint's frame.
 
     ``None`` if the model has no weights that could be others.
     """
-    index = links_of_joints(arm)[joint]
     body = arm.bodies[index]
     if is_mtm(arm):
         # beta is made of first moments in the link's own frame.

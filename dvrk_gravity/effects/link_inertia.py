@@ -17,8 +17,7 @@ from dvrk_gravity.effects.base.links import (
     AXES,
     inertia_directions,
     joints_with_weight,
-    link_columns,
-    link_name,
+    links_of_joints,
 )
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, meanings, size
 from dvrk_gravity.effects.base.merging import Values
@@ -103,10 +102,11 @@ class LinkInertia(LinearTerm):
         if motion.static or not motion.present.all():
             return
         for joint in joints_with_weight(motion.arm):
+            link = links_of_joints(motion.arm)[joint]
             for form, isotropic in (("isotropic", True), ("principal", False)):
                 yield InertiaHypothesis(
-                    arm=motion.arm, site=site.link(joint), joints=(joint,),
-                    form=f"{link_name(motion.arm, joint)} {form}", isotropic=isotropic,
+                    arm=motion.arm, site=site.link(link), joints=(joint,),
+                    form=f"{motion.arm.body_names[link]} {form}", isotropic=isotropic,
                 )  # fmt: skip
         yield AllInertiaHypothesis(
             arm=motion.arm, site=site.THE_ARM, form="inertia of all links",
@@ -153,7 +153,7 @@ class InertiaHypothesis(Hypothesis):
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`."""
         del setting
-        return link_columns(motion, self.site.index, self._directions)
+        return motion.link_torque(self.site.index, self._directions)
 
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """See :meth:`Hypothesis.describe`."""
@@ -165,7 +165,7 @@ class InertiaHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         """See :meth:`Hypothesis.merge`."""
         del motion
-        return _with_change(values, link_name(self.arm, self.site.index), self._directions @ theta)
+        return _with_change(values, self.arm.body_names[self.site.index], self._directions @ theta)
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""

@@ -17,9 +17,9 @@ from dvrk_gravity.effects.base.effect import Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.links import (
     AXES,
-    joints_with_weight,
-    link_columns,
-    link_name,
+    joint_of_link,
+    links_of_joints,
+    links_told_apart,
     mass_directions,
 )
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
@@ -36,7 +36,7 @@ _WEIGHTLESS = np.zeros(3)
 
 
 _LEAST = 1e-4  # kg, of which the place can be told
-_FARTHEST = 0.3  # m, from the link's frame
+_FARTHEST = 1.0  # m, from the link's frame: no link of these arms is longer
 _PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is worth telling
 
 
@@ -75,14 +75,15 @@ class Payload(Term):
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         """See :meth:`Term.schema`."""
-        links = _links(arm)
         return (
             Parameter("payload.mass", 0.0, "kg", "mass carried by a link", lower=0.0, upper=10.0),
             Parameter(
                 "payload.first_moment", (), "kg·m", "mass times its place in the link's DH frame",
                 lower=-10.0, upper=10.0, lengths=(3,),
             ),
-            Parameter("payload.link", links[-1], "", "link that carries it", choices=links),
+            Parameter(
+                "payload.link", _last(arm), "", "link that carries it", choices=arm.body_names
+            ),
         )  # fmt: skip
 
     @classmethod
@@ -98,7 +99,7 @@ class Payload(Term):
         vector = values.get("gravity_vector")
         return cls(
             arm,
-            str(values.get("payload.link", _links(arm)[-1])),
+            str(values.get("payload.link", _last(arm))),
             mass,
             moment,
             arm.gravity if vector is None else np.array(vector),
@@ -160,10 +161,10 @@ class Payload(Term):
         """See :meth:`Effect.hypotheses`."""
         if not motion.present.all():
             return
-        for joint in joints_with_weight(motion.arm):
+        for link in links_told_apart(motion.arm):
             yield PayloadHypothesis(
-                arm=motion.arm, site=site.link(joint), joints=(joint,),
-                form=link_name(motion.arm, joint), setting=dict.fromkeys(AXES, 0.0),
+                arm=motion.arm, site=site.link(link), joints=(joint_of_link(motion.arm, link),),
+                form=motion.arm.body_names[link], setting=dict.fromkeys(AXES, 0.0),
             )  # fmt: skip
 
     @cached_property
@@ -180,7 +181,7 @@ class PayloadHypothesis(Hypothesis):
     """A link carries a point mass that the model does not know."""
 
     EFFECT = Payload
-    CLAIM = "{joint}'s link carries {mass} that the model does not know"
+    CLAIM = "{where} carries {mass} that the model does not know"
 
     fixed_point: tuple[str, ...] = AXES
 
@@ -190,15 +191,17 @@ class PayloadHypothesis(Hypothesis):
 
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`."""
-        return link_columns(motion, self.site.index, self._directions(setting))
+        return motion.link_torque(self.site.index, self._directions(setting))
 
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """See :meth:`Hypothesis.describe`."""
         del setting
         mass = float(theta[0])
         moments = {f"first_moment_{a}": float(m) for a, m in zip(AXES, theta[1:], strict=True)}
-        safe = mass if abs(mass) > _LEAST else _LEAST
-        place = np.clip(theta[1:] / safe, -_FARTHEST, _FARTHEST)
+        # Of a mass that is not known yet (about the axis it turns about, say) the moment still
+        # tells which way it is: the search comes in from afar.
+        place = theta[1:] / max(abs(mass), _LEAST)
+        place *= min(1.0, _FARTHEST / max(float(np.linalg.norm(place)), _LEAST))
         return {"mass": mass, **moments} | {a: float(p) for a, p in zip(AXES, place, strict=True)}
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
@@ -213,7 +216,7 @@ class PayloadHypothesis(Hypothesis):
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """See :meth:`Hypothesis.merge`; beside a payload that is there it is part of the link."""
-        link, name = link_name(self.arm, self.site.index), self.effect
+        link, name = self.arm.body_names[self.site.index], self.effect
         if motion.model.term(name) is None and f"{name}.mass" not in values and theta[0] > 0.0:
             moment = tuple(theta[1:].tolist())
             named = {"mass": float(theta[0]), "first_moment": moment, "link": link}
@@ -222,6 +225,6 @@ class PayloadHypothesis(Hypothesis):
         return with_link(self.arm, values, self.site.index, change)
 
 
-def _links(arm: Arm) -> tuple[str, ...]:
-    """Return the links of the chain, which a thing can be fastened to."""
-    return tuple(link_name(arm, joint) for joint in range(arm.n))
+def _last(arm: Arm) -> str:
+    """Return the last link of the chain."""
+    return arm.body_names[links_of_joints(arm)[-1]]

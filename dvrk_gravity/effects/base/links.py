@@ -1,4 +1,4 @@
-"""Links by the joint that carries them: names, bodies of the tree, changes of their parameters."""
+"""Links: which body a joint carries, which can be weighed, changes of their parameters."""
 
 from __future__ import annotations
 
@@ -11,27 +11,71 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import GRAVITY
-from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.link_prior import samples
 
 Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 PER_LINK = 10
+_RANK = 1e-9  # of a norm, that rounding leaves of what others make up
 
 
 @lru_cache(maxsize=8)
 def links_of_joints(arm: Arm) -> tuple[int, ...]:
     """Return the index of the body that each joint carries: of several, what carries the most.
 
-    An MTM's elbow moves forearm, crank and bar; the forearm carries the wrist.
+    An MTM's elbow moves forearm, crank and bar; the forearm carries the wrist. Where no body is
+    moved by a joint alone (of a PSM's jaws each turns by half of `jaw`) it is one that moves by
+    others, too.
     """
     below = np.zeros(len(arm.bodies), dtype=int)
     for index in range(len(arm.bodies) - 1, -1, -1):
         parent = arm.bodies[index].parent
         if parent >= 0:
             below[parent] += 1 + below[index]
-    moved = (arm.expand[:, None] == np.eye(arm.n)).all(axis=2)  # (bodies, n), by that joint alone
-    return tuple(int(np.argmax(np.where(moved[:, joint], below, -1))) for joint in range(arm.n))
+    alone = (arm.expand[:, None] == np.eye(arm.n)).all(axis=2)  # (bodies, n), by that joint alone
+    worth = np.where(alone, below[:, None] + len(arm.bodies), below[:, None])
+    worth = np.where(arm.expand != 0.0, worth, -1)
+    return tuple(int(body) for body in np.argmax(worth, axis=0))
+
+
+@lru_cache(maxsize=8)
+def joint_of_link(arm: Arm, body: int) -> int:
+    """Return the joint that a body is said of: whose link it is, or the last one that moves it."""
+    links = links_of_joints(arm)
+    if body in links:
+        return links.index(body)
+    while body >= 0 and not arm.bodies[body].row.any():
+        body = arm.bodies[body].parent
+    return int(np.flatnonzero(arm.bodies[body].row)[-1])
+
+
+@lru_cache(maxsize=8)
+def links_told_apart(arm: Arm) -> tuple[int, ...]:
+    """Return the bodies that can be weighed, of those whose weights look alike only one.
+
+    A joint's own link goes before those that follow it: of a parallelogram's sides that turn alike
+    about parallel axes, torque tells the mass and how it turns, and not on which side it is.
+    """
+    own = [links_of_joints(arm)[joint] for joint in joints_with_weight(arm)]
+    others = [body for body in range(len(arm.bodies)) if body not in links_of_joints(arm)]
+    q, qd, qdd = samples(arm)
+    whole = rigid_body.regressor(arm, q, qd, qdd, arm.gravity).reshape(-1, len(arm.bodies), PER_LINK)
+    found: list[int] = []
+    spans: list[Array] = []
+    for body in (*own, *others):
+        columns, size, _ = np.linalg.svd(whole[:, body], full_matrices=False)
+        span = columns[:, size > _RANK * size[0]]
+        alike = any(
+            span.shape == known.shape
+            and np.linalg.norm(span - known @ (known.T @ span)) < np.sqrt(_RANK)
+            for known in spans
+        )
+        if body in own or not alike:
+            found.append(body)
+            spans.append(span)
+    return tuple(found)
 
 
 @lru_cache(maxsize=8)
@@ -44,33 +88,17 @@ def joints_with_weight(arm: Arm) -> tuple[int, ...]:
     return tuple(joint for joint in range(arm.n) if not (turns and first.row[joint]))
 
 
-def link_name(arm: Arm, joint: int) -> str:
-    """Return the name of the link that a joint carries."""
-    return arm.body_names[links_of_joints(arm)[joint]]
-
-
-def link_columns(motion: Motion, joint: int, directions: Array) -> Array:
-    """Return (N, n, k) torques of changes of a link's inertial parameters.
-
-    Args:
-        motion: The motion.
-        joint: Index of the link's joint.
-        directions: (10, k) changes in Pinocchio's joint frame.
-    """
-    return motion.link_torque(links_of_joints(motion.arm)[joint], directions)
-
-
-def mass_directions(arm: Arm, joint: int, place: Array) -> Array:
+def mass_directions(arm: Arm, body: int, place: Array) -> Array:
     """Return (10, 4) inertial parameters per kg and per kg·m of a point mass on a link.
 
     They are quadratic in where the mass is, hence linearised there.
 
     Args:
         arm: The arm.
-        joint: Index of the link's joint.
+        body: Index of the link.
         place: (3,) in the link's frame, m.
     """
-    frame = arm.bodies[links_of_joints(arm)[joint]].frame
+    frame = arm.bodies[body].frame
 
     def parameters(where: Array) -> Array:
         point = pin.Inertia(1.0, where, np.zeros((3, 3)))
@@ -82,15 +110,15 @@ def mass_directions(arm: Arm, joint: int, place: Array) -> Array:
     return np.column_stack([base, *slopes])
 
 
-def inertia_directions(arm: Arm, joint: int, isotropic: bool) -> Array:
+def inertia_directions(arm: Arm, body: int, isotropic: bool) -> Array:
     """Return (10, k) inertial parameters per kg·m^2 of rotational inertia of a link.
 
     Args:
         arm: The arm.
-        joint: Index of the link's joint.
+        body: Index of the link.
         isotropic: The same about all axes (k = 1), or one about each axis of its frame (k = 3).
     """
-    frame = arm.bodies[links_of_joints(arm)[joint]].frame
+    frame = arm.bodies[body].frame
     tensors = [np.eye(3)] if isotropic else [np.diag(row) for row in np.eye(3)]
     directions = []
     for tensor in tensors:
@@ -100,9 +128,9 @@ def inertia_directions(arm: Arm, joint: int, isotropic: bool) -> Array:
     return np.array(directions).T
 
 
-def moment_directions(arm: Arm, joint: int, axes: Sequence[int]) -> Array:
+def moment_directions(arm: Arm, body: int, axes: Sequence[int]) -> Array:
     """Return (10, k) inertial parameters per N·m of weight moment along a link's axes."""
     directions = np.zeros((PER_LINK, len(axes)))
-    frame = arm.bodies[links_of_joints(arm)[joint]].frame
+    frame = arm.bodies[body].frame
     directions[1:4] = frame.rotation[:, list(axes)]
     return directions / GRAVITY

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects.base.links import joint_of_link, links_of_joints
 
 Array = NDArray[np.float64]
 
@@ -29,8 +30,8 @@ class Site:
 
     Attributes:
         kind: What kind of part.
-        index: Index of the joint, of the motor, or of the joint that carries the link; 0 of base
-            and arm.
+        index: Index of the joint, of the motor, or of the body that the link is; 0 of base and
+            arm.
     """
 
     kind: Kind
@@ -56,7 +57,10 @@ class Site:
         """Return what a person calls it."""
         if self.kind in (Kind.BASE, Kind.ARM):
             return f"the {self.kind.value}"
-        name = arm.joint_names[self.index]
+        if self.kind is Kind.LINK and self.index not in links_of_joints(arm):
+            return arm.body_names[self.index]
+        joint = joint_of_link(arm, self.index) if self.kind is Kind.LINK else self.index
+        name = arm.joint_names[joint]
         return name if self.kind is Kind.JOINT else f"{name}'s {self.kind.value}"
 
 
@@ -75,5 +79,5 @@ def motor(index: int) -> Site:
 
 
 def link(index: int) -> Site:
-    """Return the site of the link that a joint carries."""
+    """Return the site of the link that is a body of the arm."""
     return Site(Kind.LINK, index)
