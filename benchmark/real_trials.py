@@ -106,7 +106,11 @@ class ModelBodies:
     ) -> Array:  # fmt: skip
         """See :meth:`Bodies.added`."""
         body = pin.Inertia(mass, np.asarray(place), inertia * np.eye(3))
-        tree = build_tree(self._arm, {self._arm.body_names[links_of_joints(self._arm)[joint]]: body}, self._arm.gravity)
+        tree = build_tree(
+            self._arm,
+            {self._arm.body_names[links_of_joints(self._arm)[joint]]: body},
+            self._arm.gravity,
+        )
         return np.array([tree.inverse_dynamics(*row) for row in zip(*motion, strict=True)])
 
     def torque(self, q: Array, qd: Array, qdd: Array, gravity: Array | None = None) -> Array:

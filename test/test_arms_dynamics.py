@@ -19,14 +19,15 @@ TILTED = np.array([1.3, -2.1, -9.4])
 ROBOTS = Path(pin.__file__).parents[4] / "share" / "example-robot-data" / "robots"
 UR5 = ROBOTS / "ur_description" / "urdf" / "ur5_robot.urdf"
 PANDA = ROBOTS / "panda_description" / "urdf" / "panda.urdf"
-NAMES = ("mtmr", "made_up", "ur5", "panda")
+NAMES = ("mtmr", "psm", "ecm", "made_up", "ur5", "panda")
 
 
 @pytest.fixture(scope="module")
 def arms(tmp_path_factory) -> dict[str, Arm]:
     made_up = made_up_arm(tmp_path_factory.mktemp("arm"))
     panda, ur5 = Arm.from_urdf(PANDA), Arm.from_urdf(UR5)
-    return {"mtmr": Arm.load("mtmr"), "made_up": made_up, "ur5": ur5, "panda": panda}
+    shipped = {name: Arm.load(name) for name in ("mtmr", "psm", "ecm")}
+    return shipped | {"made_up": made_up, "ur5": ur5, "panda": panda}
 
 
 @pytest.fixture(params=NAMES)

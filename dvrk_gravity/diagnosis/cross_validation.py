@@ -427,13 +427,20 @@ class CrossValidation:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice."""
         return np.sqrt(self._mean_square(candidate.columns(self._rows) @ theta))
 
+    def begun(self, candidate: Candidate) -> Candidate:
+        """Return a candidate at the setting that its own fit tells, if it fits better there."""
+        if not candidate.hypothesis.far_from_start:
+            return candidate
+        there = self.refined(candidate, [])
+        return there if self.misfit([there]) < self.misfit([candidate]) else candidate
+
     def refined(self, candidate: Candidate, others: Sequence[Candidate]) -> Candidate:
         """Return a candidate with its non-linear settings at their best beside the others."""
         from scipy.optimize import minimize_scalar
 
         hypothesis = candidate.hypothesis
         for _ in range(self.settings.fixed_points if hypothesis.fixed_point else 0):
-            theta, _covariance = self.fit([*others, candidate])
+            theta = self.parameters([*others, candidate])
             named = hypothesis.describe(theta[-candidate.size :], hypothesis.setting)
             setting = dict(hypothesis.setting) | {n: named[n] for n in hypothesis.fixed_point}
             moved = [abs(setting[n] - hypothesis.setting[n]) for n in hypothesis.fixed_point]

@@ -291,7 +291,8 @@ def _prepare(motion: Motion, say: Callable[[str], None]) -> tuple[CrossValidatio
     say("building hypotheses")
     validation = CrossValidation(FilteredData.of(motion))
     pool = [validation.candidate(one) for one in hypotheses(motion)]
-    return validation, [one for one in pool if np.isfinite(one.values).all() and one.acts.any()]
+    pool = [one for one in pool if np.isfinite(one.values).all() and one.acts.any()]
+    return validation, [validation.begun(one) for one in pool]
 
 
 def _nameless(

@@ -37,7 +37,8 @@ _WEIGHTLESS = np.zeros(3)
 
 _LEAST = 1e-4  # kg, of which the place can be told
 _FARTHEST = 1.0  # m, from the link's frame: no link of these arms is longer
-_PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is worth telling
+_PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is worth telling, ...
+_PART_OF_WAY = 0.3  # ... or this part of its distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +185,7 @@ class PayloadHypothesis(Hypothesis):
     CLAIM = "{where} carries {mass} that the model does not know"
 
     fixed_point: tuple[str, ...] = AXES
+    far_from_start: bool = True  # a link may turn about its frame's origin, where a mass is nothing
 
     def _directions(self, setting: Setting) -> Array:
         place = np.array([setting[axis] for axis in AXES])
@@ -209,7 +211,8 @@ class PayloadHypothesis(Hypothesis):
         known = [
             f"{axis} {parameters[axis].shown}"
             for axis in AXES
-            if parameters[axis].high - parameters[axis].low < 2.0 * _PLACED
+            if parameters[axis].high - parameters[axis].low
+            < 2.0 * max(_PLACED, _PART_OF_WAY * abs(parameters[axis].value))
         ]
         where = f", its centre at {', '.join(known)} in the link's frame" if known else ""
         return super().claim(parameters) + where

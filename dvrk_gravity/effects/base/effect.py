@@ -92,6 +92,8 @@ class Hypothesis(ABC):
         refine: Names of settings that may be refined by a continuous search.
         fixed_point: Names of settings whose best value is what :meth:`describe` returns under
             the same name: the columns are rebuilt there.
+        far_from_start: At the settings that it begins with it may look like nothing, so that those
+            are looked for before it is compared with others.
         edges: Names of settings that are times at which the torque jumps.
         variable: What the torque is a function of, for the picture: ``position``, ``velocity``,
             ``acceleration`` or ``time``.
@@ -116,6 +118,7 @@ class Hypothesis(ABC):
     setting: Setting = field(default_factory=dict)
     refine: tuple[str, ...] = ()
     fixed_point: tuple[str, ...] = ()
+    far_from_start: bool = False
     edges: tuple[str, ...] = ()
     variable: str = "position"
     directed: bool = False

@@ -61,7 +61,9 @@ def links_told_apart(arm: Arm) -> tuple[int, ...]:
     own = [links_of_joints(arm)[joint] for joint in joints_with_weight(arm)]
     others = [body for body in range(len(arm.bodies)) if body not in links_of_joints(arm)]
     q, qd, qdd = samples(arm)
-    whole = rigid_body.regressor(arm, q, qd, qdd, arm.gravity).reshape(-1, len(arm.bodies), PER_LINK)
+    whole = rigid_body.regressor(arm, q, qd, qdd, arm.gravity).reshape(
+        -1, len(arm.bodies), PER_LINK
+    )
     found: list[int] = []
     spans: list[Array] = []
     for body in (*own, *others):

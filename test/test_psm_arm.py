@@ -1,0 +1,219 @@
+"""The PSM and the ECM as arms: places, parallelogram, jaws, against oracles that know no such file.
+
+MuJoCo has the PSM's loops as the mechanism has them, closed by equality constraints: nothing there
+turns about the remote centre, no bar is told to stay upright and no weight is told to follow.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from made_up_arm import random_inertias, random_motion
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.tree import build_tree
+
+TILTED = np.array([1.3, -2.1, -9.4])
+PINNED = {"yaw": "link1", "pitch": "back", "insertion": "link3", "roll": "link4",
+          "wrist_pitch": "link5"}  # joints of the arm that one joint of MuJoCo is  # fmt: skip
+ACROSS = "-1 0 0"  # the pitch axis at zero
+
+
+@pytest.fixture(scope="module")
+def psm() -> Arm:
+    return Arm.load("psm")
+
+
+def text(values) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def turned(axis: str, degrees: float) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = pin.utils.rotate(axis, np.radians(degrees))
+    return matrix
+
+
+def moved(x: float, y: float, z: float) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+def proximal(a: float, alpha: float, d: float, degrees: float) -> np.ndarray:
+    """One row of the published table: a, d in m, angles in degrees."""
+    return turned("x", alpha) @ moved(a, 0, 0) @ turned("z", degrees) @ moved(0, 0, d)
+
+
+def published(q: np.ndarray) -> dict[str, np.ndarray]:
+    """Frames of the published tree of a PSM at (7,) joints, seen from where yaw and back meet."""
+    yaw, pitch, slide, roll = np.degrees(q[0]), np.degrees(q[1]), q[2], np.degrees(q[3])
+    one = proximal(0, 90, 0, yaw + 90)
+    two = one @ proximal(0, -90, 0, pitch - 90)
+    back = two @ proximal(0.04009, 0, 0, 90)
+    front = back @ proximal(0.14454, 0, 0, 90 - pitch)
+    lower = front @ proximal(0.516, 0, 0, pitch)
+    carriage = lower @ proximal(0.04009, -90, slide - 0.4318 + 0.14454, 0)
+    return {
+        "lower_bar": front,
+        "upper_bar": back @ proximal(0.18262, 0, 0, 90 - pitch),
+        "middle": front @ proximal(0.096, 0, 0, pitch + 180),
+        "counterweight": two @ proximal(0.04009, -90, slide, 0),
+        "link3": carriage,
+        "link4": carriage @ proximal(0, 0, 0.4162, roll),
+    }
+
+
+def frames(arm: Arm, q: np.ndarray) -> dict[str, np.ndarray]:
+    tree = build_tree(arm, {}, TILTED)
+    pin.forwardKinematics(tree.model, tree.data, tree.expand @ q)
+    return {
+        body.name: (tree.data.oMi[i] * body.frame).homogeneous
+        for i, body in enumerate(arm.bodies, start=1)
+    }
+
+
+def test_bodies_of_the_psm_are_where_the_published_tree_has_them(psm):
+    """Which has its base 0.516 m up the yaw axis, and leaves the remote centre to the loops."""
+    remote_centre = moved(0, -0.516, 0)
+    for q in random_motion(psm, 20, 1)[0]:
+        mine = frames(psm, q)
+        for name, expected in published(q).items():
+            there = remote_centre @ expected
+            np.testing.assert_allclose(mine[name][:3, 3], there[:3, 3], atol=1e-12, err_msg=name)
+            # Frames may be chosen; how a body turns may not: the same part of the way from zero.
+            start = frames(psm, np.zeros(7))[name][:3, :3], published(np.zeros(7))[name][:3, :3]
+            np.testing.assert_allclose(
+                mine[name][:3, :3] @ start[0].T, there[:3, :3] @ start[1].T, atol=1e-12
+            )
+
+
+@pytest.mark.parametrize("name", ["psm", "ecm"])
+def test_the_shaft_goes_through_the_remote_centre_whatever_the_joints(name):
+    arm = Arm.load(name)
+    for q in random_motion(arm, 20, 2)[0]:
+        carriage = frames(arm, q)["link3"]
+        along = carriage[:3, 2]
+        assert np.linalg.norm(np.cross(carriage[:3, 3], along)) < 1e-12
+
+
+def test_the_jaws_turn_by_half_the_jaw_each_about_wrist_yaw(psm):
+    q = np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.3, 0.8])
+    one, other = (frames(psm, q)[name][:3, :3] for name in ("link6", "link7"))
+    closed = frames(psm, np.zeros(7))["link6"][:3, :3]
+    for jaw, angle in ((one, 0.3 - 0.4), (other, 0.3 + 0.4)):
+        turned_by = pin.log3(closed.T @ jaw)
+        np.testing.assert_allclose(turned_by, [0, 0, angle], atol=1e-12)
+
+
+def test_motors_of_the_wrist_move_a_jaw_each_as_published(psm):
+    """w5 = 1.0186 m5, w6 = -0.8306 m5 + 1.2178 m6, w7 = -0.8306 m5 + 1.2178 m7."""
+    motors = np.array([0.0, 0.0, 0.0, 0.0, 0.2, -0.1, 0.3])
+    joints = psm.joint_position(motors)
+    w6, w7 = -0.8306 * 0.2 + 1.2178 * -0.1, -0.8306 * 0.2 + 1.2178 * 0.3
+    np.testing.assert_allclose(joints[4:], [1.0186 * 0.2, (w6 + w7) / 2, w7 - w6], atol=1e-4)
+
+
+class LoopedPsm:
+    """A PSM whose loops are MuJoCo's equality constraints; axes and pins are those of the world."""
+
+    def __init__(self, arm: Arm, inertias: dict[str, pin.Inertia]) -> None:
+        """Build it at zero, where every body's mass is where the arm's file has its frame."""
+        zero = frames(arm, np.zeros(7))
+
+        def xml(part: tuple, parent: tuple[float, ...] = (0.0, 0.0, 0.0)) -> str:
+            name, kind, axis, at, *inner = part
+            frame, inertia = zero[name][:3], inertias[name]
+            com = frame @ np.append(inertia.lever, 1.0) - at
+            i = frame[:, :3] @ inertia.inertia @ frame[:, :3].T
+            return (
+                f'<body name="{name}" pos="{text(np.subtract(at, parent))}">'
+                f'<joint name="{name}" type="{kind}" axis="{axis}"/>'
+                f'<inertial mass="{inertia.mass!r}" pos="{text(com)}" '
+                f'fullinertia="{text(i[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])}"/>'
+                f"{''.join(xml(one, at) for one in inner)}</body>"
+            )
+
+        back, low, high = -0.516, 0.14454, 0.18262  # along the yaw axis; pins of the bars on back
+        pins = back - 0.04009
+        wrist = ("link4", "hinge", "0 0 -1", (0.0, 0.0, 0.0156),
+                 ("link5", "hinge", ACROSS, (0.0, 0.0, 0.0156),
+                  ("link6", "hinge", "0 -1 0", (0.0, 0.0, 0.0065)),
+                  ("link7", "hinge", "0 -1 0", (0.0, 0.0, 0.0065))))  # fmt: skip
+        front = ("link2", "hinge", ACROSS, (0.0, pins + 0.516, low),
+                 ("link3", "slide", "0 0 -1", (0.0, 0.0, 0.4318), wrist))  # fmt: skip
+        middle = ("middle", "hinge", ACROSS, (0.0, pins + 0.096, low))
+        whole = ("link1", "hinge", "0 -1 0", (0.0, 0.0, 0.0),
+                 ("back", "hinge", ACROSS, (0.0, back, 0.0),
+                  ("counterweight", "slide", "0 0 1", (0.0, back, 0.0)),
+                  ("upper_bar", "hinge", ACROSS, (0.0, pins, high)),
+                  ("lower_bar", "hinge", ACROSS, (0.0, pins, low), middle, front)))  # fmt: skip
+        loops = "".join(
+            f'<connect body1="upper_bar" body2="{name}" anchor="0 {along} 0"/>'
+            for name, along in (("link2", 0.516), ("middle", 0.096))
+        )
+        loops += (
+            f'<connect body1="link1" body2="middle" anchor="{text((0.0, back + 0.096, 0.0))}"/>'
+        )
+        loops += '<joint joint1="counterweight" joint2="link3" polycoef="0 1 0 0 0"/>'
+        self.model = mujoco.MjModel.from_xml_string(
+            f'<mujoco><compiler angle="radian"/><option gravity="{text(TILTED)}" '
+            f'jacobian="dense"/><worldbody>{xml(whole)}</worldbody><equality>{loops}'
+            "</equality></mujoco>"
+        )
+        self.data = mujoco.MjData(self.model)
+
+    def actuated(self, q: np.ndarray) -> dict[str, float]:
+        """What the arm's joints are of MuJoCo's."""
+        known = {PINNED[name]: q[i] for i, name in enumerate(PINNED)}
+        return known | {"link6": q[5] - 0.5 * q[6], "link7": q[5] + 0.5 * q[6]}
+
+    def place(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Assemble the mechanism by Newton's method; return its errors and their Jacobian."""
+        model, data = self.model, self.data
+        known = self.actuated(q)
+        free = [model.joint(i).dofadr[0] for i in range(model.njnt)
+                if model.joint(i).name not in known]  # fmt: skip
+        for name, value in known.items():
+            data.qpos[model.joint(name).qposadr[0]] = value
+        for _ in range(20):
+            mujoco.mj_fwdPosition(model, data)
+            jacobian = data.efc_J.reshape(-1, model.nv)[: data.ne]
+            error = data.efc_pos[: data.ne].copy()
+            data.qpos[free] -= np.linalg.lstsq(jacobian[:, free], error, rcond=None)[0]
+        return error, jacobian.copy()
+
+    def rates(self, q: np.ndarray) -> np.ndarray:
+        """Return (nv, 7): motion of all of MuJoCo's joints by the arm's, which the loops allow."""
+        _, jacobian = self.place(q)
+        allowed = np.linalg.svd(jacobian)[2][np.linalg.matrix_rank(jacobian, 1e-9) :].T
+        assert allowed.shape[1] == 7
+        unit = np.array([list(self.actuated(row).values()) for row in np.eye(7)]).T
+        own = [self.model.joint(name).dofadr[0] for name in self.actuated(q)]
+        return allowed @ np.linalg.solve(allowed[own], unit)
+
+    def effort(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+        """Return (7,) efforts: those of the opened tree, along the motions that the loops allow."""
+        step = 1e-6
+        turning = (self.rates(q + step * qd) - self.rates(q - step * qd)) @ qd / (2 * step)
+        rates = self.rates(q)
+        error, _ = self.place(q)
+        np.testing.assert_allclose(error, 0.0, atol=1e-12)
+        model, data = self.model, self.data
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY
+        data.qvel[:], data.qacc[:] = rates @ qd, rates @ qdd + turning
+        mujoco.mj_inverse(model, data)
+        model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
+        return data.qfrc_inverse @ rates
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_dynamics_of_the_psm_are_those_of_the_mechanism_with_its_loops_in_mujoco(psm, seed):
+    inertias = random_inertias(psm, seed)
+    looped, tree = LoopedPsm(psm, inertias), build_tree(psm, inertias, TILTED)
+    for q, qd, qdd in zip(*random_motion(psm, 6, seed), strict=True):
+        expected = looped.effort(q, qd, qdd)
+        found = tree.inverse_dynamics(q, qd, qdd)
+        np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
