@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
@@ -98,6 +99,8 @@ class Description:
         inertial_parameters: (bodies, 10) nominal ones where the file brings them (a URDF), ``None``
             where not: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin of the body's
             joint frame (kg, kg·m, kg·m^2), as ``effects`` and Pinocchio have them.
+        sizes: About how heavy, kg, and how large, m, bodies are, by name, as far as the file says:
+            what a fit expects of them before any data.
         source: What :meth:`load` loads it from: a name or a path; ``""`` if not from there.
     """
 
@@ -108,6 +111,7 @@ class Description:
     actuator_effort_limit: Array
     base_rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertial_parameters: Array | None = None
+    sizes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     source: str = ""
 
     def __post_init__(self) -> None:

@@ -14,16 +14,17 @@
     actuator_to_joint: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # q = M a; the identity if left out
     actuator_effort_limit: [20, 50, 1]        # the joints', if there is no matrix
     base_rpy: [0, 0, 0]                       # roll, pitch, yaw of the base in the world, degrees
+    sizes: {link1: [2, 0.2]}                  # kg, m: about how heavy and large links are
 
 The links are ``link1`` to ``linkn``; a follower's axis is the z axis of the frame that ``xyz`` and
 ``rpy`` (degrees) place on its parent's link frame. An MTM's file has ``parallelogram`` instead of
-followers.
+followers. Identification starts from ``sizes``: what data leave open stays in proportion to them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ import pinocchio as pin
 from dvrk_gravity.arms.description import Array, Description, Joint, JointKind
 from dvrk_gravity.arms.dh import CONVENTIONS, Convention, DHRow, Follower, chain, link_frames
 from dvrk_gravity.arms.mtm import parallelogram
+from dvrk_gravity.arms.mtm.sizes import SIZES
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.parameter import is_finite
@@ -40,7 +42,7 @@ from dvrk_gravity.parameter import is_finite
 _REQUIRED = ("name", "joints")
 _OPTIONAL = (
     "convention", "followers", "parallelogram", "actuator_to_joint", "actuator_effort_limit",
-    "base_rpy",
+    "base_rpy", "sizes",
 )  # fmt: skip
 _JOINT = ("alpha", "a", "d", "offset", "lower", "upper", "effort_limit")
 _KINDS: tuple[JointKind, ...] = ("revolute", "prismatic")
@@ -81,7 +83,25 @@ def _parse(content: dict[str, Any], source: str) -> Description:
     matrix, limits = _transmission(content, joints)
     roll, pitch, yaw = np.radians(_numbers("base_rpy", content.get("base_rpy", [0, 0, 0]), 3))
     base = (float(roll), float(pitch), float(yaw))
-    return Description(content["name"], joints, bodies, matrix, limits, base, source=source)
+    given = content.get("sizes", SIZES if "parallelogram" in content else {})
+    sizes = _sizes(given, [body.name for body in bodies])
+    return Description(
+        content["name"], joints, bodies, matrix, limits, base, sizes=sizes, source=source
+    )
+
+
+def _sizes(given: Any, bodies: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Return mass, kg, and extent, m, of the links that they are given of."""
+    if not isinstance(given, Mapping):
+        raise ConfigError("sizes", given, "LINK: [kg, m]")
+    found = {}
+    for name, row in given.items():
+        _choice("sizes", name, tuple(bodies))
+        mass, extent = _numbers(f"sizes.{name}", row, 2)
+        if mass <= 0 or extent <= 0:
+            raise ConfigError(f"sizes.{name}", row, "a mass and an extent of more than 0")
+        found[str(name)] = (mass, extent)
+    return found
 
 
 def _joints(rows: Any) -> tuple[tuple[Joint, ...], tuple[DHRow, ...]]:

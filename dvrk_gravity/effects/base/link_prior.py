@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.arms.mtm.sizes import SIZES
 from dvrk_gravity.effects.base import rigid_body
 
 Array = NDArray[np.float64]
@@ -26,15 +24,17 @@ _LEAST = 0.05  # of the heaviest link's nominal mass, that a light one may be of
 def link_sizes(arm: Arm) -> tuple[tuple[float, float], ...]:
     """Return plausible mass, kg, and extent, m, of each body, for a prior of its parameters.
 
-    Of an MTM they are known; of an arm whose file brings nominal parameters they are those
-    parameters' own; of others a link is as long as the way to the farthest one that it carries.
+    They are those that the arm's file gives; of an arm whose file brings nominal parameters they
+    are those parameters' own; of others a link is as long as the way to the farthest one that it
+    carries.
     """
-    if is_mtm(arm):
-        return tuple(SIZES[body] for body in arm.body_names)
     nominal = arm.inertial_parameters
     least = 0.0 if nominal is None else _LEAST * float(nominal[:, 0].max())
     sizes = []
-    for index in range(len(arm.bodies)):
+    for index, body in enumerate(arm.body_names):
+        if body in arm.sizes:
+            sizes.append(arm.sizes[body])
+            continue
         ways = [
             float(np.linalg.norm(other.placement.translation))
             for other in arm.bodies
