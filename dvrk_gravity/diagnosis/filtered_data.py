@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.findings import FloorFrom
-from dvrk_gravity.diagnosis.model_error import model_columns
+from dvrk_gravity.diagnosis.model_error import known_error, model_columns
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.estimation.noise import band_noise, pairs_a_period_apart, repetition_noise
 from dvrk_gravity.estimation.repetition import (
@@ -142,8 +142,7 @@ class FilteredData:
     @cached_property
     def known_error(self) -> Array:
         """(n,) RMS error that the model is known to have, N·m; zero where it does not tell."""
-        known = self.motion.model.uncertainty
-        return np.zeros(self.motion.arm.n) if known is None else np.nan_to_num(known.error)
+        return known_error(self.motion)
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:

@@ -78,8 +78,9 @@ def known(
             told.append(
                 Known(
                     ERROR, (name,), {"rms": rms},
-                    f"{name} is left with {quantity(float(left[joint]), unit)} RMS; of data that "
-                    f"its identification had not seen the model left {quantity(error, unit)}",
+                    f"{name} is left with {quantity(float(left[joint]), unit)} RMS; by what it "
+                    "left of data that its identification had not seen, and as friction changes "
+                    f"from day to day, the model may be off by {quantity(error, unit)}",
                 )
             )  # fmt: skip
     return tuple(told)

@@ -35,6 +35,38 @@ class ExtrapolationSettings:
     faster: float = 10.0
 
 
+@dataclass(frozen=True)
+class FrictionChangeSettings:
+    """How friction may differ from what it was when the model was identified.
+
+    Attributes:
+        part: By which all friction of a joint is another one, as a standard deviation. From a PSM
+            that was recorded twice in one motion: the efforts of its four instrument motors, nearly
+            all of them friction, differ by 24 to 40 % (docs/psm.md).
+    """
+
+    part: float = 0.3
+
+
+def known_error(motion: Motion, settings: FrictionChangeSettings | None = None) -> Array:
+    """Return (n,) RMS error that a model is known to have, N·m; zero where it does not tell.
+
+    What it left of data that its identification had not seen, and what its friction, which is
+    another one from day to day, may differ by.
+    """
+    uncertainty = motion.model.uncertainty
+    if uncertainty is None:
+        return np.zeros(motion.arm.n)
+    state = State(motion.true_q, motion.qd, motion.qdd)
+    friction = sum(
+        (term.torque(state) for term in motion.model.terms if term.FRICTION and not motion.static),
+        np.zeros(motion.q.shape),
+    )
+    part = (settings or FrictionChangeSettings()).part
+    changed = part * np.sqrt(np.mean(friction**2, axis=0))
+    return np.hypot(np.nan_to_num(uncertainty.error), changed)
+
+
 def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None) -> Array:
     """Return (N, n, d) changes of the model's torque that its uncertainty allows.
 
