@@ -23,7 +23,7 @@ help:
 	@echo "make trials  slow tests, properties with many examples, hundreds of trials of hide and find, with exact models and with identified ones (SEEDS=\"0 12\")"
 	@echo "make trials-real  known effects put into recordings of real arms, and looked for (DVRK_GRAVITY_DATA)"
 	@echo "make sensitivity  halve and double every threshold of estimation, and tell what moves"
-	@echo "make story   the diagnosis on real recordings: docs/real_data.md (DVRK_GRAVITY_DATA)"
+	@echo "make story   the diagnosis on real recordings: docs/real_data.md, docs/psm.md (DVRK_GRAVITY_DATA)"
 	@echo "make lock    renew requirements.lock from requirements.in"
 	@echo "make clean   remove what make has made"
 
@@ -70,6 +70,7 @@ sensitivity: $(VENV)/.done
 
 story: $(VENV)/.done
 	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python docs/real_data/story.py
+	PYTHONPATH=. $(ENVIRONMENT) $(BIN)/python docs/psm/story.py
 
 # Each prints a table and leaves its figures in out/bench; the last line names what missed a target.
 BENCHMARKS ?= torque startup latency faults starts passivity simulator gravity_regressor identify supervisor_properties fuzz soak

@@ -29,7 +29,8 @@ ARM_PARAMETER = Parameter(
     "arm",
     "mtmr",
     "",
-    "arm: mtml, mtmr, or the path of an arm's .yaml or .urdf file, from the model file's folder",
+    "arm: mtml, mtmr, psm, ecm, or the path of an arm's .yaml or .urdf file, from the model file's "
+    "folder",
     read_only=True,
 )
 # What a console file holds beyond the model, so that converting it back loses nothing.

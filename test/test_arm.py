@@ -158,7 +158,9 @@ def test_a_wrong_field_is_told_in_one_line_with_file_field_and_joint(case, tmp_p
 
 @pytest.mark.parametrize("name", ["psm1", "", "../../../arm", "/etc/passwd", "a\0b", "x" * 5000])
 def test_a_name_that_is_no_shipped_arm_is_refused(name):
-    with pytest.raises(ConfigError, match=r"arm: got .*, expected mtml, mtmr, or the path"):
+    with pytest.raises(
+        ConfigError, match=r"arm: got .*, expected mtml, mtmr, psm, ecm, or the path"
+    ):
         Arm.load(name)
 
 

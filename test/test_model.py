@@ -259,7 +259,7 @@ WRONG = {
     "beta of text": (document("beta: many"), "beta: got 'many', expected a list of 10 or 12 or 14"),
     "not finite": (document("beta: [1, 2, 3, 4, 5, 6, 7, 8, 9, .nan]"), "beta[9]: got nan"),
     "limit negative": (document("effort_limit: [1, 1, 1, -1, 1, 1, 1]"), "effort_limit[3]: got -1"),
-    "arm unknown": (document("arm: psm1"), "arm: got 'psm1', expected mtml, mtmr, or"),
+    "arm unknown": (document("arm: psm1"), "arm: got 'psm1', expected mtml, mtmr, psm, ecm, or"),
     "arm a number": (document("arm: 5"), "arm: got 5, expected a text"),
     "group misspelt": (document("elastic_cabel: {}"), "elastic_cabel: got {}"),
     "both spellings": (document("timeout: 0.1", "timeout: 0.2"), "key 'timeout' appears twice"),

@@ -16,8 +16,8 @@ from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.files.resources import config_path
 
 SUPPORTED = (
-    "mtml, mtmr, or the path of an arm's .yaml file (written like config/arms/mtmr.yaml) or .urdf "
-    "(robot.urdf#LINK: what is between the base and that link)"
+    "mtml, mtmr, psm, ecm, or the path of an arm's .yaml file (written like config/arms/mtmr.yaml) "
+    "or .urdf (robot.urdf#LINK: what is between the base and that link)"
 )
 
 
@@ -27,7 +27,7 @@ class Arm(Description):
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Arm:
-        """Load an arm by name (``mtml``, ``mtmr``), from a YAML file, or from a URDF.
+        """Load an arm by name (``mtml``, ``psm``, …), from a YAML file, or from a URDF.
 
         ``robot.urdf#LINK`` is the chain from the base to that link; see :meth:`from_urdf`.
 

@@ -30,7 +30,9 @@ _JOINT_STATE = "sensor_msgs/msg/JointState"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--arm", required=True, help="mtml, mtmr, or an arm's .yaml or .urdf file")
+    parser.add_argument(
+        "--arm", required=True, help="mtml, mtmr, psm, ecm, or an arm's .yaml or .urdf file"
+    )
     parser.add_argument("--out", type=Path, required=True, help="rosbag2 to write measured_js to")
     parser.add_argument("--namespace", help="of the arm's topics (default: its name, as /MTMR)")
     parser.add_argument("--duration", type=float, default=60.0, metavar="S",

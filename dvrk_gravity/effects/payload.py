@@ -38,7 +38,7 @@ _WEIGHTLESS = np.zeros(3)
 _LEAST = 1e-4  # kg, of which the place can be told
 _FARTHEST = 1.0  # m, from the link's frame: no link of these arms is longer
 _PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is worth telling, ...
-_PART_OF_WAY = 0.3  # ... or this part of its distance
+_PART_OF_WAY = 0.5  # ... or this part of its distance
 
 
 @dataclass(frozen=True, eq=False)

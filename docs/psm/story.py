@@ -1,0 +1,248 @@
+"""Identify a real PSM and weigh what hangs on it, and write docs/psm.md from it.
+
+    python docs/psm/story.py
+
+Every figure and picture of that page comes from here. The recordings are no part of the
+repository: their folder is ``../shared/data`` or the one that ``DVRK_GRAVITY_DATA`` names; without
+it nothing is written.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from dvrk_gravity import TorqueModel, diagnose, identify
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.tree import build_tree
+from dvrk_gravity.diagnosis.findings import FLOORS, Diagnosis
+from dvrk_gravity.effects import Payload, State
+from dvrk_gravity.identification import evaluate
+from dvrk_gravity.identification.evaluation import Evaluation
+
+Array = NDArray[np.float64]
+
+FOLDER = Path(__file__).resolve().parent
+PAGE = FOLDER.parent / "psm.md"
+DATA = Path(os.environ.get("DVRK_GRAVITY_DATA", FOLDER.parents[2] / "shared" / "data")) / "psm"
+FITTED, BARE, LOADED = "psm_one.csv", "psm_one_bare.csv", "psm_one_105g_insertion.csv"
+AS_READ = "--coordinates actuator"
+# |e|/|tau| by motor of a PSM on another trajectory than the fit's, physically consistent model, by
+# the authors of WPI-AIM/dvrk_dynamics_identification.
+PUBLISHED = (0.093, 0.178, 0.191, 0.134, 0.239, 0.213, 0.264)
+MASS, ALONG, BESIDE = 0.105, 0.535, 0.024  # kg, m: the weight, by scales and tape
+INSTRUMENT = slice(3, 7)  # motors of roll and wrist
+HEAD = """# A PSM, from recording to weighed tool
+
+`make story` writes this page and its pictures anew from measurements of a real PSM (Classic), which
+are not in the repository (`DVRK_GRAVITY_DATA` names their folder).
+
+## 1. The arm as data
+
+`config/arms/psm.yaml` is all that the package knows of a PSM; `--arm psm` reads it.
+
+![The mechanism at two pitches](psm/mechanism.png)
+
+- *Nothing turns about the remote centre*: the chain has its pitch joint there all the same, for the
+  loops of the parallelogram make link 2 (the front, with the rail on it) move exactly so. What does
+  that are `followers`: `back`, which the pitch motor turns; `middle`; the two bars, which keep
+  their direction; the counterweight, which runs against the insertion. That this is the same is
+  tested against MuJoCo, which has the mechanism's pins as equality constraints and no remote centre
+  (`test/test_psm_arm.py`).
+- *The jaws* turn by `wrist_yaw - jaw / 2` and `wrist_yaw + jaw / 2`: link 6 `follows` jaw.
+- *The wrist's motors* each pull several joints: `actuator_to_joint`. Recordings are often in motor
+  coordinates (`--coordinates actuator`); friction is looked for at joints and at motors.
+- *What cannot be told*: `back`, `middle` and link 2 turn alike about parallel axes. Torque tells
+  neither their masses nor on which of them a load is; it is told as link 2's, in link 2's frame,
+  whose origin is the remote centre and whose y axis goes up along the insertion.
+"""
+
+
+def main() -> int:
+    """Run every step and write the page; skip where the recordings are absent."""
+    missing = [name for name in (FITTED, BARE, LOADED) if not (DATA / name).is_file()]
+    if missing:
+        print(f"skipped: no {missing[0]} in {DATA} (DVRK_GRAVITY_DATA names another folder)")
+        return 0
+    draw_mechanism(Arm.load("psm"))
+    PAGE.write_text(HEAD + "\n" + "\n".join(_steps()) + "\n", encoding="utf-8")
+    print(f"written: {PAGE}")
+    return 0
+
+
+def _steps() -> Iterator[str]:
+    fit = identify(DATA / FITTED, "psm", "actuator")
+    model = fit.model
+    bare, loaded = (evaluate(model, DATA / name, "actuator") for name in (BARE, LOADED))
+    yield "\n## 2. Identification\n"
+    yield f"    python -m dvrk_gravity identify {FITTED} {AS_READ} --arm psm --out psm.yaml\n"
+    yield f"Error as a part of the torque, by motor. Held out: {fit.validation}.\n"
+    yield "| motor | held-out phases | the same motion on another day | published |"
+    yield "|---|---|---|---|"
+    for (motor, error), published in zip(fit.held_out.items(), PUBLISHED, strict=True):
+        there = bare.joints[motor].nrmse
+        yield f"| {motor} | {error.nrmse:.3f} | {there:.3f} | {published:.3f} |"
+    yield (
+        "\nPublished are the errors of a physically consistent model by the authors of "
+        "WPI-AIM/dvrk_dynamics_identification, on another trajectory. "
+        f"The verdict on this fit is *{fit.verdict.level}*: {fit.verdict.reason}.\n"
+    )
+    yield f"On the other day (`{BARE}`) the motors of roll and wrist have efforts that are"
+    scales = dict(zip(model.arm.joint_names, _scales(bare), strict=True))
+    told = [f"{scale:.2f} ({motor})" for motor, scale in list(scales.items())[INSTRUMENT]]
+    yield (
+        f"{', '.join(told)} times what the model says, a constant beside it; nearly all of that is "
+        "friction of the instrument. No fit to one day knows it. The diagnosis counts with a "
+        "change of friction by 30 %, one standard deviation.\n"
+    )
+    yield "## 3. The same motion again: is anything new?\n"
+    yield f"    python -m dvrk_gravity diagnose {BARE} {AS_READ} --model psm.yaml --out out\n"
+    yield from _told(diagnose(DATA / BARE, model, coordinates="actuator"))
+    yield "## 4. A weight of 105 g\n"
+    yield (
+        f"`{LOADED}` is that motion with a weight of {1e3 * MASS:.0f} g clamped on, its centre "
+        f"{1e2 * ALONG:.1f} cm from the remote centre along the insertion and "
+        f"{1e2 * BESIDE:.1f} cm beside it, by tape.\n"
+    )
+    yield f"    python -m dvrk_gravity diagnose {LOADED} {AS_READ} --model psm.yaml --out out\n"
+    diagnosis = diagnose(DATA / LOADED, model, coordinates="actuator")
+    yield from _told(diagnosis)
+    yield from _weighed(diagnosis)
+    draw_weight(model, loaded)
+    yield "\n![What the model leaves, and the torque of the weight](psm/weight.png)\n"
+    sliding = _sliding(model, loaded)
+    yield (
+        "It is on link 2 and not on what slides: if it slid, the insertion's effort would differ "
+        f"from the model's by {sliding[1]:.2f} N on average; it differs by {sliding[0]:.2f} N."
+    )
+
+
+def _scales(result: Evaluation) -> Array:
+    """Return (n,) factors from predicted to measured efforts, a constant beside them."""
+    (trace,) = result.traces
+    return np.array(
+        [
+            np.polyfit(predicted, measured, 1)[0]
+            for predicted, measured in zip(trace.predicted.T, trace.measured.T, strict=True)
+        ]
+    )
+
+
+def _told(diagnosis: Diagnosis) -> Iterator[str]:
+    print(diagnosis.verdict, flush=True)
+    yield f"**{diagnosis.sentence}** (verdict: `{diagnosis.verdict}`)\n"
+    for number, one in enumerate(diagnosis.findings, start=1):
+        yield f"{number}. `{one.effect}` ({one.place}): {one.sentence}"
+    for known in diagnosis.known:
+        if "RMS" not in known.sentence:
+            yield f"- known: {known.sentence}"
+    yield f"\nWhat remains, RMS; the floor is {FLOORS[diagnosis.floor_from]}:\n"
+    yield "| joint | before | after | floor | expected of the model |"
+    yield "|---|---|---|---|---|"
+    for joint, before in diagnosis.before.items():
+        row = (before, diagnosis.after[joint], diagnosis.floor[joint], diagnosis.expected[joint])
+        yield f"| {joint} | " + " | ".join(f"{1e3 * one:.1f}" for one in row) + " |"
+    yield "\n(mN·m; insertion: mN)\n"
+
+
+def _weighed(diagnosis: Diagnosis) -> Iterator[str]:
+    found = next(one for one in diagnosis.findings if one.effect == Payload.NAME)
+    yield "| | told | 95 % | by scales and tape |"
+    yield "|---|---|---|---|"
+    rows: Mapping[str, tuple[str, float]] = {
+        "mass": ("mass, g", MASS), "y": ("along the insertion, mm", ALONG),
+        "x": ("beside it, mm", BESIDE),
+    }  # fmt: skip
+    for name, (words, truth) in rows.items():
+        one = found.parameters[name]
+        value, low, high, known = (1e3 * part for part in (one.value, one.low, one.high, truth))
+        yield f"| {words} | {value:.0f} | {low:.0f} to {high:.0f} | {known:.0f} |"
+
+
+def _torque_of_weight(model: TorqueModel, result: Evaluation, link: str, place: Array) -> Array:
+    """Return (N, n) torques of the weight on a link along a recording, its inertia included."""
+    (trace,) = result.traces
+    assert trace.time is not None
+    assert trace.velocity is not None
+    weight = Payload(model.arm, link, MASS, MASS * place, model.arm.gravity)
+    q, qd = (model.arm.joint_position(one) for one in (trace.position, trace.velocity))
+    qdd = np.gradient(qd, trace.time, axis=0)
+    return model.arm.actuator_effort(weight.torque(State(q, qd, qdd)))
+
+
+def _sliding(model: TorqueModel, result: Evaluation) -> tuple[float, float]:
+    """Return how the insertion's effort differs from the model's, and would if it carried it."""
+    (trace,) = result.traces
+    left = trace.measured[:, 2] - trace.predicted[:, 2]
+    slid = _torque_of_weight(model, result, "link3", np.array([0.0, 0.0, 0.4318 - ALONG]))
+    return float(np.mean(left)), float(np.mean(slid[:, 2]))
+
+
+def draw_weight(model: TorqueModel, result: Evaluation) -> None:
+    """Save a picture of what the model leaves beside the torque of the weight."""
+    (trace,) = result.traces
+    assert trace.time is not None
+    torque = _torque_of_weight(model, result, "link2", np.array([BESIDE, ALONG, 0.0]))
+    figure = Figure(figsize=(8.0, 4.5), layout="constrained")
+    for joint, axes in enumerate(figure.subplots(2, 1, sharex=True)):
+        name = model.arm.joint_names[joint]
+        axes.plot(trace.time, trace.measured[:, joint] - trace.predicted[:, joint], lw=1.0,
+                  label="measured minus model")  # fmt: skip
+        axes.plot(trace.time, torque[:, joint], lw=1.0, label="weight of 105 g, place by tape")
+        axes.set_ylabel(f"{name} [N·m]")
+    axes.set_xlim(0.0, 13.0)
+    axes.set_xlabel("time [s]")
+    axes.legend(loc="upper right", fontsize=8)
+    figure.savefig(FOLDER / "weight.png", dpi=110)
+
+
+def draw_mechanism(arm: Arm) -> None:
+    """Save a picture of the mechanism, seen along the pitch axis, at two pitches."""
+    figure = Figure(figsize=(8.0, 3.6), layout="constrained")
+    for axes, pitch in zip(
+        figure.subplots(1, 2, sharex=True, sharey=True), (0.0, 30.0), strict=True
+    ):
+        q = np.zeros(arm.n)
+        q[1], q[2] = np.radians(pitch), 0.12
+        tree = build_tree(arm, {}, arm.gravity)
+        pin.forwardKinematics(tree.model, tree.data, tree.expand @ q)
+        frames = {
+            body.name: tree.data.oMi[i] * body.frame for i, body in enumerate(arm.bodies, start=1)
+        }
+
+        at = {name: frame.translation for name, frame in frames.items()}
+        low, high = (
+            frames[name].act(np.array([0, 0.516, 0])) for name in ("lower_bar", "upper_bar")
+        )
+        lines = {
+            "back": [at["back"], at["lower_bar"], at["upper_bar"]],
+            "lower_bar": [at["lower_bar"], low],
+            "upper_bar": [at["upper_bar"], high],
+            "middle": [np.array([0, -0.516 + 0.096, 0]),
+                       frames["upper_bar"].act(np.array([0, 0.096, 0]))],
+            "link2": [low, high, frames["link2"].act(np.array([0, 0.45, 0]))],
+            "counterweight": [at["counterweight"]],
+            "link3, link4": [at["link3"], at["link4"]],
+        }  # fmt: skip
+        for name, points in lines.items():
+            y, z = 1e2 * np.array(points).T[1:]
+            axes.plot(y, z, "-", marker="s" if len(points) == 1 else "o", ms=4, lw=2, label=name)
+        axes.plot(0, 0, "k*", ms=12, label="remote centre")
+        axes.plot([-60, 10], [0, 0], "k:", lw=1, label="yaw axis")
+        axes.set_title(f"pitch {pitch:.0f} deg")
+        axes.set_aspect("equal")
+        axes.set_xlabel("y of the base [cm]")
+    figure.axes[0].set_ylabel("z of the base [cm]")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside right", fontsize=8)
+    figure.savefig(FOLDER / "mechanism.png", dpi=110)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
