@@ -12,6 +12,8 @@ from test_arms_dynamics import PANDA, UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
+from dvrk_gravity.effects.base.link_prior import link_sizes
+from dvrk_gravity.effects.base.links import links_of_joints
 from dvrk_gravity.errors import ConfigError
 
 
@@ -40,6 +42,19 @@ def test_bodies_are_listed_depth_first_each_after_its_parent(tmp_path):
         "wheel": "lever", "link3": "link2", "link4": "link3",
     }  # fmt: skip
     np.testing.assert_array_equal(arm.body("counterweight").row, [0.02, 0, -0.5, 0])
+
+
+def test_a_joint_s_link_may_move_by_other_joints_too(tmp_path):
+    arm = Arm.load(write(tmp_path, joint(3, follows={"yaw": -0.5})))
+    np.testing.assert_array_equal(arm.body("link4").row, [-0.5, 0, 0, 1])
+    assert links_of_joints(arm)[3] == arm.body_names.index("link4")
+
+
+def test_sizes_of_links_are_those_of_the_file_as_far_as_it_has_them(tmp_path):
+    arm = Arm.load(write(tmp_path, {"sizes": {"link2": [3.0, 0.4]}}))
+    sizes = dict(zip(arm.body_names, link_sizes(arm), strict=True))
+    assert sizes["link2"] == (3.0, 0.4)
+    assert sizes["link4"] == (1.0, 0.1)  # nothing is known of it
 
 
 def test_a_transmission_carries_power_whole(tmp_path):
@@ -90,6 +105,17 @@ WRONG_YAML = {
     "factor": (follower(1, follows={"yaw": "x"}), "followers.lever.follows.yaw: got 'x'"),
     "motors without limits": ({"actuator_effort_limit": None}, "actuator_effort_limit: got None"),
     "parallelogram": ({"parallelogram": 0.1}, "followers: got"),
+    "link that follows nothing": (joint(3, follows={}), "joints.roll.follows: got {}"),
+    "link that follows what is not there": (
+        joint(3, follows={"jaw": 1}), "joints.roll.follows: got 'jaw', expected one of yaw",
+    ),
+    "link that follows its own joint": (
+        joint(3, follows={"roll": 1}), "joints.roll.follows: got 'roll', expected other joints",
+    ),
+    "size of no link": ({"sizes": {"jaw": [1, 0.1]}}, "sizes: got 'jaw', expected one of link1"),
+    "size of one number": ({"sizes": {"link1": [1]}}, "sizes.link1: got [1], expected a list of 2"),
+    "no mass": ({"sizes": {"link1": [0, 0.1]}}, "sizes.link1: got [0, 0.1], expected a mass and"),
+    "sizes that are a list": ({"sizes": [1]}, "sizes: got [1], expected LINK: [kg, m]"),
 }  # fmt: skip
 
 

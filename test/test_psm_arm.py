@@ -14,6 +14,7 @@ from made_up_arm import random_inertias, random_motion
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree
+from dvrk_gravity.effects.base.links import joint_of_link, links_told_apart
 
 TILTED = np.array([1.3, -2.1, -9.4])
 PINNED = {"yaw": "link1", "pitch": "back", "insertion": "link3", "roll": "link4",
@@ -217,3 +218,12 @@ def test_dynamics_of_the_psm_are_those_of_the_mechanism_with_its_loops_in_mujoco
         expected = looped.effort(q, qd, qdd)
         found = tree.inverse_dynamics(q, qd, qdd)
         np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def test_of_links_that_turn_alike_only_one_is_weighed(psm):
+    """Back, middle and link 2 turn by the same angle about parallel axes: torque sees one."""
+    names = [psm.body_names[body] for body in links_told_apart(psm)]
+    assert set(names) == set(psm.body_names) - {"back", "middle"}
+    assert [psm.joint_names[joint_of_link(psm, body)] for body in links_told_apart(psm)][-3:] == [
+        "insertion", "pitch", "pitch",
+    ]  # fmt: skip
