@@ -73,21 +73,28 @@ def test_a_load_on_a_simulated_psm_is_weighed_and_placed():
 
 
 @pytest.mark.slow
-def test_friction_that_a_simulated_psm_s_insertion_gained_is_named_in_newton():
-    plant = PlantFile.load("psm")
-    levels = np.array(plant.model.parameters()["coulomb_friction.joint_positive"])
-    levels[2] += 0.8
-    level = tuple(levels.tolist())
-    rubbing = changed(
-        plant,
-        {"coulomb_friction.joint_positive": level, "coulomb_friction.joint_negative": level},
-    )
+@pytest.mark.parametrize("name", ["psm", "ecm"])
+def test_another_motion_of_a_simulated_arm_is_no_news(name):
+    assert diagnose(recorded(PlantFile.load(name), 101), identified(name)).findings == ()
 
-    first = diagnose(recorded(rubbing, 101), identified("psm")).findings[0]
 
-    assert (first.effect, first.joints) == ("coulomb_friction", ("insertion",))
-    assert first.parameters["positive"].unit == "N"
-    assert first.parameters["positive"].value == pytest.approx(0.8, rel=0.1)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "joint", "more", "unit"),
+    [("psm", "insertion", 0.8, "N"), ("ecm", "pitch", 1.2, "N·m")],
+)
+def test_friction_that_a_simulated_joint_gained_is_named_in_its_unit(name, joint, more, unit):
+    plant = PlantFile.load(name)
+    level = np.array(plant.model.parameters()["coulomb_friction.joint_positive"])
+    level[plant.model.arm.joint_names.index(joint)] += more
+    both = ("coulomb_friction.joint_positive", "coulomb_friction.joint_negative")
+    rubbing = changed(plant, dict.fromkeys(both, tuple(level.tolist())))
+
+    first = diagnose(recorded(rubbing, 101), identified(name)).findings[0]
+
+    assert (first.effect, first.joints) == ("coulomb_friction", (joint,))
+    assert first.parameters["positive"].unit == unit
+    assert first.parameters["positive"].value == pytest.approx(more, rel=0.1)
 
 
 @cache
