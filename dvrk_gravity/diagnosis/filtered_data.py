@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.findings import FloorFrom
-from dvrk_gravity.diagnosis.model_error import known_error, model_columns
+from dvrk_gravity.diagnosis.model_error import changed_friction, known_error, model_columns
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.estimation.noise import band_noise, pairs_a_period_apart, repetition_noise
 from dvrk_gravity.estimation.repetition import (
@@ -143,6 +143,11 @@ class FilteredData:
     def known_error(self) -> Array:
         """(n,) RMS error that the model is known to have, N·m; zero where it does not tell."""
         return known_error(self.motion)
+
+    @cached_property
+    def known_friction_error(self) -> Array:
+        """(n,) the same of friction, which is another one from day to day."""
+        return np.hypot(self.known_error, changed_friction(self.motion))
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:

@@ -32,7 +32,7 @@ def expected_error(data: FilteredData, held_out: HeldOut) -> Array:
     usable = data.usable[held_out.rows]
     variance = (data.model_columns[held_out.rows] ** 2).sum(axis=2)
     mean = np.where(usable, variance, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
-    return np.sqrt(data.known_error**2 + mean)
+    return np.sqrt(data.known_friction_error**2 + mean)
 
 
 def known(
@@ -61,7 +61,7 @@ def known(
     size = held_out.rmse(np.where(validation.data.usable[held_out.rows], moved, np.nan))
     for joint in np.flatnonzero(motion.present).tolist():
         name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
-        error = float(validation.known_error[joint])
+        error = float(validation.data.known_friction_error[joint])
         if size[joint] > error:
             rms = Estimate(float(size[joint]), float(size[joint]), float(size[joint]), unit)
             reach = float(np.sqrt(max(expected[joint] ** 2 - error**2, 0.0)))

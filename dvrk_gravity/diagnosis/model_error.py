@@ -48,23 +48,29 @@ class FrictionChangeSettings:
     part: float = 0.3
 
 
-def known_error(motion: Motion, settings: FrictionChangeSettings | None = None) -> Array:
-    """Return (n,) RMS error that a model is known to have, N·m; zero where it does not tell.
+def known_error(motion: Motion) -> Array:
+    """Return (n,) RMS that a model left of data that its identification had not seen, N·m.
 
-    What it left of data that its identification had not seen, and what its friction, which is
-    another one from day to day, may differ by.
+    Zero where it does not tell.
     """
     uncertainty = motion.model.uncertainty
-    if uncertainty is None:
+    return np.zeros(motion.arm.n) if uncertainty is None else np.nan_to_num(uncertainty.error)
+
+
+def changed_friction(motion: Motion, settings: FrictionChangeSettings | None = None) -> Array:
+    """Return (n,) RMS torque by which a model's friction may be another one on another day, N·m.
+
+    Zero of a model that does not tell how sure it is, and of poses.
+    """
+    if motion.model.uncertainty is None or motion.static:
         return np.zeros(motion.arm.n)
     state = State(motion.true_q, motion.qd, motion.qdd)
     friction = sum(
-        (term.torque(state) for term in motion.model.terms if term.FRICTION and not motion.static),
+        (term.torque(state) for term in motion.model.terms if term.FRICTION),
         np.zeros(motion.q.shape),
     )
     part = (settings or FrictionChangeSettings()).part
-    changed = part * np.sqrt(np.mean(friction**2, axis=0))
-    return np.hypot(np.nan_to_num(uncertainty.error), changed)
+    return np.asarray(part * np.sqrt(np.mean(friction**2, axis=0)))
 
 
 def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None) -> Array:
