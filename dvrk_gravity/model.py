@@ -69,7 +69,7 @@ def all_parameters(arm: Arm) -> Mapping[str, Parameter]:
 def _declared(arm: Arm, effects: tuple[type[Term], ...]) -> Mapping[str, Parameter]:
     offset = Parameter(
         OFFSET, (), "rad", "measured minus true position: what the encoders read too much",
-        lower=-1.0, upper=1.0, lengths=(arm.n,),
+        lower=-1.0, upper=1.0, lengths=(arm.n,), units=arm.units,
     )  # fmt: skip
     declared = (
         ARM_PARAMETER,

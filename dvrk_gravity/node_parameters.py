@@ -24,10 +24,12 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
     lengths = (arm.n,)
     units = tuple(dict.fromkeys(joint.unit for joint in arm.joints))
     efforts = tuple(dict.fromkeys(joint.effort_unit for joint in arm.joints))
-    position, effort = " or ".join(units), " or ".join(efforts)
+    effort = " or ".join(efforts)
     speed, slew = (" or ".join(f"{unit}/s" for unit in of) for of in (units, efforts))
+    speeds, slews = (tuple(f"{unit}/s" for unit in of) for of in (arm.units, arm.effort_units))
     most = max(10.0, float(arm.effort_limit.max()), float(arm.actuator_effort_limit.max()))
     least = float(arm.scale.min())
+    slide = "; of one that slides a tenth, in m" if least < 1.0 else ""
     if mtm.is_mtm(arm):
         default = mtm.defaults.NODE_DEFAULTS
     else:
@@ -41,17 +43,17 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
         Parameter("enabled", True, "", "command the arm; ~/enable starts and stops it too"),
         Parameter(
             "effort_limit", (), effort, "largest joint effort; not given, or above it: the arm's",
-            lower=0.0, upper=most, lengths=lengths,
+            lower=0.0, upper=most, lengths=lengths, units=arm.effort_units,
         ),
         Parameter(
             "actuator_effort_limit", (), effort,
             "largest actuator effort; not given, or above it: the arm's",
-            lower=0.0, upper=most, lengths=lengths,
+            lower=0.0, upper=most, lengths=lengths, units=arm.effort_units,
         ),
         Parameter(
             "slew_limit", default["slew_limit"], slew,
             "fastest change of a joint's effort; 0, or above it: the arm's effort_limit in 0.02 s",
-            lower=0.0, upper=max(1e4, most / _SLEW_TIME), lengths=lengths,
+            lower=0.0, upper=max(1e4, most / _SLEW_TIME), lengths=lengths, units=slews,
         ),
         Parameter(
             "ramp_time", 1.0, "s",
@@ -75,8 +77,8 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
             lower=0.0, upper=10.0,
         ),
         Parameter(
-            "position_margin", 3.14, position,
-            "refuse input with a joint further than this outside the arm's position limits",
+            "position_margin", 3.14, "rad",
+            f"refuse input with a joint further than this outside the arm's position limits{slide}",
             lower=0.0, read_only=True,
         ),
         Parameter(
@@ -87,17 +89,17 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
         Parameter(
             "friction_compensation.dead_band", dead_band, speed,
             "no friction is compensated below this speed",
-            lower=0.0, upper=10.0, lengths=lengths,
+            lower=0.0, upper=10.0, lengths=lengths, units=speeds,
         ),
         Parameter(
             "friction_compensation.allowance", default["friction_compensation.allowance"], speed,
             "a motion that grows beyond this speed is asked whether friction compensation feeds it",
-            lower=0.05 * least, upper=2.5, lengths=lengths,
+            lower=0.05 * least, upper=2.5, lengths=lengths, units=speeds,
         ),
         Parameter(
             "speed_limit", default["speed_limit"], speed,
             "hold where a joint is faster for 0.1 s while the command pushes it along",
-            lower=0.1 * least, upper=25.0, lengths=lengths,
+            lower=0.1 * least, upper=25.0, lengths=lengths, units=speeds,
         ),
         Parameter(
             "resume", "explicit", "",

@@ -33,6 +33,7 @@ class Parameter:
         lengths: Lengths allowed for a tuple that is given; ``()`` means any.
         choices: Values allowed for a string; ``()`` means any.
         read_only: Cannot be changed while the node runs.
+        units: Of a tuple's entries, where each has its own; ``unit`` is then that of most.
     """
 
     name: str
@@ -44,6 +45,14 @@ class Parameter:
     lengths: tuple[int, ...] = ()
     choices: tuple[str, ...] = ()
     read_only: bool = False
+    units: tuple[str, ...] = ()
+
+    @property
+    def unit_text(self) -> str:
+        """Unit in words: of each entry where they differ."""
+        if not self.units:
+            return self.unit
+        return ", ".join(self.units) if len(set(self.units)) > 1 else self.units[0]
 
     @property
     def kind(self) -> str:
@@ -72,7 +81,7 @@ class Parameter:
             return value
         if isinstance(self.default, tuple):
             return self._check_array(value)
-        return self._check_number(self.name, value)
+        return self._check_number(self.name, value, self.unit)
 
     def _check_array(self, value: Any) -> tuple[float, ...]:
         allowed = " or ".join(map(str, self.lengths)) if self.lengths else "any number of"
@@ -83,10 +92,14 @@ class Parameter:
             return ()
         if self.lengths and len(values) not in self.lengths:
             raise ConfigError(self.name, f"{len(values)} numbers", f"{allowed} numbers")
-        return tuple(self._check_number(f"{self.name}[{i}]", item) for i, item in enumerate(values))
+        units = self.units if len(self.units) == len(values) else (self.unit,) * len(values)
+        return tuple(
+            self._check_number(f"{self.name}[{i}]", item, unit)
+            for i, (item, unit) in enumerate(zip(values, units, strict=True))
+        )
 
-    def _check_number(self, field: str, value: Any) -> float:
-        unit = f" {self.unit}" if self.unit else ""
+    def _check_number(self, field: str, value: Any, unit: str) -> float:
+        unit = f" {unit}" if unit else ""
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ConfigError(field, value, f"a number{unit}")
         if not is_finite(value):

@@ -219,7 +219,7 @@ def test_a_signal_ends_it_quietly(number: signal.Signals) -> None:
         ("friction_scal:=1.0", "did you mean friction_scale?"),
         ("initial_position:=[0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0]", "shoulder_pitch"),
         ("rate:=many", "rate: got 'many'"),
-        ("arm:=psm", "arm: got 'psm', expected plant:=NAME_OR_FILE"),
+        ("arm:=nothing", "arm: got 'nothing', expected mtml, mtmr, "),
     ],
 )
 def test_a_wrong_parameter_is_one_line_and_status_2(parameter: str, says: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.sample import Sample
 from dvrk_gravity.compensate.settings import CONSIDERABLE, Settings
 from dvrk_gravity.errors import DvrkGravityError
@@ -36,9 +37,10 @@ class Start:
         begin: Monotonic time of the first sample, s.
     """
 
-    def __init__(self, now: float) -> None:
-        """Begin to collect."""
+    def __init__(self, now: float, arm: Arm) -> None:
+        """Begin to collect samples of an arm."""
         self.begin = now
+        self._rest = REST * DURATION * arm.scale
         self._efforts: list[Array] = []
         self._models: list[Array] = []
         self._position: Array | None = None
@@ -47,7 +49,7 @@ class Start:
         """Take a sample and the model's (n,) torque at it, N·m; an arm that moves begins anew."""
         if self._position is None:
             self._position = sample.position
-        elif (np.abs(sample.position - self._position) > REST * DURATION).any():
+        elif (np.abs(sample.position - self._position) > self._rest).any():
             self.begin, self._efforts, self._models = now, [], []
             self._position = sample.position
         if sample.effort is not None:
@@ -72,7 +74,7 @@ class Start:
                 ``settings.start_tolerance``, or the limits cut what holds the arm.
         """
         model = np.mean(self._models, axis=0)
-        names = settings.model.arm.joint_names
+        joints = settings.model.arm.joints
         if len(self._efforts) < 0.5 * len(self._models) or not np.any(self._efforts):
             origin, source = model, "the model's torque, as measured_js has no usable effort"
         else:
@@ -87,8 +89,8 @@ class Start:
         worst = int(np.argmax(cut))
         if not cut[worst] <= CONSIDERABLE:
             raise StartRefusedError(
-                f"{names[worst]} takes {origin[worst]:.4g} N·m to hold, more than its effort "
-                "limits leave: it would fall"
+                f"{joints[worst].name} takes {origin[worst]:.4g} {joints[worst].effort_unit} to "
+                "hold, more than its effort limits leave: it would fall"
             )
         return settings.limits.clip(origin), source
 
@@ -98,8 +100,9 @@ def _compare(mean: Array, model: Array, settings: Settings) -> None:
     excess = np.abs(mean - model) / settings.model.arm.effort_limit
     worst = int(np.argmax(excess))
     if not excess[worst] <= settings.start_tolerance:
+        joint = settings.model.arm.joints[worst]
         raise StartRefusedError(
-            f"{settings.model.arm.joint_names[worst]} is held with {mean[worst]:.4g} N·m as "
+            f"{joint.name} is held with {mean[worst]:.4g} {joint.effort_unit} as "
             f"measured, with {model[worst]:.4g} by the model: a wrong unit, another arm's model, "
             f"an arm that leans on something? Allowed are {settings.start_tolerance:g} of the "
             "arm's effort_limit (start_tolerance)"
@@ -109,5 +112,6 @@ def _compare(mean: Array, model: Array, settings: Settings) -> None:
 def _dry_friction(settings: Settings, position: Array | None) -> Array:
     """Return (n,) torques that friction holds at rest, as far as it is compensated, N·m."""
     assert position is not None  # there is a sample
-    up, down = (settings.parts(position, np.full(len(position), speed))[1] for speed in (DRY, -DRY))
+    speed = DRY * settings.model.arm.scale
+    up, down = (settings.parts(position, way)[1] for way in (speed, -speed))
     return np.maximum(np.minimum(up, -down), 0.0)

@@ -240,7 +240,7 @@ class Supervisor:
                 self._wait()
         try:
             if self.status is Status.WAITING and not self._obstacles:
-                self._start = Start(now)
+                self._start = Start(now, settings.model.arm)
                 self.status, self.reason = Status.STARTING, "measuring what holds the arm"
             if self._start is not None:
                 self._collect(self._start, sample, now)
@@ -332,8 +332,8 @@ class Supervisor:
         if not lost[joint] > CONSIDERABLE:
             return ""
         return (
-            f"{arm.joint_names[joint]} is held with {new[joint]:.3g} N·m instead of "
-            f"{old[joint]:.3g} since parameters have been changed"
+            f"{arm.joint_names[joint]} is held with {new[joint]:.3g} {arm.effort_units[joint]} "
+            f"instead of {old[joint]:.3g} since parameters have been changed"
         )
 
     def _wait(self) -> None:

@@ -22,6 +22,7 @@ from dvrk_gravity.effects.base.arrays import (
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import (
+    NOMINAL,
     friction_places,
     friction_sites,
     likely_columns,
@@ -108,6 +109,12 @@ class CoulombFriction(LinearTerm):
             return None
         transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), n, 0.02)
         return cls(arm, **levels, transition_velocity=transition)
+
+    @classmethod
+    def nominal(cls, arm: Arm) -> CoulombFriction:
+        """See :meth:`Term.nominal`: at the joints."""
+        level, nothing = NOMINAL.coulomb * arm.effort_limit, np.zeros(arm.n)
+        return cls(arm, level, level, nothing, nothing, 0.02 * arm.scale)
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""

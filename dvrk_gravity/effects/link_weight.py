@@ -14,6 +14,7 @@ from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.arms.tree import Tree, build_tree
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.link_prior import supposed_inertias
 from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.state import State
@@ -76,6 +77,18 @@ class LinkWeight(LinearTerm):
             arm.gravity if vector is None else np.array(vector),
             bool(values.get("gravity_enabled", True)),
         )
+
+    @classmethod
+    def nominal(cls, arm: Arm) -> LinkWeight | None:
+        """See :meth:`Term.nominal`: the weight of the bodies that are supposed."""
+        if is_mtm(arm):
+            return None
+        supposed, nothing = supposed_inertias(arm), pin.Inertia.Zero()
+        rows = [
+            body.frame.act(supposed.get(body.name, nothing)).toDynamicParameters()[:OF_WEIGHT]
+            for body in arm.bodies
+        ]
+        return cls(arm, np.array(rows), arm.gravity)
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""

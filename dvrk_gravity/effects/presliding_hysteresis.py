@@ -90,12 +90,12 @@ class PreslidingHysteresis(LinearTerm):
             ),
             *(
                 Parameter(
-                    f"{cls.NAME}.{place}.{joint}", (), "N·m",
-                    f"friction of each element at the {place}, {joint}",
+                    f"{cls.NAME}.{place}.{joint.name}", (), joint.effort_unit,
+                    f"friction of each element at the {place}, {joint.name}",
                     lower=0.0, lengths=lengths,
                 )
                 for place in _PLACES
-                for joint in arm.joint_names
+                for joint in arm.joints
             ),
         )  # fmt: skip
 

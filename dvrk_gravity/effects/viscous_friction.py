@@ -20,6 +20,7 @@ from dvrk_gravity.effects.base.arrays import (
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import (
+    NOMINAL,
     friction_places,
     friction_sites,
     likely_columns,
@@ -66,6 +67,11 @@ class ViscousFriction(Friction):
         joint = as_array(values.get(f"{cls.NAME}.joint"), arm.n, 0.0)
         motor = as_array(values.get(f"{cls.NAME}.motor"), arm.n, 0.0)
         return cls(arm, joint, motor) if joint.any() or motor.any() else None
+
+    @classmethod
+    def nominal(cls, arm: Arm) -> ViscousFriction:
+        """See :meth:`Term.nominal`: at the joints."""
+        return cls(arm, NOMINAL.viscous * arm.effort_limit / arm.scale, np.zeros(arm.n))
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""

@@ -68,6 +68,12 @@ class Term(Effect):
     def torque(self, state: State) -> Array:
         """Return (…, n) joint torques, N·m."""
 
+    @classmethod
+    def nominal(cls, arm: Arm) -> Term | None:
+        """Return what an arm of which only its own file is known is simulated with, if anything."""
+        del arm
+        return None
+
     def scaled(self, part: Array) -> Term:
         """Return the friction of which (n,) parts are left at each joint and its motor.
 
