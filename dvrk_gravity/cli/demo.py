@@ -50,10 +50,11 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.ros.demo.scenario import Scenario
     from dvrk_gravity.ros.demo.stage import MODEL, Stage
 
-    arm = _arm(arguments)  # tells what is wrong with it before anything starts
-    inputs = [arguments.model, Arm.file(arm.source), _file(arguments.plant)]
+    of_arm = Arm.file(arguments.arm) if arguments.arm else None
+    inputs = [arguments.model, of_arm, _file(arguments.plant)]
     written = [PICTURE] if arguments.model else [PICTURE, MODEL]
     outputs.check_folder("--out", arguments.out, written, inputs, [BAG])
+    arm = _arm(arguments)  # tells what is wrong with it before anything starts
     arguments.out.mkdir(parents=True, exist_ok=True)
     stage = Stage.of(arm, arguments.plant, arguments.model, arguments.out)
     bag = arguments.out / BAG

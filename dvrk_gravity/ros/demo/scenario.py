@@ -86,6 +86,7 @@ class Scenario:
     """Runs the parts one after the other (context manager); needs a ROS domain of its own.
 
     Attributes:
+        simulator: The arm's process, once it has been started.
         interruptions: Why the compensator gave up a part, which was then repeated.
     """
 
@@ -109,6 +110,7 @@ class Scenario:
         self._stage, self._bag = stage, bag
         self._schedule = schedule or Schedule()
         self._friction_scale, self._output = friction_scale, output
+        self.simulator: NodeProcess | None = None
         self._stack = ExitStack()
         self._positions: list[tuple[float, list[float]]] = []
         self._holds: list[float] = []
@@ -123,7 +125,7 @@ class Scenario:
             simulated = {"rate": 200.0, "friction_scale": self._friction_scale, **output}
             plant = {"plant": stage.plant} if stage.plant else {"arm": stage.arm.source}
             self._processes = stack.enter_context(ExitStack())
-            self._begin("simulator", _arguments(simulated | plant))
+            self.simulator = self._begin("simulator", _arguments(simulated | plant))
             self._begin("watchdog", ["--params-file", str(stage.model), *_arguments(output)])
             self._begin_compensator()
             self._connect()
@@ -139,7 +141,10 @@ class Scenario:
         return self._processes.enter_context(process)
 
     def _begin_compensator(self) -> None:
-        given = {"enabled": "false", "ramp_time": 0.5, "output": self._output}
+        # The simulated arm's clock is behind by all the time that a slow machine has left out.
+        given = {
+            "enabled": "false", "ramp_time": 0.5, "max_stamp_age": 0.0, "output": self._output,
+        }  # fmt: skip
         model = ["--params-file", str(self._stage.model)]
         self._compensator = self._begin("compensator", [*model, *_arguments(given)])
 
