@@ -242,7 +242,7 @@ def test_the_simulator_names_no_effect():
     paths = (REPOSITORY / "dvrk_gravity" / "simulate").glob("*.py")
     known = {path.name: effects_imported_by(path) for path in paths}
     bodies = known.pop("model_plant.py")
-    assert bodies == {"LinkInertia", "RotorInertia", "State", "prior_scale"}
+    assert bodies == {"LinkInertia", "RotorInertia", "State", "prior_scale", "supposed_rotors"}
     assert set().union(*known.values()) == {
         "PlantPart",
         "supposed_inertias",
