@@ -7,15 +7,39 @@ arm's follow from its effort limits and from what its joints do, slide or turn.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 
 from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.parameter import Parameter
 
-# Of an arm of which nothing more is known: what the first three joints of an MTM have. A joint's
-# whole effort in 0.1 s; rad/s, and as much at a lever of 0.1 m (Arm.scale).
-_SLEW_TIME = 0.1
-_ALLOWANCE, _SPEED_LIMIT, _DEAD_BAND = 0.4, 4.0, 0.05
+
+@dataclass(frozen=True)
+class DefaultLimits:
+    """Defaults of an arm of which nothing more is known: what the first joints of an MTM have.
+
+    Speeds are rad/s, and as much at a lever of 0.1 m where a joint slides (``Arm.scale``).
+
+    Attributes:
+        slew_time: A joint's whole effort takes so long, s.
+        allowance: Speed beyond which a growing motion is asked about. `benchmark/passivity.py`
+            holds with it, and with delays not with twice as much.
+        speed_limit: 1.4 times the fastest motion of the first joints in a published exciting
+            trajectory of an MTM (2.95 rad/s).
+        dead_band: Speed below which no friction is compensated: half of the ripple that an MTM's
+            coarsest encoder leaves of a filtered velocity (``compensate/plausibility.py``).
+        ratio: Part of friction that is compensated: a model of friction that is wrong by less than
+            two fifths then pushes less than all of it (1 / 0.7). `benchmark/passivity.py` has more.
+    """
+
+    slew_time: float = 0.1
+    allowance: float = 0.4
+    speed_limit: float = 4.0
+    dead_band: float = 0.05
+    ratio: float = 0.7
+
+
+DEFAULTS = DefaultLimits()
 
 
 @lru_cache(maxsize=8)
@@ -34,11 +58,11 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
         default = mtm.defaults.NODE_DEFAULTS
     else:
         default = {
-            "slew_limit": tuple((arm.effort_limit / _SLEW_TIME).tolist()),
-            "friction_compensation.allowance": tuple((_ALLOWANCE * arm.scale).tolist()),
-            "speed_limit": tuple((_SPEED_LIMIT * arm.scale).tolist()),
+            "slew_limit": tuple((arm.effort_limit / DEFAULTS.slew_time).tolist()),
+            "friction_compensation.allowance": tuple((DEFAULTS.allowance * arm.scale).tolist()),
+            "speed_limit": tuple((DEFAULTS.speed_limit * arm.scale).tolist()),
         }
-    dead_band = tuple((_DEAD_BAND * arm.scale).tolist())
+    dead_band = tuple((DEFAULTS.dead_band * arm.scale).tolist())
     entries = (
         Parameter("enabled", True, "", "command the arm; ~/enable starts and stops it too"),
         Parameter(
@@ -53,7 +77,7 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
         Parameter(
             "slew_limit", default["slew_limit"], slew,
             "fastest change of a joint's effort; 0, or above it: the arm's effort_limit in 0.02 s",
-            lower=0.0, upper=max(1e4, most / _SLEW_TIME), lengths=lengths, units=slews,
+            lower=0.0, upper=max(1e4, most / DEFAULTS.slew_time), lengths=lengths, units=slews,
         ),
         Parameter(
             "ramp_time", 1.0, "s",
@@ -82,7 +106,7 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
             lower=0.0, read_only=True,
         ),
         Parameter(
-            "friction_compensation.ratio", (0.7,) * arm.n, "",
+            "friction_compensation.ratio", (DEFAULTS.ratio,) * arm.n, "",
             "part of friction that is compensated; all of it may run away",
             lower=0.0, upper=1.0, lengths=lengths,
         ),

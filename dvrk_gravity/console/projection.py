@@ -49,7 +49,7 @@ def project(model: TorqueModel) -> tuple[TorqueModel, tuple[str, ...]]:
     """Return the model in the console's form that commands what a compensator would.
 
     Returns:
-        Gravity of ten parameters with a ``directional_cable`` of degree four, and what was
+        Gravity of ten parameters with cables by direction of degree four, and what was
         changed on the way for safety, a line each.
 
     Raises:
@@ -121,7 +121,7 @@ def sent(model: TorqueModel, q: Array, qd: Array | None = None) -> Array:
         elif term.FRICTION:
             torque += term.scaled(part).torque(State(at, qd))
         else:
-            torque += term.torque(State(at))  # of a payload the weight alone
+            torque += term.torque(State(at))  # of what is carried the weight alone
     return torque
 
 

@@ -28,7 +28,7 @@ OF_WEIGHT = 4  # of a body's ten parameters: m, m c (3)
 
 @dataclass(frozen=True, eq=False)
 class LinkWeight(LinearTerm):
-    """tau = g(q) of the links; their inertia is ``link_inertia``'s.
+    """tau = g(q) of the links; their inertia is another term's.
 
     An MTM has ``gravity`` in its place, whose beta are the combinations that act. Here each body
     has its own parameters, of which only combinations act, too: identified ones need not be those

@@ -54,8 +54,8 @@ class Compensator(PromptNode):
         Raises:
             ConfigError: A parameter that is unknown or fails its check.
         """
-        # Undeclared ones are allowed for effects that the model does not have yet, such as a
-        # payload: they are checked like all others.
+        # Undeclared ones are allowed for effects that the model does not have yet, such as a mass
+        # that is carried: they are checked like all others.
         super().__init__(
             "compensator",
             automatically_declare_parameters_from_overrides=True,

@@ -121,7 +121,7 @@ def _completed(
     right = of_links @ links.theta + of_rotors @ (motor / size)
     if not np.abs(right).max() < settings.absurd:
         raise ConfigError(
-            "link_inertia",
+            links.NAME,
             f"{np.abs(right).max() * np.sqrt(count):.2g} times the torque of the links of "
             f"{known.source}",
             "the inertia of an arm",

@@ -19,7 +19,7 @@ from dvrk_gravity.effects.base.link_prior import supposed_inertias, supposed_rot
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.files.resources import config_path, shipped
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.model import TorqueModel, arm_beside
 from dvrk_gravity.parameter import flatten
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import Sensors
@@ -81,7 +81,7 @@ class PlantFile:
             model = TorqueModel.load(path)
             return replace(cls.of(model.arm), model=model)
         try:
-            return replace(_parse(content), source=f"the plant {path.stem}")
+            return replace(_parse(content, path.parent), source=f"the plant {path.stem}")
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
 
@@ -118,12 +118,13 @@ class PlantFile:
         return Plant(self.model, self.links, self.rotor_inertia, friction_scale)
 
 
-def _parse(content: Mapping[str, Any]) -> PlantFile:
+def _parse(content: Mapping[str, Any], folder: Path) -> PlantFile:
     _only("", content, _SECTIONS)
     for key in _SECTIONS[:3]:
         if key not in content:
             raise ConfigError(key, None, "a value")
-    model = TorqueModel.from_parameters(flatten(_mapping("parameters", content["parameters"])))
+    values = flatten(_mapping("parameters", content["parameters"]))
+    model = TorqueModel.from_parameters(arm_beside(values, folder))
     links = {
         str(name): _inertia(f"links.{name}", row)
         for name, row in _mapping("links", content["links"]).items()
