@@ -53,7 +53,8 @@ UNCERTAINTY_PARAMETER = Parameter(
     read_only=True,
 )  # fmt: skip
 OFFSET = "joint_offset"
-BY_EFFECTS = f"installed effect (entry points {ENTRY_POINTS})"  # what declares the groups of parameters of models
+# What declares the groups of parameters of models.
+BY_EFFECTS = f"installed effect (entry points {ENTRY_POINTS})"
 
 
 def model_parameters(arm: Arm) -> Mapping[str, Parameter]:

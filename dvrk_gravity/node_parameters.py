@@ -26,10 +26,10 @@ class DefaultLimits:
             holds with it, and with delays not with twice as much.
         speed_limit: 1.4 times the fastest motion of the first joints in a published exciting
             trajectory of an MTM (2.95 rad/s).
-        dead_band: Speed below which no friction is compensated: half of the ripple that an MTM's
-            coarsest encoder leaves of a filtered velocity (``compensate/plausibility.py``).
-        ratio: Part of friction that is compensated: a model of friction that is wrong by less than
-            two fifths then pushes less than all of it (1 / 0.7). `benchmark/passivity.py` has more.
+        dead_band: Speed below which no friction is compensated. Chosen: where the velocity's sign
+            is noise.
+        ratio: Part of friction that is compensated. Chosen: a model that takes friction for up to
+            1 / 0.7 of what it is then pushes less than all of it.
     """
 
     slew_time: float = 0.1

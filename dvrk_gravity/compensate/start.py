@@ -2,28 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.sample import Sample
-from dvrk_gravity.compensate.settings import CONSIDERABLE, Settings
+from dvrk_gravity.compensate.settings import CHANGE, Settings
 from dvrk_gravity.errors import DvrkGravityError
 
 Array = NDArray[np.float64]
 
-DURATION = 0.1
-"""Efforts are averaged over at least so long, s…"""
 
-LEAST_SAMPLES = 10
-"""… and so many samples: their mean has less than a third of one sample's noise."""
+@dataclass(frozen=True)
+class StartSettings:
+    """What is measured before the first command; speeds are rad/s (``Arm.scale``).
 
-REST = 0.2
-"""Faster than this, rad/s, the arm is not at rest: the drift that the dVRK console's own test of
-its compensation allows."""
+    Attributes:
+        duration: Efforts are averaged over at least so long, s…
+        least_samples: … and so many samples: their mean has less than a third of one's noise.
+        rest: Faster than this the arm is not at rest: the drift that the dVRK console's own test
+            of its compensation allows.
+        dry: At this speed dry friction is whole: above all saturation velocities of real files.
+        usable: Part of the samples that need to have an effort for it to count. Chosen.
+    """
 
-DRY = 0.3
-"""At this speed, rad/s, dry friction is whole: above all saturation velocities of real files."""
+    duration: float = 0.1
+    least_samples: int = 10
+    rest: float = 0.2
+    dry: float = 0.3
+    usable: float = 0.5
+
+
+SETTINGS = StartSettings()
 
 
 class StartRefusedError(DvrkGravityError):
@@ -40,7 +52,7 @@ class Start:
     def __init__(self, now: float, arm: Arm) -> None:
         """Begin to collect samples of an arm."""
         self.begin = now
-        self._rest = REST * DURATION * arm.scale
+        self._rest = SETTINGS.rest * SETTINGS.duration * arm.scale
         self._efforts: list[Array] = []
         self._models: list[Array] = []
         self._position: Array | None = None
@@ -58,7 +70,9 @@ class Start:
 
     def complete(self, now: float) -> bool:
         """Tell whether there is enough to begin with."""
-        return now - self.begin >= DURATION and len(self._models) >= LEAST_SAMPLES
+        return now - self.begin >= SETTINGS.duration and (
+            len(self._models) >= SETTINGS.least_samples
+        )
 
     def origin(self, settings: Settings) -> tuple[Array, str]:
         """Return the (n,) first effort, N·m, and in words where it is from.
@@ -75,7 +89,7 @@ class Start:
         """
         model = np.mean(self._models, axis=0)
         joints = settings.model.arm.joints
-        if len(self._efforts) < 0.5 * len(self._models) or not np.any(self._efforts):
+        if len(self._efforts) < SETTINGS.usable * len(self._models) or not np.any(self._efforts):
             origin, source = model, "the model's torque, as measured_js has no usable effort"
         else:
             mean = np.mean(self._efforts, axis=0)
@@ -87,7 +101,7 @@ class Start:
             origin, source = model + difference, "the measured effort"
         cut = np.abs(settings.limits.clip(origin) - origin) / settings.model.arm.effort_limit
         worst = int(np.argmax(cut))
-        if not cut[worst] <= CONSIDERABLE:
+        if not cut[worst] <= CHANGE.considerable:
             raise StartRefusedError(
                 f"{joints[worst].name} takes {origin[worst]:.4g} {joints[worst].effort_unit} to "
                 "hold, more than its effort limits leave: it would fall"
@@ -112,6 +126,6 @@ def _compare(mean: Array, model: Array, settings: Settings) -> None:
 def _dry_friction(settings: Settings, position: Array | None) -> Array:
     """Return (n,) torques that friction holds at rest, as far as it is compensated, N·m."""
     assert position is not None  # there is a sample
-    speed = DRY * settings.model.arm.scale
+    speed = SETTINGS.dry * settings.model.arm.scale
     up, down = (settings.parts(position, way)[1] for way in (speed, -speed))
     return np.maximum(np.minimum(up, -down), 0.0)

@@ -42,8 +42,8 @@ from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 
 Report = Callable[[str, float], None]
-# Written with a model although they are the defaults: who edits it sees that not all of an identified
-# friction is pushed.
+# Written with a model although they are the defaults: who edits it sees that not all of an
+# identified friction is pushed.
 _SHOWN = ("friction_compensation.ratio", "friction_compensation.dead_band")
 
 
