@@ -200,9 +200,9 @@ def _refuse_what_costs_too_much(model: TorqueModel, joints: Mapping[str, JointCo
             raise ConfigError(
                 name,
                 f"{1e3 * one.rest_rms:.1f} mN·m (RMS) at rest that the console cannot command",
-                f"at most {1e3 * most:.1f}: {SETTINGS.largest_share:.0%} of what the joint needs or "
-                f"{SETTINGS.held_by_friction:.0%} of its largest torque (identify --for-console fits a "
-                "model that the console holds)",
+                f"at most {1e3 * most:.1f}: {SETTINGS.largest_share:.0%} of what the joint needs "
+                f"or {SETTINGS.held_by_friction:.0%} of its largest torque (identify --for-console "
+                "fits a model that the console holds)",
             )
 
 
