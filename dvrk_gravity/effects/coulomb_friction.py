@@ -22,7 +22,6 @@ from dvrk_gravity.effects.base.arrays import (
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import (
-    NOMINAL,
     friction_places,
     friction_sites,
     likely_columns,
@@ -35,6 +34,7 @@ from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.supposed import SUPPOSED
 from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Unknowns
 from dvrk_gravity.effects.base.unknowns import (
     PART,
@@ -113,7 +113,7 @@ class CoulombFriction(LinearTerm):
     @classmethod
     def nominal(cls, arm: Arm) -> CoulombFriction:
         """See :meth:`Term.nominal`: at the joints."""
-        level, nothing = NOMINAL.coulomb * arm.effort_limit, np.zeros(arm.n)
+        level, nothing = SUPPOSED.coulomb * arm.effort_limit, np.zeros(arm.n)
         return cls(arm, level, level, nothing, nothing, 0.02 * arm.scale)
 
     def parameters(self) -> dict[str, Value]:

@@ -14,10 +14,10 @@ from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.arms.tree import Tree, build_tree
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.arrays import Array, as_value
-from dvrk_gravity.effects.base.link_prior import supposed_inertias
 from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.supposed import supposed_inertias
 from dvrk_gravity.effects.base.term import Evaluator, LinearTerm
 from dvrk_gravity.effects.base.weight import gravity_parameters, weight_evaluator
 from dvrk_gravity.errors import ShapeError

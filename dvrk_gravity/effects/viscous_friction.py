@@ -20,7 +20,6 @@ from dvrk_gravity.effects.base.arrays import (
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import (
-    NOMINAL,
     friction_places,
     friction_sites,
     likely_columns,
@@ -33,6 +32,7 @@ from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.supposed import SUPPOSED
 from dvrk_gravity.effects.base.term import Evaluator, Friction
 from dvrk_gravity.effects.base.unknowns import PART, ColumnTable, Move, effort_of_motor, unit_way
 from dvrk_gravity.parameter import Parameter, Value
@@ -71,7 +71,7 @@ class ViscousFriction(Friction):
     @classmethod
     def nominal(cls, arm: Arm) -> ViscousFriction:
         """See :meth:`Term.nominal`: at the joints."""
-        return cls(arm, NOMINAL.viscous * arm.effort_limit / arm.scale, np.zeros(arm.n))
+        return cls(arm, SUPPOSED.viscous * arm.effort_limit / arm.scale, np.zeros(arm.n))
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""

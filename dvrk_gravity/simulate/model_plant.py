@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import link_frames
 from dvrk_gravity.effects import LinkInertia, RotorInertia, State
-from dvrk_gravity.effects.base.link_prior import prior_scale, supposed_rotors
+from dvrk_gravity.effects.base.link_prior import prior_scale
+from dvrk_gravity.effects.base.supposed import supposed_rotors
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification.physical import certificate, nearest_bodies
 from dvrk_gravity.model import TorqueModel

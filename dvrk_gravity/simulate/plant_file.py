@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.effects import terms
-from dvrk_gravity.effects.base.link_prior import supposed_inertias, supposed_rotors
+from dvrk_gravity.effects.base.supposed import supposed_inertias, supposed_rotors
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.files.resources import config_path, shipped

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,25 +10,6 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.unknowns import ColumnTable, Move
-
-
-@dataclass(frozen=True)
-class NominalFriction:
-    """Friction of a joint of which nothing was measured, as parts of its largest effort.
-
-    Chosen: what static poses of a real MTM leave beside its calibrated model, mostly dry friction,
-    is 0.004 to 0.19 of its joints' limits, RMS; viscous friction is a few times less at 1 rad/s.
-
-    Attributes:
-        coulomb: Of dry friction.
-        viscous: Of viscous friction at 1 rad/s, or as much where the joint slides (``Arm.scale``).
-    """
-
-    coulomb: float = 0.02
-    viscous: float = 0.01
-
-
-NOMINAL = NominalFriction()
 
 
 def friction_sites(motion: Motion) -> Iterator[site.Site]:

@@ -5,17 +5,13 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.arms.mtm.sizes import SIZES
-from dvrk_gravity.arms.tree import nominal_inertias
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.site import Kind
-from dvrk_gravity.effects.base.unknowns import unit_way
 
 Array = NDArray[np.float64]
 
@@ -23,7 +19,6 @@ _OF_WEIGHT = 4  # of a body's ten parameters: m, m c (3)
 _RANK = 1e-9  # of a norm, that rounding leaves of what others make up
 _MASS = 1.0  # kg, of a link of which nothing is known
 _EXTENT = 0.1  # m, likewise
-_ROTOR = 0.002  # of a motor's largest torque, that a rad/s^2 takes: of an MTM's 0.0004 to 0.0023
 _LEAST = 0.05  # of the heaviest link's nominal mass, that a light one may be off by
 
 
@@ -52,23 +47,6 @@ def link_sizes(arm: Arm) -> tuple[tuple[float, float], ...]:
             extent = max(extent, float(radius))
         sizes.append((mass, extent))
     return tuple(sizes)
-
-
-def supposed_inertias(arm: Arm) -> dict[str, pin.Inertia]:
-    """Return inertias of an arm's bodies, in their link frames, of which nothing was measured.
-
-    The nominal ones of its file, if it brings some (a URDF); or spheres about the links' origins,
-    of :func:`link_sizes`.
-    """
-    return nominal_inertias(arm) or {
-        name: pin.Inertia.FromSphere(mass, extent)
-        for name, (mass, extent) in zip(arm.body_names, link_sizes(arm), strict=True)
-    }
-
-
-def supposed_rotors(arm: Arm) -> Array:
-    """Return (n,) reflected inertia of rotors of which nothing was measured, kg·m^2 (kg)."""
-    return _ROTOR * arm.actuator_effort_limit / unit_way(arm, Kind.MOTOR)
 
 
 @lru_cache(maxsize=8)
