@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm, mtm
+from dvrk_gravity.compensate.start import StartSettings
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files.resources import config_path, shipped
 from dvrk_gravity.model import TorqueModel
@@ -80,9 +81,8 @@ class Stage:
         if model is None:
             model = folder / MODEL
             truth.model.save(model, f"The terms of the simulated {arm.name} themselves.")
-        known = TorqueModel.load(model)
-        _same_joints("model", str(model), known.arm, arm)
-        poses, push = staged(truth.plant(), known, StageSettings())
+        _same_joints("model", str(model), TorqueModel.load(model).arm, arm)
+        poses, push = staged(truth.plant(), StageSettings())
         return cls(arm, plant, model, poses, push, namespace_of(arm))
 
 
@@ -90,16 +90,17 @@ MODEL = "model.yaml"
 """In the demonstration's folder: the plant's own terms."""
 
 
-def staged(plant: Plant, model: TorqueModel, settings: StageSettings) -> tuple[Array, Array]:
+def staged(plant: Plant, settings: StageSettings) -> tuple[Array, Array]:
     """Return (k, n) poses far from one another, the first under much weight, and a (n,) push."""
     arm = plant.model.arm
     poses = mtm.defaults.DEMONSTRATED_POSES if mtm.is_mtm(arm) else _poses(plant, settings)
     plant.reset(poses[0])
     pushed = np.arange(arm.n) < settings.pushed
     acceleration = settings.acceleration * arm.scale * pushed
-    still = model.torque(poses[0])
-    # At rest none of it is compensated; its sign is that of the way, and 0.1 rad/s make it whole.
-    friction = np.abs(model.torque(poses[0], 0.1 * arm.scale) - still) * pushed
+    truth, begin = plant.model.physical(), poses[0] + plant.model.joint_offset
+    # At rest none of it is compensated; at this speed it is whole (StartSettings).
+    moving = truth.torque(begin, StartSettings().dry * arm.scale)
+    friction = np.abs(moving - truth.torque(begin)) * pushed
     return poses, plant.mass_matrix() @ acceleration + friction
 
 
