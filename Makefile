@@ -16,7 +16,7 @@ OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip")
 .PHONY: bench demo story test trials trials-real sensitivity lint lock clean help
 
 help:
-	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo)"
+	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo); ARM=… for another arm"
 	@echo "make test    the test suite, three workers (WORKERS=2 for less)"
 	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
 	@echo "make lint    ruff and mypy"
@@ -41,7 +41,8 @@ install/.done: $(VENV)/.done $(SOURCES)
 	@touch $@
 
 demo: install/.done
-	@$(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity demo --out out/demo
+	@$(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity demo --arm $(ARM) --out out/demo
+ARM ?= mtmr
 
 test: install/.done
 	@$(IN_WORKSPACE) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal

@@ -8,7 +8,7 @@ it is; 70 % of that is compensated. Each joint is in a hand that is a spring, le
 with or without damping and mass; or in none, and is pushed off. What 70 % of the model's friction
 puts into the arm is too much from 43 % on.
 
-A joint in a passive hand may not get faster than GROWTH times what the right model makes of the
+A joint in a passive hand may not get faster than `growth` times what the right model makes of the
 same hand (without an observer), or than its allowance, whichever is more; and twice that for what
 the delay hides and coupled joints pass on. The last third of each run is told by itself: a motion
 that grows is fastest there.
@@ -34,7 +34,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.compensate.limits import slew
-from dvrk_gravity.compensate.passivity import GROWTH, PassivityObserver
+from dvrk_gravity.compensate.passivity import SETTINGS, PassivityObserver
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.files import text_file
 from dvrk_gravity.model import TorqueModel
@@ -168,7 +168,7 @@ def in_hand(hand: Hand, excess: float, delay: float, observed: bool, duration: f
 def bound(hand: Hand, delay: float, duration: float) -> np.ndarray:
     """Return the (7,) speeds that a passive hand may see, from what the right model does in it."""
     right = in_hand(hand, 0.0, delay, False, duration).max(axis=0)
-    return HIDDEN * np.maximum(GROWTH * right, ALLOWANCE)
+    return HIDDEN * np.maximum(SETTINGS.growth * right, ALLOWANCE)
 
 
 def moves(

@@ -18,8 +18,8 @@ from dvrk_gravity.errors import DvrkGravityError
 # Verb -> (module, one line for the overview). A module is imported only when
 # its verb is called: rclpy, Pinocchio and matplotlib are slow to load.
 VERBS: dict[str, tuple[str, str]] = {
-    "compensator": ("dvrk_gravity.ros.compensator", "node: make an MTM weightless"),
-    "simulator": ("dvrk_gravity.ros.simulator", "node: a dVRK MTM as seen from ROS"),
+    "compensator": ("dvrk_gravity.ros.compensator", "node: make an arm weightless"),
+    "simulator": ("dvrk_gravity.ros.simulator", "node: an arm as seen from ROS"),
     "watchdog": ("dvrk_gravity.ros.watchdog", "node: hold the arm when commands stop"),
     "convert": ("dvrk_gravity.cli.convert", "console JSON <-> model, CSV <-> rosbag2"),
     "excite": ("dvrk_gravity.cli.excite", "drive an arm to be identified, and record it"),

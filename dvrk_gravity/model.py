@@ -16,6 +16,7 @@ from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State, Term, terms
 from dvrk_gravity.effects.base.arrays import as_array
+from dvrk_gravity.effects.base.registry import ENTRY_POINTS
 from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.files import json_file, text_file, yaml_file
 from dvrk_gravity.node_parameters import node_parameters
@@ -53,7 +54,8 @@ UNCERTAINTY_PARAMETER = Parameter(
     read_only=True,
 )  # fmt: skip
 OFFSET = "joint_offset"
-BY_EFFECTS = "installed effect"  # what declares the groups of parameters of models
+# What declares the groups of parameters of models.
+BY_EFFECTS = f"installed effect (entry points {ENTRY_POINTS})"
 
 
 def model_parameters(arm: Arm) -> Mapping[str, Parameter]:
@@ -70,7 +72,7 @@ def all_parameters(arm: Arm) -> Mapping[str, Parameter]:
 def _declared(arm: Arm, effects: tuple[type[Term], ...]) -> Mapping[str, Parameter]:
     offset = Parameter(
         OFFSET, (), "rad", "measured minus true position: what the encoders read too much",
-        lower=-1.0, upper=1.0, lengths=(arm.n,),
+        lower=-1.0, upper=1.0, lengths=(arm.n,), units=arm.units,
     )  # fmt: skip
     declared = (
         ARM_PARAMETER,

@@ -7,15 +7,39 @@ arm's follow from its effort limits and from what its joints do, slide or turn.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 
 from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.parameter import Parameter
 
-# Of an arm of which nothing more is known: what the first three joints of an MTM have. A joint's
-# whole effort in 0.1 s; rad/s, and as much at a lever of 0.1 m (Arm.scale).
-_SLEW_TIME = 0.1
-_ALLOWANCE, _SPEED_LIMIT, _DEAD_BAND = 0.4, 4.0, 0.05
+
+@dataclass(frozen=True)
+class DefaultLimits:
+    """Defaults of an arm of which nothing more is known: what the first joints of an MTM have.
+
+    Speeds are rad/s, and as much at a lever of 0.1 m where a joint slides (``Arm.scale``).
+
+    Attributes:
+        slew_time: A joint's whole effort takes so long, s.
+        allowance: Speed beyond which a growing motion is asked about. `benchmark/passivity.py`
+            holds with it, and with delays not with twice as much.
+        speed_limit: 1.4 times the fastest motion of the first joints in a published exciting
+            trajectory of an MTM (2.95 rad/s).
+        dead_band: Speed below which no friction is compensated. Chosen: where the velocity's sign
+            is noise.
+        ratio: Part of friction that is compensated. Chosen: a model that takes friction for up to
+            1 / 0.7 of what it is then pushes less than all of it.
+    """
+
+    slew_time: float = 0.1
+    allowance: float = 0.4
+    speed_limit: float = 4.0
+    dead_band: float = 0.05
+    ratio: float = 0.7
+
+
+DEFAULTS = DefaultLimits()
 
 
 @lru_cache(maxsize=8)
@@ -24,34 +48,36 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
     lengths = (arm.n,)
     units = tuple(dict.fromkeys(joint.unit for joint in arm.joints))
     efforts = tuple(dict.fromkeys(joint.effort_unit for joint in arm.joints))
-    position, effort = " or ".join(units), " or ".join(efforts)
+    effort = " or ".join(efforts)
     speed, slew = (" or ".join(f"{unit}/s" for unit in of) for of in (units, efforts))
+    speeds, slews = (tuple(f"{unit}/s" for unit in of) for of in (arm.units, arm.effort_units))
     most = max(10.0, float(arm.effort_limit.max()), float(arm.actuator_effort_limit.max()))
     least = float(arm.scale.min())
+    slide = "; of one that slides a tenth, in m" if least < 1.0 else ""
     if mtm.is_mtm(arm):
         default = mtm.defaults.NODE_DEFAULTS
     else:
         default = {
-            "slew_limit": tuple((arm.effort_limit / _SLEW_TIME).tolist()),
-            "friction_compensation.allowance": tuple((_ALLOWANCE * arm.scale).tolist()),
-            "speed_limit": tuple((_SPEED_LIMIT * arm.scale).tolist()),
+            "slew_limit": tuple((arm.effort_limit / DEFAULTS.slew_time).tolist()),
+            "friction_compensation.allowance": tuple((DEFAULTS.allowance * arm.scale).tolist()),
+            "speed_limit": tuple((DEFAULTS.speed_limit * arm.scale).tolist()),
         }
-    dead_band = tuple((_DEAD_BAND * arm.scale).tolist())
+    dead_band = tuple((DEFAULTS.dead_band * arm.scale).tolist())
     entries = (
         Parameter("enabled", True, "", "command the arm; ~/enable starts and stops it too"),
         Parameter(
             "effort_limit", (), effort, "largest joint effort; not given, or above it: the arm's",
-            lower=0.0, upper=most, lengths=lengths,
+            lower=0.0, upper=most, lengths=lengths, units=arm.effort_units,
         ),
         Parameter(
             "actuator_effort_limit", (), effort,
             "largest actuator effort; not given, or above it: the arm's",
-            lower=0.0, upper=most, lengths=lengths,
+            lower=0.0, upper=most, lengths=lengths, units=arm.effort_units,
         ),
         Parameter(
             "slew_limit", default["slew_limit"], slew,
             "fastest change of a joint's effort; 0, or above it: the arm's effort_limit in 0.02 s",
-            lower=0.0, upper=max(1e4, most / _SLEW_TIME), lengths=lengths,
+            lower=0.0, upper=max(1e4, most / DEFAULTS.slew_time), lengths=lengths, units=slews,
         ),
         Parameter(
             "ramp_time", 1.0, "s",
@@ -75,29 +101,29 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
             lower=0.0, upper=10.0,
         ),
         Parameter(
-            "position_margin", 3.14, position,
-            "refuse input with a joint further than this outside the arm's position limits",
+            "position_margin", 3.14, "rad",
+            f"refuse input with a joint further than this outside the arm's position limits{slide}",
             lower=0.0, read_only=True,
         ),
         Parameter(
-            "friction_compensation.ratio", (0.7,) * arm.n, "",
+            "friction_compensation.ratio", (DEFAULTS.ratio,) * arm.n, "",
             "part of friction that is compensated; all of it may run away",
             lower=0.0, upper=1.0, lengths=lengths,
         ),
         Parameter(
             "friction_compensation.dead_band", dead_band, speed,
             "no friction is compensated below this speed",
-            lower=0.0, upper=10.0, lengths=lengths,
+            lower=0.0, upper=10.0, lengths=lengths, units=speeds,
         ),
         Parameter(
             "friction_compensation.allowance", default["friction_compensation.allowance"], speed,
             "a motion that grows beyond this speed is asked whether friction compensation feeds it",
-            lower=0.05 * least, upper=2.5, lengths=lengths,
+            lower=0.05 * least, upper=2.5, lengths=lengths, units=speeds,
         ),
         Parameter(
             "speed_limit", default["speed_limit"], speed,
             "hold where a joint is faster for 0.1 s while the command pushes it along",
-            lower=0.1 * least, upper=25.0, lengths=lengths,
+            lower=0.1 * least, upper=25.0, lengths=lengths, units=speeds,
         ),
         Parameter(
             "resume", "explicit", "",

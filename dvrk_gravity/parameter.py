@@ -15,6 +15,7 @@ from typing import Any
 from dvrk_gravity.errors import ConfigError
 
 _ALIKE = 0.7  # of names, from 0 to 1 (difflib): a letter or two of a short one are others
+_SLIP = 0.85  # likewise: a name that differs by so little is that one, written wrongly
 Value = bool | str | float | tuple[float, ...]
 
 
@@ -33,6 +34,7 @@ class Parameter:
         lengths: Lengths allowed for a tuple that is given; ``()`` means any.
         choices: Values allowed for a string; ``()`` means any.
         read_only: Cannot be changed while the node runs.
+        units: Of a tuple's entries, where each has its own; ``unit`` is then that of most.
     """
 
     name: str
@@ -44,6 +46,14 @@ class Parameter:
     lengths: tuple[int, ...] = ()
     choices: tuple[str, ...] = ()
     read_only: bool = False
+    units: tuple[str, ...] = ()
+
+    @property
+    def unit_text(self) -> str:
+        """Unit in words: of each entry where they differ."""
+        if not self.units:
+            return self.unit
+        return ", ".join(self.units) if len(set(self.units)) > 1 else self.units[0]
 
     @property
     def kind(self) -> str:
@@ -72,7 +82,7 @@ class Parameter:
             return value
         if isinstance(self.default, tuple):
             return self._check_array(value)
-        return self._check_number(self.name, value)
+        return self._check_number(self.name, value, self.unit)
 
     def _check_array(self, value: Any) -> tuple[float, ...]:
         allowed = " or ".join(map(str, self.lengths)) if self.lengths else "any number of"
@@ -83,10 +93,14 @@ class Parameter:
             return ()
         if self.lengths and len(values) not in self.lengths:
             raise ConfigError(self.name, f"{len(values)} numbers", f"{allowed} numbers")
-        return tuple(self._check_number(f"{self.name}[{i}]", item) for i, item in enumerate(values))
+        units = self.units if len(self.units) == len(values) else (self.unit,) * len(values)
+        return tuple(
+            self._check_number(f"{self.name}[{i}]", item, unit)
+            for i, (item, unit) in enumerate(zip(values, units, strict=True))
+        )
 
-    def _check_number(self, field: str, value: Any) -> float:
-        unit = f" {self.unit}" if self.unit else ""
+    def _check_number(self, field: str, value: Any, unit: str) -> float:
+        unit = f" {unit}" if unit else ""
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ConfigError(field, value, f"a number{unit}")
         if not is_finite(value):
@@ -139,13 +153,14 @@ def check_all(
 def _about(name: str, table: Mapping[str, Parameter], declared_by: str) -> str:
     """Return what may be wrong with a name that a table does not have, as an addition."""
     near = difflib.get_close_matches(name, table, n=1, cutoff=_ALIKE)
-    if near:
-        return f"; did you mean {near[0]}?"
+    meant = f"did you mean {near[0]}?" if near else ""
     group = name.partition(".")[0]
     known = {one.partition(".")[0] for one in table}
-    if not declared_by or group in known:
-        return ""
-    return f"; no {declared_by} declares {group}: is its package missing?"
+    slip = bool(near) and difflib.SequenceMatcher(None, name, near[0]).ratio() > _SLIP
+    if not declared_by or group in known or slip:
+        return f"; {meant}" if meant else ""
+    missing = f"no {declared_by} declares {group}: is its package missing?"
+    return f"; {missing} Or {meant}" if meant else f"; {missing}"
 
 
 def flatten(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -11,6 +11,7 @@ from launch import LaunchDescription
 def generate_launch_description() -> LaunchDescription:
     config = PathJoinSubstitution([FindPackageShare("dvrk_gravity"), "config"])
     model = LaunchConfiguration("model")
+    plant = {"plant": LaunchConfiguration("plant")}
     namespace = LaunchConfiguration("namespace")
 
     def node(executable: str, *parameters: object) -> Node:
@@ -30,8 +31,14 @@ def generate_launch_description() -> LaunchDescription:
                 default_value=PathJoinSubstitution([config, "mtmr_28002.yaml"]),
                 description="torque model: a parameter file of the compensator",
             ),
-            node("simulator"),
+            DeclareLaunchArgument(
+                "plant",
+                default_value="mtmr_28002",
+                description="what is simulated: a plant's name, or a plant, model or .urdf file",
+            ),
+            node("simulator", plant),
             node("watchdog", model),
-            node("compensator", model, {"disable_builtin": True}),
+            # The simulated arm's clock is behind by all the time that a slow machine has left out.
+            node("compensator", model, {"disable_builtin": True, "max_stamp_age": 0.0}),
         ]
     )

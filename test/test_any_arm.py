@@ -31,7 +31,7 @@ from dvrk_gravity.identification.physical import certificate
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.processes import NodeProcess
-from dvrk_gravity.recording import Recording
+from dvrk_gravity.recording import BagReader, Recording
 from dvrk_gravity.simulate import PlantFile
 from testing.plain_world import NOISE, PlainWorld
 
@@ -191,6 +191,12 @@ SECONDS, RATE = 2.0, 200.0
 FALLEN = 0.6  # of what counts as much as a rad
 
 
+def bag_topics(arm: Arm) -> tuple[str, str]:
+    """Return what a replay writes for an arm."""
+    namespace = arm.name.upper()
+    return f"/{namespace}/measured_js", f"/{namespace}/servo_jf"
+
+
 def under_compensation(known: Identified, start: np.ndarray, listen: bool) -> Recording:
     """Let a simulated arm go at a pose, under the commands of the compensator's process.
 
@@ -287,8 +293,11 @@ def test_the_compensator_holds_the_arm_and_a_replay_says_what_it_is_to_say(known
     assert moved.max() < 1e-3
     assert would.max() > 0.5
     held.save(tmp_path / "bag", topic="/arm/measured_js")
-    result = replay(tmp_path / "bag", known.file, None)
+    result = replay(tmp_path / "bag", known.file, tmp_path / "answers")
     assert result.passed
+    with BagReader(tmp_path / "answers") as bag:
+        topics = {topic for topic, _, _ in bag.raw(*bag_topics(known.arm))}
+    assert topics == set(bag_topics(known.arm))
     assert result.answered == len(held)
 
 

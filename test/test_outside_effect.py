@@ -157,7 +157,10 @@ def test_another_package_registers_it_by_its_entry_point(file, tmp_path):
 def test_a_model_file_says_so_when_its_effect_is_not_installed(file, monkeypatch):
     there = {name: e for name, e in registry._effects.items() if name != QuadraticDrag.NAME}
     monkeypatch.setattr(registry, "_effects", there)
-    expected = r"no installed effect declares quadratic_drag: is its package missing\?$"
+    expected = (
+        r"no installed effect \(entry points dvrk_gravity\.effects\) declares quadratic_drag: "
+        r"is its package missing\?$"
+    )
     with pytest.raises(ConfigError, match=expected):
         TorqueModel.load(file)
 

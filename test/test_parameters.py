@@ -15,6 +15,7 @@ from dvrk_gravity.effects import terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
     ARM_PARAMETER,
+    BY_EFFECTS,
     CONSOLE_PARAMETER,
     REASON_PARAMETER,
     UNCERTAINTY_PARAMETER,
@@ -176,6 +177,15 @@ def test_whole_numbers_become_floats():
 def test_an_unknown_name_is_refused_with_the_nearest_one(given_name, meant):
     with pytest.raises(ConfigError, match=rf"^{given_name}: .*; did you mean {meant}\?$"):
         check_all(ALL_PARAMETERS, {given_name: 1.0})
+
+
+def test_a_name_a_little_like_another_may_be_that_of_an_effect_that_is_not_installed():
+    expected = (
+        r"no installed effect \(entry points dvrk_gravity\.effects\) declares belt: is its package "
+        r"missing\? Or did you mean beta\?$"
+    )
+    with pytest.raises(ConfigError, match=expected):
+        check_all(ALL_PARAMETERS, {"belt": 1.0}, BY_EFFECTS)
 
 
 def test_a_name_like_no_other_is_refused_without_a_guess():

@@ -12,15 +12,11 @@ from conftest import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.compensate.passivity import (
-    GROWTH,
-    SETTLING,
-    SURE,
-    PassivityObserver,
-)
+from dvrk_gravity.compensate import speed_guard
+from dvrk_gravity.compensate.passivity import SETTINGS, PassivityObserver
 from dvrk_gravity.compensate.sample import SampleReader
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.compensate.speed_guard import WINDOW, SpeedGuard
+from dvrk_gravity.compensate.speed_guard import SpeedGuard
 from dvrk_gravity.compensate.supervisor import Status, Supervisor
 from dvrk_gravity.effects import DirectionalCable, State
 from dvrk_gravity.simulate import SimulatedArm
@@ -144,7 +140,7 @@ def test_a_slow_motion_is_never_asked_for_anything():
 
 
 def test_what_the_arm_s_friction_surely_takes_may_be_compensated_at_any_speed():
-    factors = moved(observer(part=SURE), 5.0 * np.sin(2 * np.pi * TIME))
+    factors = moved(observer(part=SETTINGS.sure), 5.0 * np.sin(2 * np.pi * TIME))
     # It owes nothing: what is asked for is the time to see it.
     assert factors.mean() > 0.9
     assert factors[len(TIME) // 4 :].min() == 1.0
@@ -156,13 +152,13 @@ def test_what_was_fed_is_paid_before_the_hand_is_believed():
     factors = np.array(
         [watch.update(np.full(7, v), friction, k * DT)[0] for k, v in enumerate(speeds)]
     )
-    sure = SURE / RATIO
+    sure = SETTINGS.sure / RATIO
     net = np.cumsum((factors - sure) * 0.02 * speeds) * DT
     low = int(np.flatnonzero(factors < 1.0)[0])
     back = low + int(np.flatnonzero(np.diff(factors[low:]) > 0)[0])
     assert net[low] > 0.0
     assert net[back] < 0.02 * net[low]
-    assert back - low >= SETTLING / DT
+    assert back - low >= SETTINGS.settling / DT
     assert factors[-1] == 1.0
 
 
@@ -274,7 +270,7 @@ def test_a_joint_that_the_command_drives_beyond_its_limit_is_told():
     reason, when = guarded(np.linspace(3.0, 6.0, 600), 0.01)
     assert "joint2 runs away" in reason
     assert "at most 4" in reason
-    assert when == pytest.approx(0.2 + WINDOW, abs=0.003)
+    assert when == pytest.approx(0.2 + speed_guard.SETTINGS.window, abs=0.003)
     assert guarded(-np.linspace(3.0, 6.0, 600), -0.01)[0] is not None
 
 
@@ -295,7 +291,7 @@ def test_the_limit_must_be_passed_without_a_break():
 
 
 def test_growth_is_what_its_name_says():
-    assert 1.0 < GROWTH < 1.5
+    assert 1.0 < SETTINGS.growth < 1.5
 
 
 # --- in the supervisor -------------------------------------------------------------------------
@@ -332,7 +328,7 @@ def test_the_supervisor_keeps_friction_that_is_half_as_much_again_from_growing()
     right = supervised_swing(Supervisor(benchmark.settings_of(0.0))).max(axis=0)
     settings = benchmark.settings_of(0.5)
     speeds = supervised_swing(Supervisor(settings))
-    bound = benchmark.HIDDEN * np.maximum(GROWTH * right, settings.allowance)
+    bound = benchmark.HIDDEN * np.maximum(SETTINGS.growth * right, settings.allowance)
     assert (speeds.max(axis=0) < bound).all()
 
 
@@ -356,7 +352,7 @@ def test_parameters_that_keep_changing_make_neither_observer_nor_guard_forget(na
         for part in (0.999, 1.0)
     ]
     speeds = supervised_swing(Supervisor(start), changes)
-    bound = benchmark.HIDDEN * np.maximum(GROWTH * right, start.allowance)
+    bound = benchmark.HIDDEN * np.maximum(SETTINGS.growth * right, start.allowance)
     assert (speeds.max(axis=0) < bound).all()
 
 

@@ -242,8 +242,13 @@ def test_the_simulator_names_no_effect():
     paths = (REPOSITORY / "dvrk_gravity" / "simulate").glob("*.py")
     known = {path.name: effects_imported_by(path) for path in paths}
     bodies = known.pop("model_plant.py")
-    assert bodies == {"LinkInertia", "RotorInertia", "State", "prior_scale"}
-    assert set().union(*known.values()) == {"PlantPart", "link_sizes"}
+    assert bodies == {"LinkInertia", "RotorInertia", "State", "prior_scale", "supposed_rotors"}
+    assert set().union(*known.values()) == {
+        "PlantPart",
+        "supposed_inertias",
+        "supposed_rotors",
+        "terms",
+    }
 
 
 def test_what_hides_effects_has_its_physics_from_none_of_them():

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from made_up_arm import made_up_arm
+from test_arms_dynamics import UR5
 
 rclpy = pytest.importorskip("rclpy")
 
@@ -15,10 +17,11 @@ from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
-from std_msgs.msg import Bool, Empty  # noqa: E402
+from std_msgs.msg import Bool, Empty, Float64MultiArray  # noqa: E402
 
 from dvrk_gravity.arms.mtm import JOINT_NAMES  # noqa: E402
 from dvrk_gravity.processes import NodeProcess, private_domain  # noqa: E402
+from dvrk_gravity.ros.client import Client as ROSClient  # noqa: E402
 from dvrk_gravity.simulate import PlantFile  # noqa: E402
 
 TIMEOUT = 10.0
@@ -219,7 +222,7 @@ def test_a_signal_ends_it_quietly(number: signal.Signals) -> None:
         ("friction_scal:=1.0", "did you mean friction_scale?"),
         ("initial_position:=[0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0]", "shoulder_pitch"),
         ("rate:=many", "rate: got 'many'"),
-        ("arm:=psm", "arm: got 'psm', expected plant:=NAME_OR_FILE"),
+        ("arm:=nothing", "arm: got 'nothing', expected mtml, mtmr, "),
     ],
 )
 def test_a_wrong_parameter_is_one_line_and_status_2(parameter: str, says: str) -> None:
@@ -233,3 +236,32 @@ def test_the_pose_used_here_weighs_something() -> None:
     plant = PlantFile.load("mtmr_28002").plant()
     plant.reset(POSE)
     assert np.abs(plant.smooth_torque()[1:3]).min() > 0.1
+
+
+def test_another_arm_is_simulated_with_its_own_joints_and_obeys_an_array(tmp_path) -> None:
+    made_up = made_up_arm(tmp_path)
+    measured: list[JointState] = []
+    with (
+        start(f"arm:={made_up.source}", "output:=array", "initial_position:=[0.1, 0.2, 0.1, 0.3]",
+              "builtin_gravity_compensation:=false", namespace="/ARM"),
+        ROSClient("/ARM") as client,
+    ):  # fmt: skip
+        client.node.create_subscription(JointState, "measured_js", measured.append, 10)
+        commands = client.node.create_publisher(Float64MultiArray, "commands", 1)
+        client.wait(lambda: client.connected(commands) and bool(measured), "the arm")
+        assert tuple(measured[-1].name) == made_up.joint_names
+        held = np.array(measured[-1].position)
+        np.testing.assert_allclose(held, [0.1, 0.2, 0.1, 0.3], atol=1e-3)
+
+        def moved(joint: int) -> float:
+            return abs(measured[-1].position[joint] - held[joint])
+
+        # No effort: the insertion slides by its weight.
+        commands.publish(Float64MultiArray(data=[0.0] * 4))
+        client.wait(lambda: moved(2) > 0.01, "sliding")
+
+
+def test_a_plant_of_another_arm_than_was_named_is_refused() -> None:
+    process = start("arm:=mtmr", f"plant:={UR5}")
+    assert process.wait(TIMEOUT) == 2
+    assert "expected one with the joints of mtmr, as `arm` says" in process.output

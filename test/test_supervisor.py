@@ -9,7 +9,7 @@ from conftest import MODEL_FILE
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.compensate.sample import DroppedSampleError, SampleReader
-from dvrk_gravity.compensate.settings import CONSIDERABLE, Settings
+from dvrk_gravity.compensate.settings import CHANGE, Settings
 from dvrk_gravity.compensate.supervisor import Status, Supervisor
 
 Q = np.array([0.05, 0.2, 0.1, 0.3, 1.0, 0.1, 0.2])
@@ -273,7 +273,7 @@ def test_without_a_ramp_a_considerable_change_takes_a_fifth_of_a_second_all_the_
     first = bench.first(effort=HELD)
     end = target(bench)
     assert (
-        np.abs(end - HELD) > CONSIDERABLE * bench.supervisor.settings.model.arm.effort_limit
+        np.abs(end - HELD) > CHANGE.considerable * bench.supervisor.settings.model.arm.effort_limit
     ).any()
     np.testing.assert_allclose(first, HELD, atol=1e-12)
     half = bench.run(0.1)[-1]

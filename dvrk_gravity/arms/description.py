@@ -53,6 +53,12 @@ class Joint:
         """Unit of its effort: N·m or N."""
         return EFFORT_UNITS[self.kind]
 
+    def own_unit(self, unit: str) -> str:
+        """Return the unit at this joint of what is in ``unit`` where a joint turns."""
+        if self.kind == "prismatic":
+            return unit.replace("N·m", "N").replace("rad", "m").replace("kg·m^2", "kg")
+        return unit
+
     def shown(self, position: float, decimals: int = 0) -> str:
         """Return a position, or a difference of two, as a person says it: in deg or mm."""
         if self.kind == "revolute":

@@ -1,4 +1,4 @@
-"""See a simulated MTM fall, float, be pushed, and be held when its compensator is killed."""
+"""See a simulated arm fall, float, be pushed, and be held when its compensator is killed."""
 
 from __future__ import annotations
 
@@ -7,21 +7,35 @@ import shutil
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs
-from dvrk_gravity.files.resources import config_path
+
+if TYPE_CHECKING:
+    from dvrk_gravity.arms import Arm
+    from dvrk_gravity.ros.demo.scenario import Phase, Scenario
 
 NAME = "demo"
-EXAMPLE = "python -m dvrk_gravity demo --out out/demo"
+EXAMPLE = "python -m dvrk_gravity demo --arm mtmr --out out/demo"
 PICTURE, BAG = "demo.png", "bag"  # in its folder
+_ARM = "mtmr"
+_TITLES = 34  # width of their column
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("--out", type=Path, default=Path("demo"), help="folder for picture and bag")
-    parser.add_argument("--model", type=Path, help="model (default: mtmr_28002)")
+    parser.add_argument("--arm", help="a name, or an arm's .yaml or .urdf file (default: that of "
+                        f"--model, or {_ARM})")  # fmt: skip
+    parser.add_argument("--plant", default="", help="what is simulated: the name or file of a "
+                        "plant, or a model (default: the arm's plant)")  # fmt: skip
+    parser.add_argument("--model", type=Path, help="the compensator's model (default: the one in "
+                        "config/ for the arm, or else the plant's own terms)")  # fmt: skip
+    parser.add_argument("--output", choices=("servo_jf", "array"), default="servo_jf",
+                        help="of the compensator: JointState (default), or ros2_control's "
+                        "array")  # fmt: skip
     parser.add_argument(
         "--friction-scale", type=float, default=1.0, help="factor on the simulated arm's friction"
     )
@@ -30,55 +44,81 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the demonstration; print a table as it goes, then draw it."""
     # Here and not above: ROS and matplotlib are slow to load and --help needs neither.
-    from dvrk_gravity.arms.mtm import is_mtm
-    from dvrk_gravity.model import TorqueModel
+    from dvrk_gravity.arms import Arm
     from dvrk_gravity.processes import private_domain
     from dvrk_gravity.ros.demo import picture
-    from dvrk_gravity.ros.demo.scenario import POSES, Scenario
+    from dvrk_gravity.ros.demo.scenario import Scenario
+    from dvrk_gravity.ros.demo.stage import MODEL, Stage
 
-    model = arguments.model or config_path("mtmr_28002.yaml")
-    outputs.check_folder("--out", arguments.out, [PICTURE], [model], [BAG])
-    arm = TorqueModel.load(model).arm  # tells what is wrong with it before anything starts
-    if not is_mtm(arm):
-        raise ConfigError("arm", arm.name, "a master arm, as the simulated one", model)
+    of_arm = Arm.file(arguments.arm) if arguments.arm else None
+    inputs = [arguments.model, of_arm, _file(arguments.plant)]
+    written = [PICTURE] if arguments.model else [PICTURE, MODEL]
+    outputs.check_folder("--out", arguments.out, written, inputs, [BAG])
+    arm = _arm(arguments)  # tells what is wrong with it before anything starts
     arguments.out.mkdir(parents=True, exist_ok=True)
+    stage = Stage.of(arm, arguments.plant, arguments.model, arguments.out)
     bag = arguments.out / BAG
     if bag.exists():
         if not (bag / "metadata.yaml").is_file():
             raise ConfigError("--out", str(bag), "no such folder, or a bag of an earlier demo")
         shutil.rmtree(bag)
-    start, joints = time.monotonic(), arm.joint_names
-    with private_domain(), Scenario(model, joints, bag, arguments.friction_scale) as scenario:
-        print("simulator, watchdog and compensator run as three processes\n")
-        print(f"{'':34}largest distance of a joint from where it was let go of, deg")
-        print(f"{'':34}{'yaw':>7}{'shoulder':>10}{'elbow':>7}{'platform':>10}"
-              f"{'pitch':>7}{'yaw':>7}{'roll':>7}")  # fmt: skip
-        fall = scenario.fall()
-        _row(fall)
-        floats = []
-        for phase in scenario.floats():
-            floats.append(phase)
-            _row(phase)
-        assert len(floats) == len(POSES)
-        pushed, rest = scenario.push()
-        _row(pushed)
-        _row(rest)
-        kill = scenario.kill()
-        _row(kill.after)
+    start = time.monotonic()
+    with (
+        private_domain(),
+        Scenario(stage, bag, arguments.friction_scale, arguments.output) as scenario,
+    ):
+        print(f"simulator, watchdog and compensator of {arm.name} run as three processes\n")
+        parts = _play(scenario, arm)
+    fall, floats, pushed, rest, kill = parts
     print(f"\nthe watchdog's hold came {kill.hold_after * 1e3:.0f} ms after the kill")
+    for reason in scenario.interruptions:
+        print(f"a part was repeated, as the compensator had given up: {reason}")
     target = arguments.out / PICTURE
-    picture.draw(target, joints, fall, floats, pushed, rest, kill)
+    picture.draw(target, arm, fall, floats, pushed, rest, kill)
     print(f"picture: {target}\nbag:     {bag}\n{time.monotonic() - start:.0f} s in all")
     return 0
 
 
-def _row(phase: object) -> None:
-    from dvrk_gravity.ros.demo.scenario import Phase
+def _file(plant: str) -> Path | None:
+    """Return the file that is a plant, ``None`` of one that comes with the package."""
+    file = Path(plant.partition("#")[0])
+    return file if file.suffix.lower() in (".yaml", ".yml", ".urdf") else None
 
-    assert isinstance(phase, Phase)
-    yaw, shoulder, elbow, platform, pitch, wrist_yaw, roll = phase.drift
-    print(f"{phase.title:<34}{yaw:>7.2f}{shoulder:>10.2f}{elbow:>7.2f}{platform:>10.2f}"
-          f"{pitch:>7.2f}{wrist_yaw:>7.2f}{roll:>7.2f}", flush=True)  # fmt: skip
+
+def _arm(arguments: argparse.Namespace) -> Arm:
+    from dvrk_gravity.arms import Arm
+    from dvrk_gravity.model import TorqueModel
+
+    if arguments.arm or arguments.model is None:
+        return Arm.load(arguments.arm or _ARM)
+    return TorqueModel.load(arguments.model).arm
+
+
+def _play(scenario: Scenario, arm: Arm) -> tuple:
+    """Play all parts and print a row of each."""
+    from dvrk_gravity.report.units import shown_position
+
+    units = shown_position(arm)
+    widths = [max(len(name), 8) + 2 for name in arm.joint_names]
+    print(f"{'':{_TITLES}}largest distance of a joint from where it was let go of")
+    for words in (arm.joint_names, tuple(unit for _, unit in units)):
+        cells = (f"{word:>{width}}" for word, width in zip(words, widths, strict=True))
+        print(" " * _TITLES + "".join(cells))
+
+    def row(phase: Phase) -> Phase:
+        values = (
+            f"{factor * way:>{width}.2f}"
+            for (factor, _), way, width in zip(units, phase.drift.tolist(), widths, strict=True)
+        )
+        print(f"{phase.title:<{_TITLES}}{''.join(values)}", flush=True)
+        return phase
+
+    fall = row(scenario.fall())
+    floats = [row(phase) for phase in scenario.floats()]
+    pushed, rest = (row(phase) for phase in scenario.push())
+    kill = scenario.kill()
+    row(kill.after)
+    return fall, floats, pushed, rest, kill
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -63,17 +63,11 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError("--seed", arguments.seed, "0 or more")
 
     # Here and not above: rclpy is slow to load, and bad arguments need none of it.
-    from rclpy.exceptions import InvalidNamespaceException
-    from rclpy.validate_namespace import validate_namespace
-
     from dvrk_gravity.ros.client import Client
     from dvrk_gravity.ros.mover import Mover
+    from dvrk_gravity.ros.namespace import namespace_of
 
-    namespace = f"/{(arguments.namespace or arm.name.upper()).strip('/')}"
-    try:
-        validate_namespace(namespace)
-    except InvalidNamespaceException as error:
-        raise ConfigError("--namespace", namespace, "a ROS namespace, as /MTMR") from error
+    namespace = namespace_of(arm, arguments.namespace)
     with (
         Client(namespace, "excite") as client,
         Mover(client, arm, arguments.rate, arguments.timeout) as mover,

@@ -20,12 +20,13 @@ from dvrk_gravity.processes import NodeProcess, ProcessError, private_domain
 from dvrk_gravity.recording import BagReader, BagWriter, read_joint_states
 
 if TYPE_CHECKING:
+    from dvrk_gravity.arms import Arm
     from dvrk_gravity.model import TorqueModel
 
 NAME = "replay"
 EXAMPLE = "python -m dvrk_gravity replay my_bag --model config/mtmr_28002.yaml --out my_bag_answers"
 
-TOLERANCE = 1e-9  # N·m between the node's effort and what is due
+TOLERANCE = 1e-9  # N·m or N between the node's effort and what is due
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 # Messages on the way at once when answers set the pace: enough to keep both processes busy.
 _WINDOW = 20
@@ -52,8 +53,9 @@ class Result:
         valid: Messages that can be answered.
         answered: Answers that came.
         in_order: Every answer bears the stamp of the message it is due to, in order.
-        largest_difference: Largest |effort - torque that is due|, N·m; ``None`` if not comparable.
+        largest_difference: Largest |effort - torque that is due|; ``None`` if not comparable.
         seconds: How long it took.
+        unit: Of the difference: the joints' N·m, or N where they slide.
     """
 
     messages: int
@@ -62,6 +64,7 @@ class Result:
     in_order: bool
     largest_difference: float | None
     seconds: float
+    unit: str
 
     @property
     def passed(self) -> bool:
@@ -96,6 +99,7 @@ def replay(
         ProcessError: The node did not start, or stopped answering.
     """
     from dvrk_gravity.model import TorqueModel  # Pinocchio takes a while: not for --help
+    from dvrk_gravity.ros.namespace import namespace_of
 
     model = TorqueModel.load(model_file)
     expected = _expected(bag, topic, model)
@@ -106,17 +110,18 @@ def replay(
         messages = [(received, data) for _, received, data in reader.raw(name)]
     start = time.monotonic()
     with private_domain():
-        sent, answers = _play(messages, model_file, model.arm.n, len(expected), recorded)
+        sent, answers = _play(messages, model_file, model.arm, len(expected), recorded)
     seconds = time.monotonic() - start
     if out is not None:
-        _write(out, sent, answers)
+        _write(out, namespace_of(model.arm), sent, answers)
     stamps = [sample.stamp for sample in expected]
     comparable = [stamp for _, stamp, _, _ in answers] == stamps
     difference = None
     if comparable:
         efforts = np.array([effort for _, _, effort, _ in answers])
         difference = float(np.abs(efforts - _offline(model, expected)).max())
-    return Result(len(messages), len(expected), len(answers), comparable, difference, seconds)
+    unit = " or ".join(dict.fromkeys(model.arm.effort_units))
+    return Result(len(messages), len(expected), len(answers), comparable, difference, seconds, unit)
 
 
 def _expected(bag: Path, topic: str | None, model: TorqueModel) -> list[Sample]:
@@ -136,7 +141,7 @@ def _expected(bag: Path, topic: str | None, model: TorqueModel) -> list[Sample]:
 
 
 def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
-    """Return (N, n) torques that are due, friction only where a velocity came along, N·m."""
+    """Return (N, n) efforts that are due, friction only where a velocity came along."""
     from dvrk_gravity.cli.replay_reference import compensation
     from dvrk_gravity.node_parameters import node_parameters
 
@@ -158,7 +163,7 @@ def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
 def _play(
     messages: Sequence[tuple[int, bytes]],
     model_file: Path,
-    joints: int,
+    arm: Arm,
     due: int,
     recorded: bool,
 ) -> tuple[list[tuple[int, bytes]], list[tuple[int, int, Any, bytes]]]:
@@ -170,6 +175,7 @@ def _play(
     from sensor_msgs.msg import JointState
 
     from dvrk_gravity.ros.client import Client
+    from dvrk_gravity.ros.namespace import namespace_of
     from dvrk_gravity.ros.replayed import COMMANDS, MEASURED
 
     answers: list[tuple[int, int, Any, bytes]] = []
@@ -180,10 +186,14 @@ def _play(
         answers.append((time.time_ns(), stamp, np.array(message.effort), data))
 
     arguments = ["--params-file", str(model_file)]
-    for name, value in _bare(joints).items():
+    for name, value in _bare(arm.n).items():
         arguments += ["-p", f"{name}:={json.dumps(value)}"]
     program = ("-m", "dvrk_gravity.ros.replayed")
-    with Client() as client, NodeProcess(None, *arguments, program=program) as node:
+    namespace = namespace_of(arm)
+    with (
+        Client(namespace) as client,
+        NodeProcess(None, *arguments, namespace=namespace, program=program) as node,
+    ):
         publisher = client.node.create_publisher(JointState, MEASURED, 1000)
         client.node.create_subscription(JointState, COMMANDS, on_answer, 1000, raw=True)
         client.watch_state("compensator")
@@ -237,16 +247,20 @@ def _feed(
 
 
 def _write(
-    out: Path, sent: Sequence[tuple[int, bytes]], answers: Sequence[tuple[int, int, Any, bytes]]
+    out: Path,
+    namespace: str,
+    sent: Sequence[tuple[int, bytes]],
+    answers: Sequence[tuple[int, int, Any, bytes]],
 ) -> None:
     """Write messages and answers at the times of the replay, as `ros2 bag record` would."""
+    measured, commands = f"{namespace}/measured_js", f"{namespace}/servo_jf"
     with BagWriter(out) as writer:
-        writer.add_topic("/MTMR/measured_js", _JOINT_STATE)
-        writer.add_topic("/MTMR/servo_jf", _JOINT_STATE)
+        writer.add_topic(measured, _JOINT_STATE)
+        writer.add_topic(commands, _JOINT_STATE)
         for when, data in sent:
-            writer.write("/MTMR/measured_js", _JOINT_STATE, data, when)
+            writer.write(measured, _JOINT_STATE, data, when)
         for when, _, _, data in answers:
-            writer.write("/MTMR/servo_jf", _JOINT_STATE, data, when)
+            writer.write(commands, _JOINT_STATE, data, when)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -275,7 +289,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.speed == "recorded",
     )
     difference = result.largest_difference
-    shown = "not comparable" if difference is None else f"{difference:.2e} N·m"
+    shown = "not comparable" if difference is None else f"{difference:.2e} {result.unit}"
     print(
         f"{arguments.bag}: {result.answered} of {result.valid} answered in {result.seconds:.1f} s"
     )

@@ -18,8 +18,9 @@ def compensation(
 ) -> Array:
     """Return the torque that compensates an arm, before any limit.
 
-    Weights and elastic torques; of friction the part that is asked for. Not inertia, neither a
-    link's nor a payload's, not what needs the past of the motion, not what only a sensor reads.
+    Weights and elastic torques; of friction the part that is asked for. Not inertia, neither of
+    links nor of what they carry, not what needs the past of the motion, not what only a sensor
+    reads.
 
     Args:
         model: The model.
@@ -39,7 +40,7 @@ def compensation(
             continue
         smooth, friction = term.split(ratio)
         if smooth is not None:
-            torque += smooth.torque(State(q))  # at rest: of a payload its weight
+            torque += smooth.torque(State(q))  # at rest: of what is carried its weight
         if friction is not None:
             torque += friction.torque(State(q, sliding))
     return torque

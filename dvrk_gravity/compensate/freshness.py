@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from dvrk_gravity.compensate.sample import DroppedSampleError
 
-# Stamps have to cover this part of the time that passes: simulated time may run at a tenth of
-# real time; what is slower (nanoseconds a message, say) stands still for all that matters here.
-_LEAST_PACE = 0.1
+
+@dataclass(frozen=True)
+class FreshnessSettings:
+    """When stamps count as moving on.
+
+    Attributes:
+        least_pace: Part of the time that passes which they have to cover: simulated time may run
+            at a tenth of real time; what is slower (nanoseconds a message, say) stands still for
+            all that matters here.
+    """
+
+    least_pace: float = 0.1
+
+
+SETTINGS = FreshnessSettings()
 
 
 class Freshness:
@@ -66,7 +79,7 @@ class Freshness:
         if oldest > 0.0:
             _compare(stamp, clock, oldest)
         step, gap = now - self._valid, now - self._advance
-        due = _LEAST_PACE * min(gap, timeout)
+        due = SETTINGS.least_pace * min(gap, timeout)
         self._advances = stamp not in known and (stamp - self._advanced_to) * 1e-9 >= due
         if not self._advances and gap > timeout:
             self._valid = now

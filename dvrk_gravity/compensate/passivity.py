@@ -3,15 +3,15 @@
 Friction compensation pushes along the motion. Where it pushes with more than the arm's friction
 takes out, the arm runs away, and an arm in a springy hand swings higher and higher. How much
 friction there is, nobody knows; supposed is that it is at least half of what the model says
-(:data:`SURE`: a model that takes it to be up to 100 % more than it is).
+(`sure`: a model that takes it to be up to 100 % more than it is).
 
 **What is observed.** Let f v be the power of the compensation at full factor, friction torque times
 velocity, and `part` the part of the modelled friction that f is. With a factor s applied,
 
-    net power into arm and hand  <=  (s - SURE / part) f v,
+    net power into arm and hand  <=  (s - sure / part) f v,
 
-since friction takes out at least SURE / part times f v. The integral of the right-hand side is the
-energy that the compensation may have fed in; where it falls, energy was surely taken out. It is
+since friction takes out at least `sure` / part times f v. The integral of the right-hand side is
+the energy that the compensation may have fed in; where it falls, energy was surely taken out. It is
 the passivity observer of Hannaford and Ryu (2002), "Time-domain passivity control of haptic
 interfaces", IEEE Trans. Robotics and Automation 18:1, with a known loss on the device's side.
 
@@ -27,52 +27,74 @@ passive hand's motion (springs, masses, dampers of any size) shows: at the top s
 of its energy and the arm's is kinetic. So, for each joint:
 
 1. `fed` is the energy since the top of the last swing.
-2. A joint that is faster than its `allowance` and than GROWTH times its `base` speed owes `fed`:
+2. A joint that is faster than its `allowance` and than `growth` times its `base` speed owes `fed`:
    the last top was below that speed, and nothing else but a hand can have driven it beyond.
 3. While it owes, no friction is compensated; what friction surely takes out pays.
 4. When that is paid, a passive hand and the arm have no more energy than that speed stands for. A
-   joint that SETTLING later is still faster is driven by a hand that works: its speed is the new
+   joint that `settling` later is still faster is driven by a hand that works: its speed is the new
    base. Any other keeps its base.
 5. The base falls towards the tops of slower swings, and to zero after a rest.
 
-So a passive hand and arm get no faster than GROWTH times the base, or the allowance, but for what a
-single swing feeds, what the delay hides and what coupled joints pass on: the base does not rise
+So a passive hand and arm get no faster than `growth` times the base, or the allowance, but for what
+a single swing feeds, what the delay hides and what coupled joints pass on: the base does not rise
 without a hand's work. A
 hand that works loses its compensation for about a tenth of a second each time that it moves a
-joint faster by GROWTH than it has been lately. No inertia enters. Joints that share motors
+joint faster by `growth` than it has been lately. No inertia enters. Joints that share motors
 have one factor, the least of theirs: parts of a motor's friction that differ by joint would feed
 energy of their own.
 
-`benchmark/passivity.py` measures both; its cases have set the numbers below that name no source.
+`benchmark/passivity.py` measures both.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SURE = 0.5
-"""Part of the modelled friction that the arm surely has: 1 / (1 + 100 %)."""
-GROWTH = 1.3
-"""Growth of a joint's top speed that passes unasked. A smaller one asks at the ordinary unevenness
-of a hand's motion."""
-SETTLING = 0.07
-"""s from payment to judgement: 30 ms of delay, 20 ms until the factor is down, and as long again in
-which a joint that nobody drives slows down. With 0.05 s a delayed velocity passes for a hand's."""
-# Speed that counts as motion, rad/s: the default dead band, below which nothing is fed.
-_MOVES = 0.05
-# A hand's spring that cannot move a joint for so long, s, has no energy to give back. The base is
-# kept longer, so that a hand that pauses between its moves is not asked at each.
-_REST, _FORGET = 0.5, 2.0
-_KEPT = 0.8  # of the base, at each slower swing
-# How much faster than the limit is certainly faster: steps of 0.05 rad/s and noise.
-_CERTAIN, _CERTAIN_BY = 1.02, 0.03
-# Motions of a hand are below 20 Hz: every fifth sample at 1 kHz, s, is often enough.
-_PERIOD = 0.0049
-# From one end of the factor to the other, s, so that it is no blow.
-_FADE = 0.02
+
+@dataclass(frozen=True)
+class PassivitySettings:
+    """What is supposed, and how quickly it acts; speeds are rad/s (``Arm.scale``).
+
+    `benchmark/passivity.py` holds with these; its cases have set those without a reason of their
+    own.
+
+    Attributes:
+        sure: Part of the modelled friction that the arm surely has: 1 / (1 + 100 %).
+        growth: Growth of a joint's top speed that passes unasked. A smaller one asks at the
+            ordinary unevenness of a hand's motion.
+        settling: s from payment to judgement: 30 ms of delay, 20 ms until the factor is down, and
+            as long again in which a joint that nobody drives slows down. With 0.05 s a delayed
+            velocity passes for a hand's.
+        moves: Speed that counts as motion: the default dead band, below which nothing is fed.
+        rest: A hand's spring that cannot move a joint for so long, s, has no energy to give back.
+        forget: The base is kept longer, s, so that a hand that pauses between its moves is not
+            asked at each.
+        kept: Part of the base that is kept at each slower swing.
+        certain: A speed is certainly beyond a limit by this factor…
+        certain_by: … and by this: encoders' steps and noise.
+        period: Motions of a hand are below 20 Hz: every fifth sample at 1 kHz, s, is often enough.
+        fade: From one end of the factor to the other, s, so that it is no blow.
+    """
+
+    sure: float = 0.5
+    growth: float = 1.3
+    settling: float = 0.07
+    moves: float = 0.05
+    rest: float = 0.5
+    forget: float = 2.0
+    kept: float = 0.8
+    certain: float = 1.02
+    certain_by: float = 0.03
+    period: float = 0.0049
+    fade: float = 0.02
+
+
+SETTINGS = PassivitySettings()
 
 
 class PassivityObserver:
@@ -107,7 +129,7 @@ class PassivityObserver:
 
     def limit(self, part: Array, allowance: Array) -> None:
         """Take another (n,) part and allowance, as at the start; what is owed stays owed."""
-        sure = SURE / np.maximum(part, 1e-9)
+        sure = SETTINGS.sure / np.maximum(part, 1e-9)
         reach = (allowance * self._per_scale).tolist()
         for joint, *values in zip(self._joints, sure.tolist(), reach, strict=True):
             joint.sure, joint.allowance = values
@@ -121,7 +143,7 @@ class PassivityObserver:
             now: Monotonic time, s.
         """
         step = now - self._last
-        if step < _PERIOD or velocity is None:
+        if step < SETTINGS.period or velocity is None:
             return self.factor
         self._last = now
         if step == np.inf:  # the first sample
@@ -171,10 +193,10 @@ class _Joint:
     def go(self, velocity: float, power: float, applied: float, step: float) -> float:
         """Go one step on and return the factor that this joint asks for."""
         speed = abs(velocity)
-        if speed < _MOVES:
+        if speed < SETTINGS.moves:
             self.resting += step
-            if self.resting > _REST:
-                if self.resting - step <= _FORGET:
+            if self.resting > SETTINGS.rest:
+                if self.resting - step <= SETTINGS.forget:
                     self._rest()
                 return 1.0
         else:
@@ -196,26 +218,26 @@ class _Joint:
             self.debt += energy
             if self.debt <= 0.0:
                 self.paid_for += step
-                if self.paid_for > SETTLING:
+                if self.paid_for > SETTINGS.settling:
                     self._judge(speed)
-            self.factor = max(self.factor - step / _FADE, 0.0)
+            self.factor = max(self.factor - step / SETTINGS.fade, 0.0)
         else:
-            if speed > self.allowance and speed > GROWTH * self.base:
+            if speed > self.allowance and speed > SETTINGS.growth * self.base:
                 self.owes, self.debt, self.paid_for = True, self.fed, 0.0
             if self.factor < 1.0:
-                self.factor = min(self.factor + step / _FADE, 1.0)
+                self.factor = min(self.factor + step / SETTINGS.fade, 1.0)
         return self.factor
 
     def _turn(self, velocity: float) -> None:
         """Begin a swing in the other direction."""
         self.sign = 1.0 if velocity > 0.0 else -1.0
-        self.base = min(self.base, max(self.top, _KEPT * self.base))
+        self.base = min(self.base, max(self.top, SETTINGS.kept * self.base))
         self.top, self.fed = 0.0, self.fed_since_top
 
     def _judge(self, speed: float) -> None:
         """Decide, the debt being paid, whether a hand keeps up the speed."""
-        limit = max(GROWTH * self.base, self.allowance)
-        if speed > _CERTAIN * limit + _CERTAIN_BY:
+        limit = max(SETTINGS.growth * self.base, self.allowance)
+        if speed > SETTINGS.certain * limit + SETTINGS.certain_by:
             self.base = speed
         elif speed > limit:
             return
@@ -226,5 +248,5 @@ class _Joint:
         self.owes = False
         self.factor = 1.0
         self.top = self.fed = self.fed_since_top = 0.0
-        if self.resting > _FORGET:
+        if self.resting > SETTINGS.forget:
             self.base = 0.0

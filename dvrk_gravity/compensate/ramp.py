@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.compensate.limits import EffortLimits
-from dvrk_gravity.compensate.settings import CONSIDERABLE, LEAST_RAMP, Settings
+from dvrk_gravity.compensate.settings import CHANGE, Settings
 
 Array = NDArray[np.float64]
 
@@ -39,8 +39,8 @@ class Ramp:
         self._start = now
         self._difference = first - wanted
         size = np.abs(self._difference)
-        considerable = (size > CONSIDERABLE * settings.model.arm.effort_limit).any()
-        self._duration = max(settings.ramp_time, LEAST_RAMP if considerable else 0.0)
+        considerable = (size > CHANGE.considerable * settings.model.arm.effort_limit).any()
+        self._duration = max(settings.ramp_time, CHANGE.least_ramp if considerable else 0.0)
         if (size <= _NOTHING).all():
             self._duration = 0.0
 

@@ -28,18 +28,29 @@ from dvrk_gravity.parameter import Value, check_all
 
 Array = NDArray[np.float64]
 
-CONSIDERABLE = 0.1
-"""Part of a joint's effort limit from which on a torque counts as support that an arm feels the
-lack of. What real dry friction holds is about that: efforts of MTMR-28002's static poses differ
-from its calibrated model by 0.004 to 0.19 of the limits, RMS (DVRK_GRAVITY_DATA's poses)."""
 
-FULL_SCALE_TIME = 0.02
-"""From nothing to its effort limit a joint's command takes at least so long, s: the longest step
-that a command answers (see the supervisor), so that no parameter makes it jump in one sample."""
+@dataclass(frozen=True)
+class ChangeSettings:
+    """How fast torque may change whatever the parameters say.
 
-LEAST_RAMP = 0.2
-"""Considerable changes of torque take at least so long, s: a person's reaction to a touch takes
-0.15 to 0.2 s."""
+    Attributes:
+        considerable: Part of a joint's effort limit from which on a torque counts as support that
+            an arm feels the lack of. What real dry friction holds is about that: efforts of
+            MTMR-28002's static poses differ from its calibrated model by 0.004 to 0.19 of the
+            limits, RMS (DVRK_GRAVITY_DATA's poses).
+        full_scale_time: From nothing to its effort limit a joint's command takes at least so long,
+            s: the longest step that a command answers (see the supervisor), so that no parameter
+            makes it jump in one sample.
+        least_ramp: Considerable changes take at least so long, s: a person's reaction to a touch
+            takes 0.15 to 0.2 s.
+    """
+
+    considerable: float = 0.1
+    full_scale_time: float = 0.02
+    least_ramp: float = 0.2
+
+
+CHANGE = ChangeSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +127,7 @@ class Settings:
             np.minimum(value["effort_limit"] or np.inf, arm.effort_limit),
             np.minimum(value["actuator_effort_limit"] or np.inf, arm.actuator_effort_limit),
         )
-        fastest = arm.effort_limit / FULL_SCALE_TIME
+        fastest = arm.effort_limit / CHANGE.full_scale_time
         slew_limit = np.array(value["slew_limit"])
         return cls(
             model,

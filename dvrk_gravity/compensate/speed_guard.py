@@ -3,21 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-WINDOW = 0.1
-"""s for which all signs must point at the compensator. A flick of a hand is beyond the limit for
-less; an arm that runs away stays there."""
+
+@dataclass(frozen=True)
+class GuardSettings:
+    """What tells an arm that runs away from one that is thrown.
+
+    Attributes:
+        window: All signs must point at the compensator for so long, s. A flick of a hand is beyond
+            the limit for less; an arm that runs away stays there.
+    """
+
+    window: float = 0.1
+
+
+SETTINGS = GuardSettings()
 
 
 class SpeedGuard:
     """Tells a joint that runs away from one that a hand throws.
 
-    A joint runs away if, beyond its speed limit, for :data:`WINDOW` without a break, the command
+    A joint runs away if, beyond its speed limit, for ``window`` without a break, the command
     pushes along the motion (its power into the joint is positive) and the joint does not slow down.
     What is thrown slows down as soon as the hand lets go, since only part of its friction is
     compensated; and what falls is pushed against by the command that bears it. A hand that pushes
@@ -66,13 +78,13 @@ class SpeedGuard:
                 continue
             speed = abs(float(velocity[joint]))
             start, first = self._since.setdefault(joint, (now, speed))
-            if now - start < WINDOW:
+            if now - start < SETTINGS.window:
                 continue
             if speed >= first:
                 return (
                     f"{self._names[joint]} runs away: {speed:.3g} {self._units[joint]}/s, at most "
-                    f"{self._limit[joint]:g}, and for {WINDOW:g} s the command has pushed along; "
-                    "is the model's gravity or friction too large, or the arm another one?"
+                    f"{self._limit[joint]:g}, and for {SETTINGS.window:g} s the command has pushed "
+                    "along; is the model's gravity or friction too large, or the arm another one?"
                 )
             self._since[joint] = (now, speed)  # it slows down: look on from here
         return None

@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.sample import Sample
-from dvrk_gravity.compensate.settings import CONSIDERABLE, Settings
+from dvrk_gravity.compensate.settings import CHANGE, Settings
 from dvrk_gravity.errors import DvrkGravityError
 
 Array = NDArray[np.float64]
 
-DURATION = 0.1
-"""Efforts are averaged over at least so long, s…"""
 
-LEAST_SAMPLES = 10
-"""… and so many samples: their mean has less than a third of one sample's noise."""
+@dataclass(frozen=True)
+class StartSettings:
+    """What is measured before the first command; speeds are rad/s (``Arm.scale``).
 
-REST = 0.2
-"""Faster than this, rad/s, the arm is not at rest: the drift that the dVRK console's own test of
-its compensation allows."""
+    Attributes:
+        duration: Efforts are averaged over at least so long, s…
+        least_samples: … and so many samples: their mean has less than a third of one's noise.
+        rest: Faster than this the arm is not at rest: the drift that the dVRK console's own test
+            of its compensation allows.
+        dry: At this speed dry friction is whole: above all saturation velocities of real files.
+        usable: Part of the samples that need to have an effort for it to count. Chosen.
+    """
 
-DRY = 0.3
-"""At this speed, rad/s, dry friction is whole: above all saturation velocities of real files."""
+    duration: float = 0.1
+    least_samples: int = 10
+    rest: float = 0.2
+    dry: float = 0.3
+    usable: float = 0.5
+
+
+SETTINGS = StartSettings()
 
 
 class StartRefusedError(DvrkGravityError):
@@ -36,9 +49,10 @@ class Start:
         begin: Monotonic time of the first sample, s.
     """
 
-    def __init__(self, now: float) -> None:
-        """Begin to collect."""
+    def __init__(self, now: float, arm: Arm) -> None:
+        """Begin to collect samples of an arm."""
         self.begin = now
+        self._rest = SETTINGS.rest * SETTINGS.duration * arm.scale
         self._efforts: list[Array] = []
         self._models: list[Array] = []
         self._position: Array | None = None
@@ -47,7 +61,7 @@ class Start:
         """Take a sample and the model's (n,) torque at it, N·m; an arm that moves begins anew."""
         if self._position is None:
             self._position = sample.position
-        elif (np.abs(sample.position - self._position) > REST * DURATION).any():
+        elif (np.abs(sample.position - self._position) > self._rest).any():
             self.begin, self._efforts, self._models = now, [], []
             self._position = sample.position
         if sample.effort is not None:
@@ -56,7 +70,9 @@ class Start:
 
     def complete(self, now: float) -> bool:
         """Tell whether there is enough to begin with."""
-        return now - self.begin >= DURATION and len(self._models) >= LEAST_SAMPLES
+        return now - self.begin >= SETTINGS.duration and (
+            len(self._models) >= SETTINGS.least_samples
+        )
 
     def origin(self, settings: Settings) -> tuple[Array, str]:
         """Return the (n,) first effort, N·m, and in words where it is from.
@@ -72,8 +88,8 @@ class Start:
                 ``settings.start_tolerance``, or the limits cut what holds the arm.
         """
         model = np.mean(self._models, axis=0)
-        names = settings.model.arm.joint_names
-        if len(self._efforts) < 0.5 * len(self._models) or not np.any(self._efforts):
+        joints = settings.model.arm.joints
+        if len(self._efforts) < SETTINGS.usable * len(self._models) or not np.any(self._efforts):
             origin, source = model, "the model's torque, as measured_js has no usable effort"
         else:
             mean = np.mean(self._efforts, axis=0)
@@ -85,10 +101,10 @@ class Start:
             origin, source = model + difference, "the measured effort"
         cut = np.abs(settings.limits.clip(origin) - origin) / settings.model.arm.effort_limit
         worst = int(np.argmax(cut))
-        if not cut[worst] <= CONSIDERABLE:
+        if not cut[worst] <= CHANGE.considerable:
             raise StartRefusedError(
-                f"{names[worst]} takes {origin[worst]:.4g} N·m to hold, more than its effort "
-                "limits leave: it would fall"
+                f"{joints[worst].name} takes {origin[worst]:.4g} {joints[worst].effort_unit} to "
+                "hold, more than its effort limits leave: it would fall"
             )
         return settings.limits.clip(origin), source
 
@@ -98,8 +114,9 @@ def _compare(mean: Array, model: Array, settings: Settings) -> None:
     excess = np.abs(mean - model) / settings.model.arm.effort_limit
     worst = int(np.argmax(excess))
     if not excess[worst] <= settings.start_tolerance:
+        joint = settings.model.arm.joints[worst]
         raise StartRefusedError(
-            f"{settings.model.arm.joint_names[worst]} is held with {mean[worst]:.4g} N·m as "
+            f"{joint.name} is held with {mean[worst]:.4g} {joint.effort_unit} as "
             f"measured, with {model[worst]:.4g} by the model: a wrong unit, another arm's model, "
             f"an arm that leans on something? Allowed are {settings.start_tolerance:g} of the "
             "arm's effort_limit (start_tolerance)"
@@ -109,5 +126,6 @@ def _compare(mean: Array, model: Array, settings: Settings) -> None:
 def _dry_friction(settings: Settings, position: Array | None) -> Array:
     """Return (n,) torques that friction holds at rest, as far as it is compensated, N·m."""
     assert position is not None  # there is a sample
-    up, down = (settings.parts(position, np.full(len(position), speed))[1] for speed in (DRY, -DRY))
+    speed = SETTINGS.dry * settings.model.arm.scale
+    up, down = (settings.parts(position, way)[1] for way in (speed, -speed))
     return np.maximum(np.minimum(up, -down), 0.0)

@@ -7,6 +7,7 @@ ends in a `hold`: :attr:`Supervisor.hold_due` asks the node for it.
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -18,7 +19,7 @@ from dvrk_gravity.compensate.passivity import PassivityObserver
 from dvrk_gravity.compensate.plausibility import MotionCheck
 from dvrk_gravity.compensate.ramp import Ramp
 from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, Sample
-from dvrk_gravity.compensate.settings import CONSIDERABLE, Settings
+from dvrk_gravity.compensate.settings import CHANGE, Settings
 from dvrk_gravity.compensate.speed_guard import SpeedGuard
 from dvrk_gravity.compensate.start import Start, StartRefusedError
 
@@ -28,15 +29,32 @@ BUILTIN_HELP = (
     "the arm's own gravity compensation is on and would add to ours: publish false (std_msgs/Bool) "
     "on use_gravity_compensation, or set disable_builtin to true"
 )
-# A longer step than this is a hiccup of the input, not time in which torque may run on; and two
-# messages at one time leave some way.
-_SHORTEST_STEP, _LONGEST_STEP = 1e-6, 0.02
-# So often the arm's own compensation may come on again while we command and may switch it off.
-_INTERRUPTIONS = 2
-# rad, 5 deg: encoders' zeros are off by less where an arm has been homed.
-_OUTSIDE = 0.087
-# N·m; less than this is rounding, not a limit.
-_CUT = 1e-9
+
+
+@dataclass(frozen=True)
+class SupervisorSettings:
+    """When it gives up, and what it tells.
+
+    Attributes:
+        shortest_step: Time between messages that counts at least, s: two at one time leave some
+            way.
+        longest_step: And at most, s: a longer one is a hiccup of the input, not time in which
+            torque may run on.
+        interruptions: So often the arm's own compensation may come on again while we command and
+            may switch it off. Chosen: more often, somebody wants it on.
+        outside: Beyond the arm's limits a position is told from here on, rad (``Arm.scale``), 5
+            deg: encoders' zeros are off by less where an arm has been homed.
+        cut: Less of a command that a limit takes is rounding, N·m or N.
+    """
+
+    shortest_step: float = 1e-6
+    longest_step: float = 0.02
+    interruptions: int = 2
+    outside: float = 0.087
+    cut: float = 1e-9
+
+
+SETTINGS = SupervisorSettings()
 
 
 class Status(Enum):
@@ -106,7 +124,7 @@ class Supervisor:
     def outside(self) -> NDArray[np.bool_]:
         """(n,) joints that are further than 5 deg (or 9 mm) outside the arm's limits."""
         arm, position = self.settings.model.arm, self._position
-        slack = _OUTSIDE * arm.scale
+        slack = SETTINGS.outside * arm.scale
         return (position < arm.lower - slack) | (position > arm.upper + slack)
 
     @property
@@ -187,7 +205,7 @@ class Supervisor:
         on = bool(np.any(effort))  # NaN counts as on
         self._interruptions += on and self.active
         # Whoever switches it on again and again is not to be fought.
-        wait = self.settings.disable_builtin and self._interruptions <= _INTERRUPTIONS
+        wait = self.settings.disable_builtin and self._interruptions <= SETTINGS.interruptions
         self.obstruct("builtin", BUILTIN_HELP if on else "", wait)
 
     def check_input(self, now: float) -> None:
@@ -240,7 +258,7 @@ class Supervisor:
                 self._wait()
         try:
             if self.status is Status.WAITING and not self._obstacles:
-                self._start = Start(now)
+                self._start = Start(now, settings.model.arm)
                 self.status, self.reason = Status.STARTING, "measuring what holds the arm"
             if self._start is not None:
                 self._collect(self._start, sample, now)
@@ -306,14 +324,13 @@ class Supervisor:
         within = settings.limits.clip(target)
         if within is not target:  # what is within the limits as it is, is finite, too
             self._finite(target)
-        self.saturated = self._uncut if within is target else np.abs(within - target) > _CUT
+        self.saturated = self._uncut if within is target else np.abs(within - target) > SETTINGS.cut
         if self._ramp is not None:
             within = self._ramp.blend(within, now, settings)
             if self._ramp.over:
                 self._ramp = None
                 self.status, self.reason = Status.COMMANDING, "compensating"
-        if not _SHORTEST_STEP <= step <= _LONGEST_STEP:
-            step = _SHORTEST_STEP if step < _SHORTEST_STEP else _LONGEST_STEP
+        step = min(max(step, SETTINGS.shortest_step), SETTINGS.longest_step)
         largest = settings.slew_limit * step
         self._command = slew(previous, within, largest, settings.limits)
         self._position, self._velocity = sample.position, sample.velocity
@@ -329,11 +346,11 @@ class Supervisor:
         arm = after.model.arm
         lost = np.sign(old) * (old - new) / arm.effort_limit
         joint = int(np.argmax(lost))
-        if not lost[joint] > CONSIDERABLE:
+        if not lost[joint] > CHANGE.considerable:
             return ""
         return (
-            f"{arm.joint_names[joint]} is held with {new[joint]:.3g} N·m instead of "
-            f"{old[joint]:.3g} since parameters have been changed"
+            f"{arm.joint_names[joint]} is held with {new[joint]:.3g} {arm.effort_units[joint]} "
+            f"instead of {old[joint]:.3g} since parameters have been changed"
         )
 
     def _wait(self) -> None:

@@ -33,14 +33,31 @@ from dvrk_gravity.model import TorqueModel
 
 Array = NDArray[np.float64]
 
-POSES = 20_000  # over the range, and as many with about half of the joints at its edges
-# At rest a file may be off by this part of what the joint needs (RMS) …
-LARGEST_SHARE = 0.25
-# … or by this part of its largest torque: dry friction holds so much anyway. A real MTM's, from
-# 30 s of motion, is 1.8 % (shoulder_pitch) to 16 % (wrist_platform) of a joint's largest torque.
-HELD_BY_FRICTION = 0.02
-NONSENSE = 10.0  # times a joint's largest torque: no model of the arm asks for so much
-OVERSHOOT = 20.0  # deg beyond the arm's limits; zeros of encoders are off by less
+
+@dataclass(frozen=True)
+class CostSettings:
+    """What the console's file may cost.
+
+    Attributes:
+        poses: At which it is judged: so many over the range, and as many with about half of the
+            joints at its edges. Chosen: largest errors are then found to a few per cent.
+        largest_share: At rest a file may be off by this part of what the joint needs (RMS)…
+            Chosen.
+        held_by_friction: … or by this part of its largest torque: dry friction holds so much
+            anyway. A real MTM's, from 30 s of motion, is 1.8 % (shoulder_pitch) to 16 %
+            (wrist_platform) of a joint's largest torque.
+        nonsense: Times a joint's largest torque: no model of the arm asks for so much.
+        overshoot: Deg beyond the arm's limits; zeros of encoders are off by less.
+    """
+
+    poses: int = 20_000
+    largest_share: float = 0.25
+    held_by_friction: float = 0.02
+    nonsense: float = 10.0
+    overshoot: float = 20.0
+
+
+SETTINGS = CostSettings()
 
 
 @dataclass(frozen=True)
@@ -138,7 +155,7 @@ def cost(model: TorqueModel, form: TorqueModel, lower: Array, upper: Array) -> d
         upper: (7,) upper edge.
     """
     random = np.random.default_rng(2)
-    uniform = uniform_poses(lower, upper, POSES, 2)
+    uniform = uniform_poses(lower, upper, SETTINGS.poses, 2)
     # What is largest tends to lie where some joints are at an edge.
     place = random.integers(0, 4, uniform.shape)
     edges = np.choose(place, [lower, upper, uniform, uniform])
@@ -163,9 +180,11 @@ def _refuse_nonsense(model: TorqueModel) -> None:
         most = np.abs(sent(model, uniform_poses(lower, upper, 200, 3))).max(axis=0)
     able = model.arm.effort_limit.tolist()
     for name, value, largest in zip(JOINT_NAMES, most.tolist(), able, strict=True):
-        if not value <= NONSENSE * largest:
+        if not value <= SETTINGS.nonsense * largest:
             raise ConfigError(
-                name, f"{value:.3g} N·m within its range", f"at most {NONSENSE * largest:.3g}"
+                name,
+                f"{value:.3g} N·m within its range",
+                f"at most {SETTINGS.nonsense * largest:.3g}",
             )
 
 
@@ -176,14 +195,14 @@ def _refuse_what_costs_too_much(model: TorqueModel, joints: Mapping[str, JointCo
     """
     able = model.arm.effort_limit[:N_POLYNOMIALS].tolist()
     for (name, one), largest in zip(joints.items(), able, strict=False):
-        most = max(LARGEST_SHARE * one.torque, HELD_BY_FRICTION * largest)
+        most = max(SETTINGS.largest_share * one.torque, SETTINGS.held_by_friction * largest)
         if one.rest_rms > most:
             raise ConfigError(
                 name,
                 f"{1e3 * one.rest_rms:.1f} mN·m (RMS) at rest that the console cannot command",
-                f"at most {1e3 * most:.1f}: {LARGEST_SHARE:.0%} of what the joint needs or "
-                f"{HELD_BY_FRICTION:.0%} of its largest torque (identify --for-console fits a "
-                "model that the console holds)",
+                f"at most {1e3 * most:.1f}: {SETTINGS.largest_share:.0%} of what the joint needs "
+                f"or {SETTINGS.held_by_friction:.0%} of its largest torque (identify --for-console "
+                "fits a model that the console holds)",
             )
 
 
@@ -193,7 +212,7 @@ def _refuse_the_wrong_arm(model: TorqueModel, serious: tuple[Finding, ...]) -> N
         if finding.code == "range":
             low, high = limits[finding.subject]
             beyond = max(low - finding.numbers["lower_deg"], finding.numbers["upper_deg"] - high)
-            wrong = beyond > OVERSHOOT
+            wrong = beyond > SETTINGS.overshoot
         else:
             wrong = finding.code == "other_hand"
         if wrong:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,18 +15,34 @@ from dvrk_gravity.effects import DirectionalCable
 from dvrk_gravity.effects.base.polynomial import evaluate
 from dvrk_gravity.model import TorqueModel
 
-# A limit counts as exceeded when the model passes it by more than this, N·m.
-TOLERANCE = 0.001
-# Clipping on more than this share of poses is more than a rare corner of the range.
-SERIOUS_SHARE = 0.05
-# Torque that a polynomial adds outside its range: what it does inside times this, and parts of
-# the joint's largest torque.
-UNUSUAL_GROWTH, NOTABLE_GROWTH, SERIOUS_GROWTH = 1.5, 0.05, 0.25
-# A limit that is wider than this many times what the model ever asks for protects nothing.
-WIDE = 3.0
-# 9.81 beta1 + k2 over sixteen real arms, N·m/rad.
-PAIR_RANGE = (0.30, 0.67)
 
+@dataclass(frozen=True)
+class ModelCheckSettings:
+    """What is told of a console file's model. Chosen, but for the last.
+
+    Attributes:
+        tolerance: A limit counts as exceeded when the model passes it by more than this, N·m.
+        serious_share: Clipping on more than this part of poses is more than a rare corner of the
+            range.
+        unusual_growth: Torque that a polynomial adds outside its range is told from this many times
+            what it does inside…
+        notable_growth: … and from this part of the joint's largest torque on,
+        serious_growth: and is serious from this part on.
+        wide: A limit that is wider than this many times what the model ever asks for protects
+            nothing.
+        pair_range: 9.81 beta1 + k2 over sixteen real arms, N·m/rad.
+    """
+
+    tolerance: float = 0.001
+    serious_share: float = 0.05
+    unusual_growth: float = 1.5
+    notable_growth: float = 0.05
+    serious_growth: float = 0.25
+    wide: float = 3.0
+    pair_range: tuple[float, float] = (0.30, 0.67)
+
+
+SETTINGS = ModelCheckSettings()
 
 _K2 = 16  # place of joint 2's linear coefficient among the console's parameters
 
@@ -47,7 +64,7 @@ def _clipping(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
     torques = sample_torques(model)
     over = np.maximum(torques - console.safe_upper, console.safe_lower - torques)
     for i, joint in enumerate(JOINT_NAMES):
-        share = float((over[..., i] > TOLERANCE).any(axis=0).mean())
+        share = float((over[..., i] > SETTINGS.tolerance).any(axis=0).mean())
         low, high = float(console.safe_lower[i]), float(console.safe_upper[i])
         least, most = float(torques[..., i].min()), float(torques[..., i].max())
         span = f"safe limits {low:g} … {high:g} N·m"
@@ -56,10 +73,14 @@ def _clipping(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
             motion, pose = np.unravel_index(int(over[..., i].argmax()), over.shape[:2])
             worst = float(torques[motion, pose, i])
             text = f"{span} clip the model on {100 * share:.1f} % of poses; worst {worst:.3f} N·m"
-            severity = Severity.SERIOUS if share > SERIOUS_SHARE else Severity.WARNING
+            severity = Severity.SERIOUS if share > SETTINGS.serious_share else Severity.WARNING
             found = {**numbers, "worst_Nm": worst}
             yield Finding("limits_clip", severity, joint, text, found)
-        elif WIDE * (most - least) + 2 * TOLERANCE < high - low <= 2 * model.arm.effort_limit[i]:
+        elif (
+            SETTINGS.wide * (most - least) + 2 * SETTINGS.tolerance
+            < high - low
+            <= 2 * model.arm.effort_limit[i]
+        ):
             text = f"{span}, but the model asks for {least:.3f} … {most:.3f}"
             yield Finding("limits_wide", Severity.WARNING, joint, text, numbers)
 
@@ -80,9 +101,11 @@ def _growth(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
         growth = np.maximum(growth, np.abs(value - edge).max(axis=0))
         inside = np.maximum(inside, np.ptp(edge, axis=0))
     for i, joint in enumerate(JOINT_NAMES):
-        if growth[i] <= max(UNUSUAL_GROWTH * inside[i], NOTABLE_GROWTH * arm.effort_limit[i]):
+        if growth[i] <= max(
+            SETTINGS.unusual_growth * inside[i], SETTINGS.notable_growth * arm.effort_limit[i]
+        ):
             continue
-        severe = growth[i] > SERIOUS_GROWTH * arm.effort_limit[i]
+        severe = growth[i] > SETTINGS.serious_growth * arm.effort_limit[i]
         edges = np.degrees([cable.valid.lower[i], cable.valid.upper[i]])
         text = (
             f"outside {edges[0]:.0f} … {edges[1]:.0f} deg the torque grows by {growth[i]:.2f} N·m, "
@@ -123,7 +146,7 @@ def _pair(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
     if min(abs(gravity), np.abs(linear).min()) > 2 * np.abs(sums).max():
         severity = Severity.WARNING
         text += "; the two cancel"
-    if growth > SERIOUS_GROWTH * model.arm.effort_limit[1]:
+    if growth > SETTINGS.serious_growth * model.arm.effort_limit[1]:
         severity = Severity.SERIOUS
         text += f"; with k2 held at the edge of its range, beta1 alone goes on by {growth:.2f} N·m"
     numbers = {
@@ -131,7 +154,7 @@ def _pair(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
         "negative_Nm_rad": float(sums[1]), "held_growth_Nm": growth,
     }  # fmt: skip
     yield Finding("pair", severity, JOINT_NAMES[1], text, numbers)
-    low, high = PAIR_RANGE
+    low, high = SETTINGS.pair_range
     if not low <= round(sums.min(), 2) or not round(sums.max(), 2) <= high:
         text = (
             f"9.81 beta1 + k2 is {sums[0]:.3f}/{sums[1]:.3f} N·m/rad, {low:.2f} … {high:.2f} usual"

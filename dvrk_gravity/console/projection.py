@@ -10,7 +10,7 @@ is lost.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -33,23 +33,41 @@ from dvrk_gravity.node_parameters import node_parameters
 
 Array = NDArray[np.float64]
 
-POSES = 2000  # fitted; there are 40 unknowns
 RATIO, DEAD_BAND = "friction_compensation.ratio", "friction_compensation.dead_band"
 LEVEL = (0.0, 0.0, -gravity.GRAVITY)
-# A tie between gravity and polynomials (sin q2 is q2 over a short range) goes to the smaller
-# change: using all of what is plausible, PART of a joint's largest torque, must lower the error by
-# SLIGHT of that torque (RMS) to be worth it.
-PART, SLIGHT = 0.2, 1e-4
-STILL = 0.1  # rad: a joint that moved less was not posed, and gets constants only
-SATURATION = 0.2  # rad/s, the most usual ``sat_vec_vec`` of real files
-NOTHING = 1e-9  # N·m, less than which a coefficient contributes nowhere in the range
+
+
+@dataclass(frozen=True)
+class ProjectionSettings:
+    """How a model is brought into the console's form.
+
+    Attributes:
+        poses: At which it is fitted; there are 40 unknowns. Chosen.
+        part: A tie between gravity and polynomials (sin q2 is q2 over a short range) goes to the
+            smaller change: using all of what is plausible, this part of a joint's largest torque…
+        slight: … must lower the error by this part of it (RMS) to be worth it. Chosen.
+        still: A joint that moved less, rad, was not posed, and gets constants only. Chosen.
+        saturation: Speed from which on friction is whole, rad/s: the most usual ``sat_vec_vec`` of
+            real files.
+        nothing: N·m, less than which a coefficient contributes nowhere in the range.
+    """
+
+    poses: int = 2000
+    part: float = 0.2
+    slight: float = 1e-4
+    still: float = 0.1
+    saturation: float = 0.2
+    nothing: float = 1e-9
+
+
+SETTINGS = ProjectionSettings()
 
 
 def project(model: TorqueModel) -> tuple[TorqueModel, tuple[str, ...]]:
     """Return the model in the console's form that commands what a compensator would.
 
     Returns:
-        Gravity of ten parameters with a ``directional_cable`` of degree four, and what was
+        Gravity of ten parameters with cables by direction of degree four, and what was
         changed on the way for safety, a line each.
 
     Raises:
@@ -121,7 +139,7 @@ def sent(model: TorqueModel, q: Array, qd: Array | None = None) -> Array:
         elif term.FRICTION:
             torque += term.scaled(part).torque(State(at, qd))
         else:
-            torque += term.torque(State(at))  # of a payload the weight alone
+            torque += term.torque(State(at))  # of what is carried the weight alone
     return torque
 
 
@@ -161,7 +179,7 @@ def _still_cable(model: TorqueModel) -> DirectionalCable:
     dead_band = np.array(_setting(model, DEAD_BAND))
     return DirectionalCable(
         model.arm, zeros, zeros, Range(-everywhere, everywhere),
-        dead_band, np.maximum(SATURATION, 2.0 * dead_band), np.zeros(N_JOINTS),
+        dead_band, np.maximum(SETTINGS.saturation, 2.0 * dead_band), np.zeros(N_JOINTS),
     )  # fmt: skip
 
 
@@ -171,7 +189,7 @@ def _at_rest(model: TorqueModel, lower: Array, upper: Array) -> tuple[Array, Arr
     Returns:
         (10,) beta in N·m and (5, 7) coefficients of the mean polynomials.
     """
-    q = uniform_poses(lower, upper, POSES, 1)
+    q = uniform_poses(lower, upper, SETTINGS.poses, 1)
     able = model.arm.effort_limit
     beta, mean = np.zeros(N_GRAVITY), np.zeros((N_POWERS, N_JOINTS))
     for term in model.terms:
@@ -185,15 +203,15 @@ def _at_rest(model: TorqueModel, lower: Array, upper: Array) -> tuple[Array, Arr
     y = gravity.regressor(q, LEVEL, N_GRAVITY)
     rest = sent(model, q) - y @ beta - evaluate(mean, q)
     columns = [y / able[:, None]]
-    scale = [np.full(N_GRAVITY, PART * able[1])]
+    scale = [np.full(N_GRAVITY, SETTINGS.part * able[1])]
     for joint in range(N_POLYNOMIALS):
         values = _legendre(q[:, joint], lower[joint], upper[joint])
-        block = np.zeros((POSES, N_JOINTS, values.shape[1]))
+        block = np.zeros((SETTINGS.poses, N_JOINTS, values.shape[1]))
         block[:, joint] = values / able[joint]
         columns.append(block)
-        scale.append(np.full(values.shape[1], PART * able[joint]))
-    x = np.concatenate(columns, axis=2).reshape(POSES * N_JOINTS, -1)
-    prior = np.diag(SLIGHT * np.sqrt(POSES) / np.concatenate(scale))
+        scale.append(np.full(values.shape[1], SETTINGS.part * able[joint]))
+    x = np.concatenate(columns, axis=2).reshape(SETTINGS.poses * N_JOINTS, -1)
+    prior = np.diag(SETTINGS.slight * np.sqrt(SETTINGS.poses) / np.concatenate(scale))
     right = np.concatenate([(rest / able).ravel(), np.zeros(len(prior))])
     theta = np.linalg.lstsq(np.vstack([x, prior]), right)[0]
     place = N_GRAVITY
@@ -226,15 +244,15 @@ def _quartics(coefficients: Array, offset: Array, lower: Array, upper: Array) ->
 
 def _legendre(q: Array, low: float, high: float) -> Array:
     """Return (N, k) Legendre polynomials over a range; constants alone where it is none."""
-    degree = N_POWERS - 1 if high - low >= STILL else 0
-    half = max(0.5 * (high - low), STILL)
+    degree = N_POWERS - 1 if high - low >= SETTINGS.still else 0
+    half = max(0.5 * (high - low), SETTINGS.still)
     scaled = (q - 0.5 * (low + high)) / half
     return np.asarray(np.polynomial.legendre.legvander(scaled, degree), dtype=float)
 
 
 def _powers(low: float, high: float) -> Array:
     """Return (5, k): powers of the position from the polynomials of :func:`_legendre`."""
-    count = N_POWERS if high - low >= STILL else 1
+    count = N_POWERS if high - low >= SETTINGS.still else 1
     matrix = np.zeros((N_POWERS, count))
     for k in range(count):
         domain = (low, high) if count > 1 else (low - 1.0, low + 1.0)
@@ -246,7 +264,7 @@ def _powers(low: float, high: float) -> Array:
 def _settled(coefficients: Array, lower: Array, upper: Array) -> Array:
     """Return coefficients with those at zero that are rounding."""
     reach = np.maximum(np.abs(lower), np.abs(upper)) ** np.arange(N_POWERS)[:, None]
-    return np.where(np.abs(coefficients) * reach < NOTHING, 0.0, coefficients)
+    return np.where(np.abs(coefficients) * reach < SETTINGS.nothing, 0.0, coefficients)
 
 
 def _friction_level(model: TorqueModel) -> Array:

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.diagnosis.motion import Motion
-from dvrk_gravity.effects import TorqueOffset
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import SimulatedArm, simulate
-from dvrk_gravity.simulate.model_plant import STAND_IN, ModelArm
+from dvrk_gravity.simulate.model_plant import ModelArm
 from dvrk_gravity.simulate.plant import Plant
 
 Array = NDArray[np.float64]
@@ -42,8 +41,8 @@ class Drift:
     Attributes:
         friction: Part of the arm's friction that there is.
         time: (T,) s.
-        before: (P, T, 7) way from each pose under the given model's compensation, rad.
-        after: (P, T, 7) the same under the extended model's.
+        before: (P, T, n) way from each pose under the given model's compensation, rad or m.
+        after: (P, T, n) the same under the extended model's.
     """
 
     friction: float
@@ -58,15 +57,17 @@ class InSimulation:
 
     Attributes:
         joints: Names of the joints.
+        units: Units of their positions.
         windows: How many pieces of held-out motion were predicted.
         before: (n,) RMS error of the position that the given model predicts at the end of
-            :data:`WINDOW`, rad; ``None`` where motion could not be simulated.
+            :data:`WINDOW`, rad or m; ``None`` where motion could not be simulated.
         after: (n,) the same of the extended model.
         drifts: One for each of :data:`FRICTION`; none where nothing can be compensated.
         notes: What was not simulated, and why.
     """
 
     joints: tuple[str, ...]
+    units: tuple[str, ...]
     windows: int
     before: Array | None
     after: Array | None
@@ -83,20 +84,21 @@ class InSimulation:
             motion = {
                 "seconds": WINDOW,
                 "windows": self.windows,
-                "rmse_before_rad": self._by_joint(self.before),
-                "rmse_after_rad": self._by_joint(self.after),
+                "rmse_before": self._by_joint(self.before),
+                "rmse_after": self._by_joint(self.after),
             }
         drift = [
             {
                 "friction": one.friction,
                 "seconds": DURATION,
                 "poses": len(one.before),
-                "largest_before_rad": self._by_joint(np.abs(one.before).max(axis=(0, 1))),
-                "largest_after_rad": self._by_joint(np.abs(one.after).max(axis=(0, 1))),
+                "largest_before": self._by_joint(np.abs(one.before).max(axis=(0, 1))),
+                "largest_after": self._by_joint(np.abs(one.after).max(axis=(0, 1))),
             }
             for one in self.drifts
         ]
-        return {"motion": motion, "drift": drift, "notes": list(self.notes)}
+        units = dict(zip(self.joints, self.units, strict=True))
+        return {"units": units, "motion": motion, "drift": drift, "notes": list(self.notes)}
 
 
 def in_simulation(
@@ -113,12 +115,11 @@ def in_simulation(
         motion: The recording.
         held_out: Beginnings and ends of the pieces of time that fit and choice have not seen, s.
     """
+    names, units = motion.arm.joint_names, motion.arm.units
     try:
         arms = [ModelArm.of(model) for model in (given, extended)]
     except ConfigError as error:
-        return InSimulation(
-            motion.arm.joint_names, 0, None, None, (), (f"nothing was simulated: {error}",)
-        )
+        return InSimulation(names, units, 0, None, None, (), (f"nothing was simulated: {error}",))
     notes = _inertia_notes(*arms)
     before = after = None
     starts = np.zeros(0, dtype=int)
@@ -129,17 +130,14 @@ def in_simulation(
     else:
         starts = _starts(motion, held_out)
         with np.errstate(over="ignore", invalid="ignore"):  # told below
-            before, after = (
-                _missed(arm, model, motion, starts)
-                for arm, model in zip(arms, (given, extended), strict=True)
-            )
+            before, after = (_missed(arm, motion, starts) for arm in arms)
         if not np.isfinite([before, after]).all():
             before = after = None
             notes.append(f"the motion is not predicted: {_AWAY}")
     drifts, reason = _drifts(arms[1], given, extended, _poses(motion))
     if reason:
         notes.append(f"no drift is shown: {reason}")
-    return InSimulation(motion.arm.joint_names, len(starts), before, after, drifts, tuple(notes))
+    return InSimulation(names, units, len(starts), before, after, drifts, tuple(notes))
 
 
 def _drifts(
@@ -173,7 +171,7 @@ def _inertia_notes(given: ModelArm, extended: ModelArm) -> list[str]:
 
 def _inertia_note(arm: ModelArm) -> str:
     if arm.off is None:
-        return f"no inertia: that of the plant {STAND_IN} stands in"
+        return f"no inertia: that of {arm.known} stands in"
     if arm.off.max() <= _COMPLETED:
         return ""
     joint, middle = int(np.argmax(arm.off)), float(np.median(arm.off))
@@ -190,11 +188,11 @@ def let_go(plant: Plant, model: TorqueModel, pose: Array, duration: float = DURA
     Args:
         plant: The arm; is put at the pose, at rest.
         model: The model that compensates.
-        pose: (n,) measured position, rad.
+        pose: (n,) measured position, rad or m.
         duration: s.
 
     Returns:
-        (T, 7) way from the pose at 50 Hz, rad.
+        (T, n) way from the pose at 50 Hz, rad or m.
 
     Raises:
         ConfigError: A model that the compensator refuses.
@@ -226,7 +224,7 @@ def _drift(
 
 
 def _poses(motion: Motion) -> Array:
-    """Return (P, 7) poses of the motion that are far from one another."""
+    """Return (P, n) poses of the motion that are far from one another."""
     arm = motion.arm
     q = np.clip(motion.q[:: max(1, len(motion.q) // 500)], arm.lower, arm.upper)
     scaled = q / motion.travel[1]
@@ -248,27 +246,32 @@ def _starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[
     return found[np.unique(np.linspace(0, len(found) - 1, min(_WINDOWS, len(found))).astype(int))]
 
 
-def _missed(
-    simulated: ModelArm, model: TorqueModel, motion: Motion, starts: NDArray[np.int64]
-) -> Array:
+def _missed(simulated: ModelArm, motion: Motion, starts: NDArray[np.int64]) -> Array:
     """Return (n,) RMS error of the positions that a model predicts at the end of each piece."""
     plant = simulated.plant()
-    arm, offset = model.arm, model.joint_offset
-    bias = model.term(TorqueOffset.NAME)
-    efforts = motion.effort - (bias.offset if isinstance(bias, TorqueOffset) else 0.0)
+    arm, offset = plant.model.arm, plant.model.joint_offset
     steps = np.arange(round(WINDOW / STEP)) * STEP
     missed = []
     for row in starts.tolist():
         begin = motion.time[row]
         rows = slice(row, row + int(1.0 + 1.5 * WINDOW * (motion.rate or 1.0)))
+        efforts = _applied(plant, motion, rows, offset)
         effort, there = (
-            np.stack(
-                [np.interp(begin + at, motion.time[rows], column[rows]) for column in of.T], -1
-            )
-            for of, at in ((efforts, steps + 0.5 * STEP), (motion.q, np.array([WINDOW])))
+            np.stack([np.interp(begin + at, motion.time[rows], column) for column in of.T], -1)
+            for of, at in ((efforts, steps + 0.5 * STEP), (motion.q[rows], np.array([WINDOW])))
         )
         plant.reset(np.clip(motion.q[row] - offset, arm.lower, arm.upper), motion.qd[row])
         for torque in effort:
             plant.step(torque, dt=STEP)
         missed.append(plant.q + offset - there[0])
     return np.sqrt(np.mean(np.square(missed), axis=0))
+
+
+def _applied(plant: Plant, motion: Motion, rows: slice, offset: Array) -> Array:
+    """Return (N, n) efforts that acted on the arm: measured ones less what its sensors add."""
+    efforts = motion.effort[rows].copy()
+    for part in plant.parts:
+        if part.reading is not None:
+            states = zip(motion.q[rows] - offset, motion.qd[rows], strict=True)
+            efforts -= [part.reading(q, qd) for q, qd in states]
+    return efforts

@@ -34,6 +34,7 @@ from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.supposed import SUPPOSED
 from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Unknowns
 from dvrk_gravity.effects.base.unknowns import (
     PART,
@@ -108,6 +109,12 @@ class CoulombFriction(LinearTerm):
             return None
         transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), n, 0.02)
         return cls(arm, **levels, transition_velocity=transition)
+
+    @classmethod
+    def nominal(cls, arm: Arm) -> CoulombFriction:
+        """See :meth:`Term.nominal`: at the joints."""
+        level, nothing = SUPPOSED.coulomb * arm.effort_limit, np.zeros(arm.n)
+        return cls(arm, level, level, nothing, nothing, 0.02 * arm.scale)
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""

@@ -47,6 +47,7 @@ class ElasticCable(LinearTerm):
     NAME = "elastic_cable"
     REMEDY = "look at the cables and springs across {joint}"
     AT_POSES = True
+    POWERS = True
     MEANINGS = meanings(
         stiffness=size("N·m/rad", MORE),
         lowest=Meaning("N·m", 0.0, label="least torque", certain=True),

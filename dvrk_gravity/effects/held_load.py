@@ -66,13 +66,14 @@ class HeldLoad(Term):
             ),
             *(
                 Parameter(
-                    f"{cls.NAME}.{kind}.{joint}", (), "N·m", f"{text} of each function, {joint}"
+                    f"{cls.NAME}.{kind}.{joint.name}", (), joint.effort_unit,
+                    f"{text} of each function, {joint.name}",
                 )
                 for kind, text in (
                     ("mean", "size, either way"),
                     ("difference", "size, along the approach"),
                 )
-                for joint in arm.joint_names
+                for joint in arm.joints
             ),
             *polynomial.declare_range(arm, cls.NAME),
         )  # fmt: skip

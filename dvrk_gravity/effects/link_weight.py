@@ -17,6 +17,7 @@ from dvrk_gravity.effects.base.arrays import Array, as_value
 from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.supposed import supposed_inertias
 from dvrk_gravity.effects.base.term import Evaluator, LinearTerm
 from dvrk_gravity.effects.base.weight import gravity_parameters, weight_evaluator
 from dvrk_gravity.errors import ShapeError
@@ -27,7 +28,7 @@ OF_WEIGHT = 4  # of a body's ten parameters: m, m c (3)
 
 @dataclass(frozen=True, eq=False)
 class LinkWeight(LinearTerm):
-    """tau = g(q) of the links; their inertia is ``link_inertia``'s.
+    """tau = g(q) of the links; their inertia is another term's.
 
     An MTM has ``gravity`` in its place, whose beta are the combinations that act. Here each body
     has its own parameters, of which only combinations act, too: identified ones need not be those
@@ -76,6 +77,18 @@ class LinkWeight(LinearTerm):
             arm.gravity if vector is None else np.array(vector),
             bool(values.get("gravity_enabled", True)),
         )
+
+    @classmethod
+    def nominal(cls, arm: Arm) -> LinkWeight | None:
+        """See :meth:`Term.nominal`: the weight of the bodies that are supposed."""
+        if is_mtm(arm):
+            return None
+        supposed, nothing = supposed_inertias(arm), pin.Inertia.Zero()
+        rows = [
+            body.frame.act(supposed.get(body.name, nothing)).toDynamicParameters()[:OF_WEIGHT]
+            for body in arm.bodies
+        ]
+        return cls(arm, np.array(rows), arm.gravity)
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""

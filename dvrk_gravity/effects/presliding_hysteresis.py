@@ -27,6 +27,7 @@ from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.unknowns import (
     PART,
+    Column,
     ColumnTable,
     Move,
     effort_of_motor,
@@ -64,6 +65,7 @@ class PreslidingHysteresis(LinearTerm):
     """
 
     NAME = "presliding_hysteresis"
+    DIVIDED_WITH = (CoulombFriction,)
     REMEDY = "let the arm move a little before a reading counts"
     MEANINGS = meanings(
         level=Meaning("N·m", 0.0, least=0.0),
@@ -90,12 +92,12 @@ class PreslidingHysteresis(LinearTerm):
             ),
             *(
                 Parameter(
-                    f"{cls.NAME}.{place}.{joint}", (), "N·m",
-                    f"friction of each element at the {place}, {joint}",
+                    f"{cls.NAME}.{place}.{joint.name}", (), joint.effort_unit,
+                    f"friction of each element at the {place}, {joint.name}",
                     lower=0.0, lengths=lengths,
                 )
                 for place in _PLACES
-                for joint in arm.joint_names
+                for joint in arm.joints
             ),
         )  # fmt: skip
 
@@ -164,6 +166,12 @@ class PreslidingHysteresis(LinearTerm):
     def plant(self) -> PlantPart:
         """See :meth:`Term.plant`: elements with a state, relaxed at first."""
         return PlantPart(memory=Elements(self.arm, self.displacement, self.joint, self.motor))
+
+    @classmethod
+    def coefficient_name(cls, arm: Arm, column: Column) -> str:
+        """See :meth:`LinearTerm.coefficient_name`: with the displacement of its element."""
+        length = f"{DISPLACEMENTS[column.index]:g} {column.site.unit(arm, 'rad')}"
+        return f"{super().coefficient_name(arm, column)} over {length}"
 
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:

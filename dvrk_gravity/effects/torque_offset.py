@@ -32,7 +32,7 @@ class TorqueOffset(LinearTerm):
 
     It is a fault of the reading and pushes nothing: predictions of measured efforts have it, the
     simulator's sensors add it, the compensator leaves it out. A constant torque that the arm does
-    feel is the constant of ``elastic_cable``; efforts alone cannot tell one from the other.
+    feel is the constant of a cable's; efforts alone cannot tell one from the other.
 
     Attributes:
         offset: (n,) N·m.
@@ -40,7 +40,7 @@ class TorqueOffset(LinearTerm):
 
     NAME = "torque_offset"
     REMEDY = "calibrate the zero of {joint}'s current sensor"
-    NOT_FITTED = "a constant torque is the first coefficient of elastic_cable"
+    NOT_FITTED = "a constant torque is fitted as the first coefficient of a cable's"
     MEANINGS = meanings(offset=size("N·m", READS, "reads"))
     COMPENSATED = False
 

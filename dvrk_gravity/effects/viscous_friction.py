@@ -32,6 +32,7 @@ from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.base.state import State
+from dvrk_gravity.effects.base.supposed import SUPPOSED
 from dvrk_gravity.effects.base.term import Evaluator, Friction
 from dvrk_gravity.effects.base.unknowns import PART, ColumnTable, Move, effort_of_motor, unit_way
 from dvrk_gravity.parameter import Parameter, Value
@@ -66,6 +67,11 @@ class ViscousFriction(Friction):
         joint = as_array(values.get(f"{cls.NAME}.joint"), arm.n, 0.0)
         motor = as_array(values.get(f"{cls.NAME}.motor"), arm.n, 0.0)
         return cls(arm, joint, motor) if joint.any() or motor.any() else None
+
+    @classmethod
+    def nominal(cls, arm: Arm) -> ViscousFriction:
+        """See :meth:`Term.nominal`: at the joints."""
+        return cls(arm, SUPPOSED.viscous * arm.effort_limit / arm.scale, np.zeros(arm.n))
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""

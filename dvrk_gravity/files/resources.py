@@ -17,14 +17,26 @@ def config_path(name: str) -> Path:
     Raises:
         FileNotFoundError: No such file in any of them.
     """
-    package = Path(__file__).resolve().parents[1]
-    candidates = [package.parent / "config"]
-    prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-    # <prefix>/lib/python3.X/site-packages/dvrk_gravity
-    prefixes += package.parents[2:4]
-    candidates += [prefix / "share" / PACKAGE / "config" for prefix in prefixes]
-    for folder in candidates:
+    for folder in _folders():
         path = (folder / name).resolve()
         if path.is_file() and path.is_relative_to(folder.resolve()):
             return path
     raise FileNotFoundError(name)
+
+
+def shipped(folder: str) -> tuple[str, ...]:
+    """Return the names of the YAML files in a folder of ``config/``, wherever they are found."""
+    found = {path.stem for config in _folders() for path in (config / folder).glob("*.yaml")}
+    return tuple(sorted(found))
+
+
+def _folders() -> list[Path]:
+    """Return where ``config/`` can be, the nearest first."""
+    package = Path(__file__).resolve().parents[1]
+    prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
+    # <prefix>/lib/python3.X/site-packages/dvrk_gravity
+    prefixes += package.parents[2:4]
+    return [
+        package.parent / "config",
+        *(prefix / "share" / PACKAGE / "config" for prefix in prefixes),
+    ]

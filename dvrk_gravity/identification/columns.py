@@ -110,6 +110,11 @@ class Columns:
             if one.effect == RIGID[0] or one.key in keys
         ]
 
+    def effect(self, index: int) -> type[LinearTerm]:
+        """Return the effect of a column that is one of a term's coefficients."""
+        name = self.columns[index].effect
+        return next(type(term) for term in self.terms_looked_for if name == term.NAME)
+
     def basis(self, effect: str) -> Array:
         """Return (k, p) from the coefficients of an effect's columns to its term's theta."""
         (one,) = (one for one in self._unknowns if effect == one.term.NAME)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.estimation.covariance import Uncertainty, autocorrelated_scores, sandwich
 from dvrk_gravity.estimation.normal_equations import Solution, fit
 from dvrk_gravity.estimation.splits import Folds, FoldSettings
@@ -39,14 +38,14 @@ from dvrk_gravity.identification.result import (
 from dvrk_gravity.identification.selection import Selection
 from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 
 Report = Callable[[str, float], None]
-# What a compensator may safely do with an identified friction: push most of it, never all,
-# and none where the sign of the velocity is noise.
-FRICTION_RATIO = 0.7
-DEAD_BAND = 0.05  # rad/s; a tenth in m/s
+# Written with a model although they are the defaults: who edits it sees that not all of an
+# identified friction is pushed.
+_SHOWN = ("friction_compensation.ratio", "friction_compensation.dead_band")
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,10 +258,8 @@ def _model(
 ) -> TorqueModel:
     theta = np.zeros(len(columns.columns))
     theta[list(chosen)] = solution.theta
-    node = {
-        "friction_compensation.ratio": (FRICTION_RATIO,) * columns.arm.n,
-        "friction_compensation.dead_band": as_value(DEAD_BAND * columns.arm.scale),
-    }
+    declared = node_parameters(columns.arm)
+    node = {name: declared[name].default for name in _SHOWN}
     offset = columns.corrected(theta).offset
     return TorqueModel(columns.arm, columns.terms(theta, links), node, joint_offset=offset)
 

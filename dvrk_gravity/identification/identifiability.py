@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain, product
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.link_prior import base_directions, beta_map, samples
 from dvrk_gravity.effects.base.unknowns import Column
-from dvrk_gravity.effects.presliding_hysteresis import DISPLACEMENTS
 from dvrk_gravity.estimation.covariance import Uncertainty
 from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.gravity import BETA_NAMES
@@ -22,6 +22,7 @@ from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.holding import HoldingSettings
 from dvrk_gravity.identification.kinematic_calibration import KINEMATIC
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
+from dvrk_gravity.identification.rigid_columns import link_columns
 from dvrk_gravity.recording.data import Array
 
 SHOWN = 3  # parameters named in one combination
@@ -106,7 +107,7 @@ def describe(
 
 def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
     index = {column: place for place, column in enumerate(chosen)}
-    rigid = [index[i] for i in columns.select(effect="link_inertia") if i in index]
+    rigid = [index[i] for i in link_columns(columns) if i in index]
     found: list[_Quantity] = []
 
     def row(values: dict[int, float]) -> Array:
@@ -131,26 +132,22 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
                 continue
             found.append(_Quantity(name, unit, row(dict(zip(rigid, line, strict=True))), -1))
     names = columns.arm.joint_names
-    for j, joint in enumerate(names):
-        powers = [i for i in columns.select(effect="elastic_cable", joint=j) if i in index]
-        matrix = columns.basis("elastic_cable")[j :: columns.arm.n, j :: columns.arm.n]
+    for (j, joint), effect in product(enumerate(names), _with_powers(columns)):
+        powers = [i for i in columns.select(effect=effect, joint=j) if i in index]
+        matrix = columns.basis(effect)[j :: columns.arm.n, j :: columns.arm.n]
         for k in range(len(powers)):
             values = {index[i]: matrix[k, columns.columns[i].index] for i in powers}
             effort, way = columns.arm.effort_units[j], columns.arm.units[j]
             unit = effort + ("" if k == 0 else f"/{way}" if k == 1 else f"/{way}^{k}")
-            found.append(_Quantity(f"elastic_cable.{joint}[{k}]", unit, row(values), j))
-    dry = _dry_friction(columns, chosen)
+            found.append(_Quantity(f"{effect}.{joint}[{k}]", unit, row(values), j))
+    dry = _divided(columns, chosen)
     for i in chosen:
         column = columns.columns[i]
         if column.unit:
-            name = _name(column, columns.arm)
-            if column.effect == "presliding_hysteresis":
-                name += (
-                    f" over {DISPLACEMENTS[column.index]:g} {column.site.unit(columns.arm, 'rad')}"
-                )
             found.append(
                 _Quantity(
-                    name, column.site.unit(columns.arm, column.unit), row({index[i]: 1.0}),
+                    columns.effect(i).coefficient_name(columns.arm, column),
+                    column.site.unit(columns.arm, column.unit), row({index[i]: 1.0}),
                     column.joint,
                     shared=i in dry.get((column.place, column.joint), ()),
                 )
@@ -166,11 +163,9 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
     return found
 
 
-def _name(column: Column, arm: Arm) -> str:
-    """Return the name of a coefficient of a term."""
-    if column.joint < 0:
-        return f"{column.effect}[{column.index}]"
-    return f"{column.effect}.{column.place}[{arm.joint_names[column.joint]}]"
+def _with_powers(columns: Columns) -> list[str]:
+    """Return the names of the effects that are polynomials of their joint's position."""
+    return [term.NAME for term in columns.terms_looked_for if term.POWERS]
 
 
 def _is_there(line: Array) -> bool:
@@ -185,20 +180,21 @@ def kinematic_name(columns: Columns, column: Column) -> str:
     return f"joint_offset[{columns.arm.joint_names[column.joint]}]"
 
 
-def _dry_friction(columns: Columns, chosen: Sequence[int]) -> dict[tuple[str, int], list[int]]:
-    """Return Coulomb friction and presliding by place and joint, where there is presliding.
+def _divided(columns: Columns, chosen: Sequence[int]) -> dict[tuple[str, int], list[int]]:
+    """Return by place and joint the columns that divide one torque by a choice.
 
     The elements of presliding are a basis: which of them a search takes, and how friction is
     divided among them and Coulomb friction, is no property of the arm.
     """
     found: dict[tuple[str, int], list[int]] = {}
-    for i in chosen:
-        column = columns.columns[i]
-        if column.effect == "presliding_hysteresis":
-            found.setdefault((column.place, column.joint), []).append(i)
-    for (place, joint), parts in found.items():
-        coulomb = columns.select(effect="coulomb_friction", place=place, joint=joint)
-        parts += [i for i in coulomb if i in chosen]
+    for one in {columns.effect(i): None for i in chosen if columns.columns[i].unit}:
+        if not one.DIVIDED_WITH:
+            continue
+        for effect in (one, *one.DIVIDED_WITH):
+            for i in columns.select(effect=effect.NAME):
+                place = columns.columns[i].place, columns.columns[i].joint
+                if i in chosen and (effect is one or place in found):
+                    found.setdefault(place, []).append(i)
     return found
 
 
@@ -308,7 +304,8 @@ def _absent_statements(
     inseparable = IdentifiabilitySettings().inseparable
     index = list(chosen)
     inverse = np.linalg.inv(solution.precision)
-    for column in columns.select(effect="elastic_cable", index=1):
+    linear = [columns.select(effect=effect, index=1) for effect in _with_powers(columns)]
+    for column in chain(*linear):
         if column in chosen:
             continue
         x = design.x[:, :, column] * weight
@@ -337,7 +334,7 @@ def _dry_friction_statements(
     names = columns.arm.joint_names
     where = [
         f"{names[joint]} ({place}, {sum(value[i] for i in parts):.3g} N·m together)"
-        for (place, joint), parts in _dry_friction(columns, chosen).items()
+        for (place, joint), parts in _divided(columns, chosen).items()
     ]
     if not where:
         return []

@@ -38,7 +38,7 @@ def never_shown(arm: Arm) -> str:
         *(f"the joint offset of {one} (weights do not depend on it)" for one in others[:1]),
         f"the joint offset of {last} (equivalent to another centre of mass of its link)",
         "a payload (equivalent to parameters of the links that carry it)",
-        "a constant torque offset (equivalent to the constant of elastic_cable)",
+        "a constant torque offset (equivalent to the constant of a cable's torque)",
     ]
     return f"not identifiable from torques, and held at the assumed values: {'; '.join(parts)}"
 

@@ -20,6 +20,7 @@ from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.link_prior import link_sizes, prior_scale
 from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.identification.columns import Columns
+from dvrk_gravity.identification.rigid_columns import link_columns
 from dvrk_gravity.recording.data import Array
 
 _ROWS, _COLUMNS = np.tril_indices(4)
@@ -52,7 +53,7 @@ def physical_links(
         (p,) coefficients and (10 bodies,) link parameters that belong to them.
     """
     index = list(chosen)
-    bodies = len(columns.select(effect="link_inertia"))
+    bodies = len(link_columns(columns))
     scale = prior_scale(columns.arm)
     # (b, 10 bodies): what torque sees of the links; see base_directions.
     seen = columns.base.T / scale**2

@@ -31,7 +31,7 @@ class FittedParameter:
     """One identified number.
 
     Attributes:
-        name: As in the model file, with an index for arrays: ``coulomb_friction.joint[3]``; or a
+        name: As in the model file, with an index for arrays: ``viscous_friction.joint[3]``; or a
             combination that the data do determine, in words: ``beta1 + 0.98 k1``.
         value: Its value.
         unit: SI unit.

@@ -18,12 +18,17 @@ from dvrk_gravity.effects import Gravity, LinkInertia, LinkWeight, State, Term
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.link_prior import base_directions, beta_map
 from dvrk_gravity.effects.base.site import THE_ARM
-from dvrk_gravity.effects.base.unknowns import PART, Column
+from dvrk_gravity.effects.base.unknowns import PART, Column, ColumnTable
 from dvrk_gravity.effects.link_weight import OF_WEIGHT
 from dvrk_gravity.recording.data import Array
 
 SPRINGS = 4  # entries of an MTM's beta, arm and forearm, that a balancing spring can add to
 RIGID = (LinkInertia.NAME, Gravity.NAME, LinkWeight.NAME)  # effects that are always fitted
+
+
+def link_columns(table: ColumnTable) -> list[int]:
+    """Return the indices of the links' columns."""
+    return table.select(effect=RIGID[0])
 
 
 class RigidColumns:

@@ -146,8 +146,7 @@ def _static(
     if effects is not None:
         raise ConfigError(
             "--terms", ",".join(effects),
-            f"no --terms with static poses ({source}): what explains them is chosen joint by joint "
-            "from gravity, directional_cable and held_load",
+            f"no --terms with static poses ({source}): what explains them is chosen joint by joint",
         )  # fmt: skip
     if physical:
         raise ConfigError(

@@ -21,6 +21,8 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import Value
 from dvrk_gravity.recording.data import Array
 
+_CABLE = "directional_cable"  # what is fitted of each joint's own position
+
 
 @dataclass(frozen=True)
 class DirectionSettings:
@@ -55,6 +57,11 @@ def fit_poses(
     values |= _held(table, solution)
     values |= _shown(table, scale, weight)
     return TorqueModel.from_parameters(values), solution, scale, weight
+
+
+def cable_name(side: str, joint: str) -> str:
+    """Return the name of the parameter that holds a joint's coefficients, positive or negative."""
+    return f"{_CABLE}.{side}.{joint}"
 
 
 def cable_rows(table: Table, solution: PoseSolution, joint: int) -> dict[str, Array]:
@@ -97,14 +104,14 @@ def _cables(table: Table, solution: PoseSolution) -> dict[str, Value]:
         used = np.flatnonzero(sum(np.abs(powers) for powers in sides.values()))
         degree = int(used[-1]) if len(used) else 0
         for side, powers in sides.items():
-            values[f"directional_cable.{side}.{name}"] = as_value(powers[: degree + 1])
+            values[cable_name(side, name)] = as_value(powers[: degree + 1])
     blend = DirectionSettings()
     settings = {
         "dead_band": blend.dead_band, "saturation_velocity": blend.saturation, "ratio": blend.ratio,
     }  # fmt: skip
     for setting, value in settings.items():
-        values[f"directional_cable.{setting}"] = (value,) * table.arm.n
-    return values | _range("directional_cable", table)
+        values[f"{_CABLE}.{setting}"] = (value,) * table.arm.n
+    return values | _range(_CABLE, table)
 
 
 def _held(table: Table, solution: PoseSolution) -> dict[str, Value]:

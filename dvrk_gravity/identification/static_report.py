@@ -13,7 +13,7 @@ from dvrk_gravity.estimation.splits import masks, sequential
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.identification.static_columns import N_BETA
-from dvrk_gravity.identification.static_model import cable_rows
+from dvrk_gravity.identification.static_model import cable_name, cable_rows
 from dvrk_gravity.identification.static_solver import PoseSolution, Table
 from dvrk_gravity.recording.data import Array
 
@@ -94,7 +94,7 @@ def _quantities(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str
             for power, row in enumerate(rows):
                 if row.any():
                     unit = "N·m" if power == 0 else f"N·m/rad^{power}"
-                    yield f"directional_cable.{side}.{name}[{power}]", unit, row
+                    yield f"{cable_name(side, name)}[{power}]", unit, row
 
 
 def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> Iterator[str]:
@@ -115,7 +115,7 @@ def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> It
     for k in range(N_BETA):
         first = f"beta{k + 1} ({BETA_NAMES[k]})"
         for joint, power in product(poses.moving, (0, 1)):
-            second = f"directional_cable.positive.{names[joint]}[{power}]"
+            second = f"{cable_name('positive', names[joint])}[{power}]"
             if second not in quantities:
                 continue
             together = spread.correlation(quantities[first], quantities[second])

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-ENCAPSULATION = 4  # bytes before the payload; alignment counts from their end
+ENCAPSULATION = 4  # bytes before the data; alignment counts from their end
 STAMP = slice(4, 12)  # int32 s, uint32 ns
-MAX_PADDING = 3  # some writers pad the payload to a multiple of four
+MAX_PADDING = 3  # some writers pad the data to a multiple of four
 
 
 class CdrError(ValueError):

@@ -1,4 +1,4 @@
-"""Node: makes an MTM weightless (measured_js in, servo_jf out)."""
+"""Node: makes an arm weightless (measured_js in, servo_jf out)."""
 
 from __future__ import annotations
 

@@ -31,6 +31,7 @@ from dvrk_gravity.model import all_parameters
 from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.ros import operating_state, runtime
 from dvrk_gravity.ros.arm_link import MEASURED, ArmLink
+from dvrk_gravity.ros.command_topic import PARAMETERS, CommandTopic
 from dvrk_gravity.ros.diagnostics import Diagnostics
 from dvrk_gravity.ros.executor import PromptNode
 from dvrk_gravity.ros.hold import Hold
@@ -53,8 +54,8 @@ class Compensator(PromptNode):
         Raises:
             ConfigError: A parameter that is unknown or fails its check.
         """
-        # Undeclared ones are allowed for effects that the model does not have yet, such as a
-        # payload: they are checked like all others.
+        # Undeclared ones are allowed for effects that the model does not have yet, such as a mass
+        # that is carried: they are checked like all others.
         super().__init__(
             "compensator",
             automatically_declare_parameters_from_overrides=True,
@@ -85,16 +86,13 @@ class Compensator(PromptNode):
     def _supervise(self, settings: Settings) -> Supervisor:
         return Supervisor(settings)
 
-    def _command_topic(self, as_array: bool) -> str:
-        given = self.get_parameter("output_topic").value
-        return given or ("commands" if as_array else "servo_jf")
+    def _command_topic(self) -> CommandTopic:
+        return CommandTopic.of({name: self.get_parameter(name).value for name in PARAMETERS})
 
     def _connect(self) -> None:
-        self._as_array = self.get_parameter("output").value == "array"
-        message = Float64MultiArray if self._as_array else JointState
-        self._command = self.create_publisher(
-            message, self._command_topic(self._as_array), _COMMANDS
-        )
+        topic = self._command_topic()
+        self._as_array = topic.as_array
+        self._command = self.create_publisher(topic.message_type, topic.name, _COMMANDS)
         self._arm = ArmLink(self, any_subscriber=self._as_array)
         self._hold = Hold(self, self._arm.listens)
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)

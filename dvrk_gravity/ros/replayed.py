@@ -28,6 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.compensate.unsupervised import Unsupervised
     from dvrk_gravity.errors import ConfigError
     from dvrk_gravity.ros import runtime
+    from dvrk_gravity.ros.command_topic import CommandTopic
     from dvrk_gravity.ros.compensator_node import Compensator
 
     class Replayed(Compensator):
@@ -36,8 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
         def _supervise(self, settings: Settings) -> Supervisor:
             return Unsupervised(settings)
 
-        def _command_topic(self, as_array: bool) -> str:
-            return COMMANDS
+        def _command_topic(self) -> CommandTopic:
+            return CommandTopic(COMMANDS, as_array=False)
 
         def _connect(self) -> None:
             super()._connect()

@@ -127,7 +127,7 @@ def declare(node: Node, table: Mapping[str, Parameter], values: Mapping[str, Any
 
 def _descriptor(entry: Parameter) -> ParameterDescriptor:
     """Return what `ros2 param describe` shows."""
-    unit = f", {entry.unit}" if entry.unit else ""
+    unit = f", {entry.unit_text}" if entry.unit_text else ""
     descriptor = ParameterDescriptor(
         name=entry.name,
         description=f"{entry.meaning} ({entry.kind}{unit})",

@@ -1,4 +1,4 @@
-"""Node: a dVRK MTM as seen from ROS, simulated in real time."""
+"""Node: an arm as seen from ROS, simulated in real time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import sys
 from collections.abc import Sequence
 
 from dvrk_gravity import command_line
-from dvrk_gravity.errors import ConfigError
 
 NAME = "simulator"
 EXAMPLE = "ros2 run dvrk_gravity simulator --ros-args -r __ns:=/MTMR -p friction_scale:=0.1"
@@ -20,11 +19,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit status."""
-    for word in args.ros_args:
-        name, given, arm = word.rpartition(":=")
-        if given and name.rpartition(":")[2] == "arm":
-            expected = "plant:=NAME_OR_FILE, of a plant or a model: it says which arm is simulated"
-            raise ConfigError("arm", arm, expected)
     # Here and not above: rclpy and Pinocchio are slow to load and --help needs neither.
     from dvrk_gravity.ros import runtime
     from dvrk_gravity.ros.simulator_node import Simulator

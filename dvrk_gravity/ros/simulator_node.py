@@ -17,10 +17,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty
 
 from dvrk_gravity.arms import Arm, mtm
-from dvrk_gravity.errors import DvrkGravityError
-from dvrk_gravity.model import BY_EFFECTS, all_parameters, arm_of
+from dvrk_gravity.errors import ConfigError, DvrkGravityError
+from dvrk_gravity.model import ARM_PARAMETER, BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameter import Parameter, check_all
 from dvrk_gravity.ros import runtime
+from dvrk_gravity.ros.command_topic import PARAMETERS, CommandTopic
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 
 STEP = 1e-3
@@ -33,7 +34,8 @@ SIMULATOR_PARAMETERS: dict[str, Parameter] = {
     entry.name: entry
     for entry in (
         Parameter(
-            "plant", "mtmr_28002", "", "plant: a name, or a plant's or model's .yaml file"
+            "plant", "", "",
+            "plant: a name, a plant's or model's .yaml file, or a .urdf; not given: that of `arm`",
         ),
         Parameter("rate", 1000.0, "Hz", "measured_js", lower=1.0, upper=1000.0),
         Parameter(
@@ -89,16 +91,25 @@ class Simulator(Node):
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
         given = runtime.given_parameters(self)
         # A file for all nodes (`/**`) holds the compensator's parameters, too.
-        others = all_parameters(arm_of(given))
+        arm = arm_of(given)
+        others = all_parameters(arm)
         mine = {name: value for name, value in given.items() if name not in others}
+        efforts = CommandTopic.of(
+            {name: others[name].check(given.get(name, others[name].default)) for name in PARAMETERS}
+        )
         defaults = {name: entry.default for name, entry in SIMULATOR_PARAMETERS.items()}
         value: dict[str, Any] = defaults | check_all(SIMULATOR_PARAMETERS, mine, BY_EFFECTS)
         runtime.declare(self, SIMULATOR_PARAMETERS, value)
         self.add_on_set_parameters_callback(self._refuse_parameters)
 
-        truth = PlantFile.load(value["plant"])
+        truth = PlantFile.load(value["plant"]) if value["plant"] else PlantFile.of(arm)
+        simulated = truth.model.arm
+        if ARM_PARAMETER.name in given and simulated.joint_names != arm.joint_names:
+            raise ConfigError(
+                "plant", value["plant"], f"one with the joints of {arm.name}, as `arm` says"
+            )
         plant = truth.plant(value["friction_scale"])
-        plant.reset(value["initial_position"] or initial_position(truth.model.arm))
+        plant.reset(value["initial_position"] or initial_position(simulated))
         self._arm = SimulatedArm(
             plant,
             truth.sensors if value["sensor_noise"] else None,
@@ -106,16 +117,17 @@ class Simulator(Node):
             value["builtin_gravity_compensation"],
             STEP,
         )
-        self._names = truth.model.arm.joint_names
+        self._names = simulated.joint_names
         self._push_timeout = value["push_timeout"] * value["realtime_factor"]
         self._steps_per_second = value["realtime_factor"] / STEP
         self._origin = time.monotonic()
         self._first_stamp = self.get_clock().now()
         self._steps = 0
-        self._connect(value["rate"], value["setpoint_rate"])
+        self._connect(value["rate"], value["setpoint_rate"], efforts)
         builtin = "on" if value["builtin_gravity_compensation"] else "off"
         self.get_logger().info(
-            f"simulating {value['plant']}, in hold; its own gravity compensation is {builtin}"
+            f"simulating {simulated.name} ({truth.source}), in hold; its own gravity compensation "
+            f"is {builtin}"
         )
 
     def finish(self) -> bool:
@@ -123,7 +135,7 @@ class Simulator(Node):
         self._timer.cancel()
         return True
 
-    def _connect(self, rate: float, setpoint_rate: float) -> None:
+    def _connect(self, rate: float, setpoint_rate: float, efforts: CommandTopic) -> None:
         def publisher(topic: str) -> Any:
             return self.create_publisher(JointState, topic, QoSProfile(depth=100))
 
@@ -133,7 +145,11 @@ class Simulator(Node):
         self._measured_due = _Due(rate)
         self._setpoint_due = _Due(setpoint_rate)
         arm = self._arm
-        self._listen(JointState, "servo_jf", lambda message: arm.servo_jf(message.effort))
+        self._listen(
+            efforts.message_type,
+            efforts.name,
+            lambda message: arm.servo_jf(efforts.effort(message)),
+        )
         self._listen(JointState, "servo_jp", lambda message: arm.servo_jp(message.position))
         self._listen(JointState, "move_jp", lambda message: arm.move_jp(message.position))
         self._listen(Empty, "hold", lambda _: arm.hold())

@@ -5,20 +5,20 @@ from __future__ import annotations
 import time
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Empty, Float64, Float64MultiArray, String
+from std_msgs.msg import Empty, Float64, String
 
 from dvrk_gravity.model import BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameter import check_all
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.arm_link import ArmLink
+from dvrk_gravity.ros.command_topic import PARAMETERS, CommandTopic
 from dvrk_gravity.ros.executor import PromptNode
 from dvrk_gravity.ros.hold import Hold
 
 TIMEOUT_TOPIC = "watchdog_timeout"
 """Latched: the watchdog's time-out, s, which a compensator's own must not exceed."""
 
-_PARAMETERS = ("watchdog_timeout", "output", "output_topic")
+_PARAMETERS = ("watchdog_timeout", *PARAMETERS)
 
 
 class Watchdog(PromptNode):
@@ -40,17 +40,16 @@ class Watchdog(PromptNode):
         assert isinstance(timeout, float)  # check_all has seen to it
         self._timeout = timeout
         self._last: float | None = None  # when the last command came; None: the arm is held
-        as_array = values["output"] == "array"
-        topic = str(values["output_topic"]) or ("commands" if as_array else "servo_jf")
-        self._arm = ArmLink(self, any_subscriber=as_array)
+        topic = CommandTopic.of(values)
+        self._arm = ArmLink(self, any_subscriber=topic.as_array)
         self._hold = Hold(self, self._arm.listens)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._state = self.create_publisher(String, "~/state", latched)
         # Raw: that a command came is all that matters, not what it says. rclpy's annotation does
         # not know of the information about a message that its callbacks may take.
         self.prompt = self.create_subscription(
-            Float64MultiArray if as_array else JointState,
-            topic,
+            topic.message_type,
+            topic.name,
             self._on_command,  # type: ignore[arg-type]
             1,
             raw=True,
@@ -58,7 +57,7 @@ class Watchdog(PromptNode):
         self.create_subscription(Empty, "hold", self._on_hold, 10)
         self.create_publisher(Float64, TIMEOUT_TOPIC, latched).publish(Float64(data=timeout))
         self.create_timer(self._timeout / 4, self._on_watch, clock=runtime.STEADY_CLOCK)
-        self._tell(f"watching {topic}: hold after {self._timeout:g} s without a command")
+        self._tell(f"watching {topic.name}: hold after {self._timeout:g} s without a command")
 
     def _on_command(self, data: bytes, info: object) -> None:
         if self._last is None:

@@ -14,10 +14,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.arms.tree import link_frames
 from dvrk_gravity.effects import LinkInertia, RotorInertia, State
 from dvrk_gravity.effects.base.link_prior import prior_scale
+from dvrk_gravity.effects.base.supposed import supposed_rotors
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification.physical import certificate, nearest_bodies
 from dvrk_gravity.model import TorqueModel
@@ -26,15 +26,29 @@ from dvrk_gravity.simulate.plant_file import PlantFile
 
 Array = NDArray[np.float64]
 
-STAND_IN = "mtmr_28002"
-"""Plant file whose inertia stands in where a model has none."""
 
-_STATES = 60  # a torque a joint each; of an MTM for the 42 combinations of parameters that act
-_FASTEST = 2.0  # rad/s and rad/s^2 of these states
-_HOLD = 1e-4  # how firmly what no torque shows is held at the known arm's: enough to decide
-_EVALUATIONS = 120  # half a second; models of real arms end within a hundredth of where 500 do
-_RANK = 1e-9
-_ABSURD = 1e3  # times the known arm's torque: no arm's, and the search would overflow
+@dataclass(frozen=True)
+class CompletionSettings:
+    """How bodies and rotors that can exist are found for a model's inertia.
+
+    Attributes:
+        states: At so many torques are compared, a torque a joint each. Chosen: 420 torques of an
+            MTM for the 42 combinations of parameters that act.
+        fastest: Velocity and acceleration of these states, rad/s and rad/s^2 (``Arm.scale``).
+            Chosen: both kinds of torque are then of one size.
+        hold: How firmly what no torque shows is held at the known arm's. Chosen: enough to decide.
+        evaluations: Of the search at most: half a second; models of real arms end within a
+            hundredth of where 500 do.
+        rank: Part of the largest direction below which one is rounding.
+        absurd: Times the known arm's torque: no arm's, and the search would overflow.
+    """
+
+    states: int = 60
+    fastest: float = 2.0
+    hold: float = 1e-4
+    evaluations: int = 120
+    rank: float = 1e-9
+    absurd: float = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,38 +62,37 @@ class ModelArm:
         off: (n,) RMS torque by which this inertia differs from the model's, as a part of the RMS
             torque that a known arm's inertia takes in the same motion; ``None`` of a model that
             has no inertia.
+        known: Where the known inertia is from, in words.
     """
 
     model: TorqueModel
     links: Mapping[str, pin.Inertia]
     rotors: Array
     off: Array | None
+    known: str
 
     @classmethod
-    def of(cls, model: TorqueModel) -> ModelArm:
+    def of(cls, model: TorqueModel, settings: CompletionSettings | None = None) -> ModelArm:
         """Return the arm of a model.
 
-        Torque depends on 42 combinations of the 90 link parameters only, and identified ones need
-        be no bodies' at all. Of all bodies with positive density, and rotors that are not
-        negative, these have the torque that is nearest to the model's; what no torque shows is
-        near that of :data:`STAND_IN`. A model without link inertia gets all of that plant's
-        inertia: it balances the same, but does not fall as fast.
+        Torque depends on some combinations of the link parameters only (of an MTM on 42 of 90),
+        and identified ones need be no bodies' at all. Of all bodies with positive density, and
+        rotors that are not negative, these have the torque that is nearest to the model's; what no
+        torque shows is near that of the known arm (:meth:`PlantFile.of`). A model without link
+        inertia gets all of that arm's: it balances the same, but does not fall as fast.
 
         Raises:
-            ConfigError: Inertia that is not finite, or an arm that is no MTM.
+            ConfigError: Inertia that is not finite, or no arm's.
         """
+        settings = settings or CompletionSettings()
         links, rotors = model.term(LinkInertia.NAME), model.term(RotorInertia.NAME)
         own = tuple(t for t in model.terms if not isinstance(t, LinkInertia | RotorInertia))
         still = replace(model, terms=own).physical()
-        if not is_mtm(model.arm):
-            raise ConfigError(
-                "arm", model.arm.name, "mtml or mtmr: of another arm no known inertia completes it"
-            )
-        known = PlantFile.load(STAND_IN)
+        known = PlantFile.of(model.arm)
         if not isinstance(links, LinkInertia):
-            return cls(still, known.links, known.rotor_inertia, None)
+            return cls(still, known.links, known.rotor_inertia, None, known.source)
         motor = rotors.motor if isinstance(rotors, RotorInertia) else 0.0 * known.rotor_inertia
-        return cls(still, *_completed(links, motor, known))
+        return cls(still, *_completed(links, motor, known, settings), known.source)
 
     def plant(self, friction_scale: float = 1.0) -> Plant:
         """Return it at zero position, at rest, with a factor on every friction."""
@@ -87,7 +100,7 @@ class ModelArm:
 
 
 def _completed(
-    links: LinkInertia, motor: Array, known: PlantFile
+    links: LinkInertia, motor: Array, known: PlantFile, settings: CompletionSettings
 ) -> tuple[dict[str, pin.Inertia], Array, Array]:
     """Return links and rotors that can exist, and by what part their torque is another."""
     arm, frames = links.arm, link_frames(links.arm)
@@ -96,20 +109,22 @@ def _completed(
         [frames[name].act(known.links.get(name, nothing)).toDynamicParameters()
          for name in arm.body_names]
     )  # fmt: skip
-    state, size = _states(arm), known.rotor_inertia
+    state, count = _states(arm, settings), settings.states
+    size = np.where(known.rotor_inertia > 0.0, known.rotor_inertia, supposed_rotors(arm))
     of_links = links.regressor(state)
     of_rotors = RotorInertia(arm, size).regressor(state) * size
     # Each joint's torque in proportion to what is usual there: the roll's counts as the yaw's.
     usual = np.sqrt(np.mean((of_links @ middle + of_rotors.sum(axis=2)) ** 2, axis=0))
-    per_row = 1.0 / (usual[:, None] * np.sqrt(_STATES))
+    per_row = 1.0 / (usual[:, None] * np.sqrt(count))
     of_links, of_rotors = (
-        (columns * per_row).reshape(_STATES * len(motor), -1) for columns in (of_links, of_rotors)
+        (columns * per_row).reshape(count * len(motor), -1) for columns in (of_links, of_rotors)
     )
     right = of_links @ links.theta + of_rotors @ (motor / size)
-    if not np.abs(right).max() < _ABSURD:
+    if not np.abs(right).max() < settings.absurd:
         raise ConfigError(
-            "link_inertia",
-            f"{np.abs(right).max() * np.sqrt(_STATES):.2g} times the torque of {STAND_IN}'s links",
+            links.NAME,
+            f"{np.abs(right).max() * np.sqrt(count):.2g} times the torque of the links of "
+            f"{known.source}",
             "the inertia of an arm",
         )
     # The same squares from fewer rows.
@@ -119,18 +134,18 @@ def _completed(
     bodies = len(scale)
     found, rotors = nearest_bodies(
         arm,
-        seen[:, :bodies], seen[:, bodies:], goal, middle, _HOLD / scale, motor / size,
-        np.zeros_like(motor), _EVALUATIONS,
+        seen[:, :bodies], seen[:, bodies:], goal, middle, settings.hold / scale,
+        motor / size, np.zeros_like(motor), settings.evaluations,
     )  # fmt: skip
     theta = np.concatenate([found, rotors])
     # What the search leaves, exactly, where bodies and rotors can have it.
     unit = np.concatenate([scale, np.ones_like(motor)])
     left = goal - seen @ theta
-    exact = theta + unit * (np.linalg.pinv(seen * unit, rcond=_RANK) @ left)
+    exact = theta + unit * (np.linalg.pinv(seen * unit, rcond=settings.rank) @ left)
     if min(certificate(arm, exact[:bodies]).values()) > 0.0 and exact[bodies:].min() >= 0.0:
         theta = exact
     missed = orthogonal @ (seen @ theta - goal)
-    off = np.sqrt(np.sum(missed.reshape(_STATES, -1) ** 2, axis=0))
+    off = np.sqrt(np.sum(missed.reshape(count, -1) ** 2, axis=0))
     rows = theta[:bodies].reshape(len(arm.body_names), -1)
     inertia = {
         name: frames[name].actInv(pin.Inertia.FromDynamicParameters(row))
@@ -139,9 +154,9 @@ def _completed(
     return inertia, theta[bodies:] * size, off
 
 
-def _states(arm: Arm) -> State:
+def _states(arm: Arm, settings: CompletionSettings) -> State:
     """Return states all over the joints' range, moving."""
     random = np.random.default_rng(0)
-    shape = (_STATES, len(arm.joints))
+    shape = (settings.states, arm.n)
     q = random.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), shape)
-    return State(q, *random.uniform(-_FASTEST, _FASTEST, (2, *shape)))
+    return State(q, *(settings.fastest * arm.scale * random.uniform(-1.0, 1.0, (2, *shape))))

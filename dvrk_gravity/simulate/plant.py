@@ -48,7 +48,7 @@ class Plant:
         self,
         model: TorqueModel,
         links: Mapping[str, pin.Inertia],
-        rotor_inertia: ArrayLike,
+        rotors: ArrayLike,
         friction_scale: float = 1.0,
     ) -> None:
         """Build the plant at zero position (or the nearest allowed), at rest.
@@ -57,17 +57,17 @@ class Plant:
             model: The arm's true terms.
             links: Inertia of each of the arm's bodies, in its link frame (distal DH, URDF);
                 those absent weigh nothing.
-            rotor_inertia: (n,) reflected inertia at the actuators, kg·m^2.
+            rotors: (n,) reflected inertia at the actuators, kg·m^2.
             friction_scale: Factor on every friction, dry and viscous.
 
         Raises:
             ConfigError: An unknown link, or a mass matrix that is not positive definite.
-            ShapeError: ``rotor_inertia`` is not (n,).
+            ShapeError: ``rotors`` is not (n,).
         """
-        rotors = np.asarray(rotor_inertia, dtype=float)
+        inertia = np.asarray(rotors, dtype=float)
         arm = model.arm
-        if rotors.shape != (arm.n,):
-            raise ShapeError("rotor_inertia", rotors.shape, f"({arm.n},)")
+        if inertia.shape != (arm.n,):
+            raise ShapeError("rotors", inertia.shape, f"({arm.n},)")
         self.model = model
         self.parts = self._parts()
         links = _carried(links, self.parts)
@@ -85,7 +85,7 @@ class Plant:
         self._expand = self._tree.expand
         self._gather = np.ascontiguousarray(self._expand.T)
         to_motor = arm.joint_to_actuator
-        self._rotors = to_motor.T @ np.diag(rotors) @ to_motor
+        self._rotors = to_motor.T @ np.diag(inertia) @ to_motor
         self._effects = Effects(arm, self.parts, friction_scale)
         self._damping = self._effects.damping if self._effects.damping.any() else None
         self._dt, self._implicit = 0.0, np.zeros((arm.n, arm.n))

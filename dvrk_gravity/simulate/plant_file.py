@@ -14,19 +14,20 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.arms.tree import nominal_inertias
-from dvrk_gravity.effects.base.link_prior import link_sizes
+from dvrk_gravity.effects import terms
+from dvrk_gravity.effects.base.supposed import supposed_inertias, supposed_rotors
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.files.resources import config_path
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.files.resources import config_path, shipped
+from dvrk_gravity.model import TorqueModel, arm_beside
 from dvrk_gravity.parameter import flatten
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import Sensors
 
 Array = NDArray[np.float64]
 
-_SHIPPED = "mtmr_28002"
+_FOLDER = "plants"
+_MTM = "mtmr_28002"
 _SECTIONS = ("parameters", "links", "rotor_inertia", "sensors")
 _LARGEST = 1e6  # kg, m, kg·m² and so on: no arm's, and the simulation's products stay finite
 _STEPS = ("position_step", "velocity_noise", "effort_step", "effort_noise")
@@ -41,43 +42,72 @@ class PlantFile:
         links: Inertia of the bodies in their link frames (distal DH, URDF).
         rotor_inertia: (n,) reflected inertia at the actuators, kg·m^2.
         sensors: The sensors; perfect ones if the file has none.
+        source: Where inertia and sensors are from, in words.
     """
 
     model: TorqueModel
     links: Mapping[str, pin.Inertia]
     rotor_inertia: Array
     sensors: Sensors
+    source: str = ""
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> PlantFile:
-        """Load a plant by name (``mtmr_28002``) or from a YAML file.
+        """Load a plant by name (``mtmr_28002``), from a YAML file, or that of a URDF.
 
-        Of a model file, the terms move with the inertia and sensors of ``mtmr_28002``; those of
-        an arm that is no MTM with the nominal inertia of its file, or with spheres of plausible
-        mass and extent, and with perfect sensors.
+        Of a model file, the terms move with the inertia and sensors of its arm's plant
+        (:meth:`of`).
 
         Raises:
             ConfigError: Unknown name, or a file with a wrong, missing or unknown field.
         """
         text = str(name_or_path)
+        if text.partition("#")[0].lower().endswith(".urdf"):
+            return cls.of(Arm.load(text))
         path = Path(text)
         if not text.endswith((".yaml", ".yml")):
             try:
-                path = config_path(f"plants/{text}.yaml")
+                path = config_path(f"{_FOLDER}/{text}.yaml")
             except FileNotFoundError as error:
                 raise ConfigError(
-                    "plant", text, f"{_SHIPPED}, or the path of a plant's or a model's .yaml file"
-                ) from error
+                    "plant", text,
+                    f"{', '.join(shipped(_FOLDER))}, or the path of a plant's or a model's .yaml "
+                    "file, or of a .urdf",
+                ) from error  # fmt: skip
         content = yaml_file.load(path)
         if any(
             isinstance(node, Mapping) and "ros__parameters" in node for node in content.values()
         ):
             model = TorqueModel.load(path)
-            return replace(_stand_in(model.arm), model=model)
+            return replace(cls.of(model.arm), model=model)
         try:
-            return _parse(content)
+            return replace(_parse(content, path.parent), source=f"the plant {path.stem}")
         except ConfigError as error:
             raise error if error.source else error.in_file(path) from None
+
+    @classmethod
+    def of(cls, arm: Arm) -> PlantFile:
+        """Return the plant of an arm of which no other is given.
+
+        It is the first of those that come with the package whose name begins with the arm's, of any
+        MTM ``mtmr_28002`` on its own geometry. Of another arm, supposed are the inertia of its
+        file, or spheres if it has none, and rotors; weight and friction that go with it
+        (``Term.nominal``); and perfect sensors.
+
+        Raises:
+            ConfigError: A file of the package that cannot be read.
+        """
+        named = [name for name in shipped(_FOLDER) if name.partition("_")[0] == arm.name]
+        if not named and is_mtm(arm):
+            named = [_MTM]
+        if named:
+            known = cls.load(named[0])
+            values = {**known.model.parameters(), "arm": arm.source or arm.name}
+            return replace(known, model=TorqueModel.from_parameters(values, arm))
+        supposed = (term.nominal(arm) for term in terms())
+        model = TorqueModel(arm, tuple(term for term in supposed if term is not None))
+        source = f"{arm.name}'s file" if arm.inertial_parameters is not None else "spheres"
+        return cls(model, supposed_inertias(arm), supposed_rotors(arm), Sensors(), source)
 
     def plant(self, friction_scale: float = 1.0) -> Plant:
         """Build the plant.
@@ -88,23 +118,13 @@ class PlantFile:
         return Plant(self.model, self.links, self.rotor_inertia, friction_scale)
 
 
-def _stand_in(arm: Arm) -> PlantFile:
-    """Return inertia and sensors for models that have none."""
-    if is_mtm(arm):
-        return PlantFile.load(_SHIPPED)
-    links = nominal_inertias(arm) or {
-        name: pin.Inertia.FromSphere(mass, extent)
-        for name, (mass, extent) in zip(arm.body_names, link_sizes(arm), strict=True)
-    }
-    return PlantFile(TorqueModel(arm, ()), links, np.zeros(arm.n), Sensors())
-
-
-def _parse(content: Mapping[str, Any]) -> PlantFile:
+def _parse(content: Mapping[str, Any], folder: Path) -> PlantFile:
     _only("", content, _SECTIONS)
     for key in _SECTIONS[:3]:
         if key not in content:
             raise ConfigError(key, None, "a value")
-    model = TorqueModel.from_parameters(flatten(_mapping("parameters", content["parameters"])))
+    values = flatten(_mapping("parameters", content["parameters"]))
+    model = TorqueModel.from_parameters(arm_beside(values, folder))
     links = {
         str(name): _inertia(f"links.{name}", row)
         for name, row in _mapping("links", content["links"]).items()

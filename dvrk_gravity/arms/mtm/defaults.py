@@ -40,5 +40,13 @@ EXCITED_RANGE = (0.9, 0.9, 0.9, 0.9, 0.9, 0.9, 0.3)
 FOLLOWING_ERROR = np.radians([8.0, 8.0, 8.0, 8.0, 8.0, 8.0, 12.0])
 """(7,) how far the arm may be from where it was told to be, rad: twice the 4 and 6 deg within which
 the console takes a goal for reached (sawIntuitiveResearchKit, mtsIntuitiveResearchKitMTM.cpp)."""
+# Within the range on which the arm of the example model was calibrated.
+DEMONSTRATED_POSES = np.radians(
+    [
+        [0.0, 0.0, 0.0, 0.0, 90.0, 0.0, 0.0],
+        [-10.0, 20.0, -15.0, 40.0, 60.0, 20.0, 30.0],
+        [-20.0, 10.0, 20.0, -50.0, 120.0, -25.0, -60.0],
+    ]
+)
 INITIAL_POSITION = (0.0, 0.0, 0.0, 0.0, np.pi / 2, 0.0, 0.0)
 """(7,) rad, where a simulated arm is at first."""

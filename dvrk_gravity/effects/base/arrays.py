@@ -27,8 +27,17 @@ def motor_columns(arm: Arm, values: Array) -> Array:
 
 
 def joint_array(arm: Arm, name: str, unit: str, meaning: str, lower: float = -np.inf) -> Parameter:
-    """Declare an optional array with a number for each joint of an arm."""
-    return Parameter(name, (), unit, meaning, lower=lower, lengths=(arm.n,))
+    """Declare an optional array with a number for each joint of an arm.
+
+    Args:
+        arm: The arm.
+        name: Its name.
+        unit: Of a joint that turns; one that slides has N and m in it.
+        meaning: What it is.
+        lower: Least value of each.
+    """
+    units = tuple(joint.own_unit(unit) for joint in arm.joints)
+    return Parameter(name, (), unit, meaning, lower=lower, lengths=(arm.n,), units=units)
 
 
 def joint_arrays(

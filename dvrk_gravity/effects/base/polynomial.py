@@ -23,12 +23,12 @@ _FAR = 1e6  # rad, beyond every joint
 
 def declare_coefficients(arm: Arm, prefix: str, meaning: str) -> Iterator[Parameter]:
     """Declare ``prefix.JOINT`` for each joint: k0, k1, … of k0 + k1 q + …."""
-    for joint in arm.joint_names:
+    for joint in arm.joints:
         yield Parameter(
-            f"{prefix}.{joint}",
+            f"{prefix}.{joint.name}",
             (),
-            "N·m/rad^k",
-            f"{meaning}, {joint}",
+            joint.own_unit("N·m/rad^k"),
+            f"{meaning}, {joint.name}",
             lengths=tuple(range(1, MAX_DEGREE + 2)),
         )
 

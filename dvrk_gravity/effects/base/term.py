@@ -68,6 +68,12 @@ class Term(Effect):
     def torque(self, state: State) -> Array:
         """Return (…, n) joint torques, N·m."""
 
+    @classmethod
+    def nominal(cls, arm: Arm) -> Term | None:
+        """Return what an arm of which only its own file is known is simulated with, if anything."""
+        del arm
+        return None
+
     def scaled(self, part: Array) -> Term:
         """Return the friction of which (n,) parts are left at each joint and its motor.
 
@@ -144,9 +150,14 @@ class LinearTerm(Term):
 
     Class attributes:
         SITES: What coefficients belong to, for :meth:`unknowns`: joints, motors, or both.
+        POWERS: Its theta at a joint are coefficients of powers of that joint's position.
+        DIVIDED_WITH: Effects with which a fit's columns divide one torque, at one place, by a
+            choice: no part alone is a property of the arm, their sum is.
     """
 
     SITES: ClassVar[tuple[Kind, ...]] = (Kind.JOINT,)
+    POWERS: ClassVar[bool] = False
+    DIVIDED_WITH: ClassVar[tuple[type[Term], ...]] = ()
 
     @classmethod
     def plausible(cls, arm: Arm, valid: Range) -> LinearTerm | None:
@@ -205,6 +216,13 @@ class LinearTerm(Term):
                 yield Move((), (index,), f"without {text}")
             else:
                 yield Move((index,), (), text)
+
+    @classmethod
+    def coefficient_name(cls, arm: Arm, column: Column) -> str:
+        """Return the name of a column's coefficient in a report."""
+        if column.joint < 0:
+            return f"{cls.NAME}[{column.index}]"
+        return f"{cls.NAME}.{column.place}[{arm.joint_names[column.joint]}]"
 
     @classmethod
     def plainest(cls, table: ColumnTable) -> list[int]:

@@ -6,8 +6,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,24 +19,33 @@ from std_msgs.msg import Bool, Empty
 from dvrk_gravity.processes import NodeProcess, ProcessError
 from dvrk_gravity.recording import BagWriter
 from dvrk_gravity.ros.client import Client
+from dvrk_gravity.ros.command_topic import CommandTopic
+from dvrk_gravity.ros.demo.stage import Stage
 
 Array = NDArray[np.float64]
+Result = TypeVar("Result")
 
-# Within the range on which the arm of the example model was calibrated.
-POSES = np.radians(
-    [
-        [0.0, 0.0, 0.0, 0.0, 90.0, 0.0, 0.0],
-        [-10.0, 20.0, -15.0, 40.0, 60.0, 20.0, 30.0],
-        [-20.0, 10.0, 20.0, -50.0, 120.0, -25.0, -60.0],
-    ]
-)
-FALL = 3.0  # s without compensation
-FLOAT = 10.0  # s with it, at each pose
-PUSH = 0.5  # s of a hand's push
-COAST = 1.5  # s until it has come to rest
-REST = 3.0  # s of watching afterwards
-# A light hand, N·m.
-PUSH_EFFORT = (0.07, 0.06, 0.08, 0.0, 0.0, 0.0, 0.0)
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long each part takes, s. Chosen: long enough to see what happens.
+
+    Attributes:
+        fall: Without compensation.
+        floating: With it, at each pose.
+        push: A hand pushes.
+        coast: Until the arm has come to rest.
+        rest: Of watching afterwards.
+        attempts: How often a part that the compensator gave up is tried; it gives up, for
+            instance, where the machine stands still for longer than its time-out.
+    """
+
+    fall: float = 3.0
+    floating: float = 10.0
+    push: float = 0.5
+    coast: float = 2.5
+    rest: float = 3.0
+    attempts: int = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +55,7 @@ class Phase:
     Attributes:
         title: What happens.
         time: (N,) s since its start.
-        position: (N, n) measured joint positions, rad.
+        position: (N, n) measured joint positions, rad or m.
     """
 
     title: str
@@ -54,8 +64,9 @@ class Phase:
 
     @property
     def drift(self) -> Array:
-        """(n,) largest distance from where each joint was at the start, deg."""
-        return np.degrees(np.abs(self.position - self.position[0]).max(axis=0))
+        """(n,) largest distance from where each joint was at the start, rad or m."""
+        way: Array = np.abs(self.position - self.position[0]).max(axis=0)
+        return way
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,35 +83,51 @@ class Kill:
 
 
 class Scenario:
-    """Runs the parts one after the other (context manager); needs a ROS domain of its own."""
+    """Runs the parts one after the other (context manager); needs a ROS domain of its own.
+
+    Attributes:
+        simulator: The arm's process, once it has been started.
+        interruptions: Why the compensator gave up a part, which was then repeated.
+    """
 
     def __init__(
-        self, model: Path, joints: Sequence[str], bag: Path, friction_scale: float
+        self,
+        stage: Stage,
+        bag: Path,
+        friction_scale: float = 1.0,
+        output: str = "servo_jf",
+        schedule: Schedule | None = None,
     ) -> None:
-        """Store the arguments, names of the model's joints among them; ``with`` starts all."""
-        self._model, self._bag = model, bag
-        self._joints = tuple(joints)
-        self._friction_scale = friction_scale
+        """Store the arguments; ``with`` starts all.
+
+        Args:
+            stage: The arm.
+            bag: Where measurements and commands are recorded.
+            friction_scale: Factor on the simulated arm's friction.
+            output: Of the compensator: ``servo_jf`` or ``array``.
+            schedule: How long each part takes.
+        """
+        self._stage, self._bag = stage, bag
+        self._schedule = schedule or Schedule()
+        self._friction_scale, self._output = friction_scale, output
+        self.simulator: NodeProcess | None = None
         self._stack = ExitStack()
         self._positions: list[tuple[float, list[float]]] = []
         self._holds: list[float] = []
+        self.interruptions: list[str] = []
 
     def __enter__(self) -> Scenario:
         """Start the processes and wait until all are connected."""
+        stage, output = self._stage, {"output": self._output}
         with ExitStack() as stack:
             self._writer = stack.enter_context(BagWriter(self._bag))
-            self._client = stack.enter_context(Client())
-            parameters = {"rate": 200.0, "friction_scale": self._friction_scale}
-            self._simulator = stack.enter_context(NodeProcess("simulator", *_arguments(parameters)))
-            self._watchdog = stack.enter_context(NodeProcess("watchdog"))
-            self._compensator = stack.enter_context(
-                NodeProcess(
-                    "compensator",
-                    "--params-file",
-                    str(self._model),
-                    *_arguments({"enabled": "false", "ramp_time": 0.5}),
-                )
-            )
+            self._client = stack.enter_context(Client(stage.namespace))
+            simulated = {"rate": 200.0, "friction_scale": self._friction_scale, **output}
+            plant = {"plant": stage.plant} if stage.plant else {"arm": stage.arm.source}
+            self._processes = stack.enter_context(ExitStack())
+            self.simulator = self._begin("simulator", _arguments(simulated | plant))
+            self._begin("watchdog", ["--params-file", str(stage.model), *_arguments(output)])
+            self._begin_compensator()
             self._connect()
             self._stack = stack.pop_all()
         return self
@@ -109,20 +136,34 @@ class Scenario:
         """End the processes and close the bag."""
         self._stack.__exit__(*error)
 
+    def _begin(self, verb: str, arguments: Sequence[str]) -> NodeProcess:
+        process = NodeProcess(verb, *arguments, namespace=self._stage.namespace)
+        return self._processes.enter_context(process)
+
+    def _begin_compensator(self) -> None:
+        # The simulated arm's clock is behind by all the time that a slow machine has left out.
+        given = {
+            "enabled": "false", "ramp_time": 0.5, "max_stamp_age": 0.0, "output": self._output,
+        }  # fmt: skip
+        model = ["--params-file", str(self._stage.model)]
+        self._compensator = self._begin("compensator", [*model, *_arguments(given)])
+
     def _connect(self) -> None:
         node = self._client.node
 
         def record(topic: str, message_type: Any, then: Callable[[bytes], None]) -> None:
             name = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
+            full = node.resolve_topic_name(topic)
 
             def receive(data: bytes) -> None:
-                self._writer.write(f"/MTMR/{topic}", name, data, time.time_ns())
+                self._writer.write(full, name, data, time.time_ns())
                 then(data)
 
             node.create_subscription(message_type, topic, receive, 100, raw=True)
 
+        command = CommandTopic.of({"output": self._output, "output_topic": ""})
         record("measured_js", JointState, self._on_measured)
-        record("servo_jf", JointState, lambda _: None)
+        record(command.name, command.message_type, lambda _: None)
         record("hold", Empty, lambda _: self._holds.append(time.monotonic()))
         for name in ("compensator", "watchdog"):
             self._client.watch_state(name)
@@ -147,42 +188,103 @@ class Scenario:
     def fall(self) -> Phase:
         """Without any compensation: the arm is let go of at the first pose."""
         self._builtin.publish(Bool(data=False))
-        self._go_to(POSES[0])
+        self._go_to(self._stage.poses[0])
         self._free.publish(Empty())
-        return self._watch("let go without compensation", FALL)
+        return self._watch("let go without compensation", self._schedule.fall)
 
     def floats(self) -> Iterator[Phase]:
         """With compensation, at one pose after the other."""
-        for number, pose in enumerate(POSES, start=1):
-            self._go_to(pose)
-            self._start()
-            yield self._watch(f"floating at pose {number}", FLOAT)
+        for number, pose in enumerate(self._stage.poses, start=1):
+            title = f"floating at pose {number}"
+            yield self._compensated(pose, partial(self._watch, title, self._schedule.floating))
             self._client.enable(False)
 
     def push(self) -> tuple[Phase, Phase]:
         """A hand pushes the floating arm and lets go: the motion, and the rest after it."""
-        self._go_to(POSES[0])
-        self._start()
-        hand = JointState(name=self._joints, effort=PUSH_EFFORT)
-        mark, start = len(self._positions), time.monotonic()
-        self._watch("pushed", PUSH, lambda: self._push.publish(hand))
-        self._client.spin(COAST)
-        pushed = self._phase("pushed by hand", mark, start)
-        return pushed, self._watch("left alone again", REST)
+        hand = JointState(name=self._stage.arm.joint_names, effort=self._stage.push)
+
+        def act() -> tuple[Phase, Phase]:
+            mark, start = len(self._positions), time.monotonic()
+            self._watch("pushed", self._schedule.push, lambda: self._push.publish(hand))
+            self._client.spin(self._schedule.coast)
+            pushed = self._phase("pushed by hand", mark, start)
+            return pushed, self._watch("left alone again", self._schedule.rest)
+
+        return self._compensated(self._stage.poses[0], act)
 
     def kill(self) -> Kill:
         """The compensator is killed while it commands: the watchdog holds the arm."""
-        holds = len(self._holds)
-        killed = time.monotonic()
-        self._compensator.process.kill()
-        self._client.wait(lambda: len(self._holds) > holds, "the watchdog's hold")
-        after = self._holds[-1] - killed
-        return Kill(after, self._watch("after the compensator was killed", REST))
+        for _ in range(self._schedule.attempts):
+            if not self._commands():
+                self._go_to(self._stage.poses[0])
+                if not self._starts():
+                    continue
+            said = len(self._client.states["watchdog"])
+            killed = time.monotonic()
+            self._compensator.process.kill()
+            self._client.wait(partial(self._ended, said, killed), "the watchdog's hold")
+            after = self._held(said, killed)
+            if self._commands() and after is not None:
+                title = "after the compensator was killed"
+                return Kill(after - killed, self._watch(title, self._schedule.rest))
+            self._give_up()  # a fault ended its commands, with a hold, just before it was killed
+            states = self._client.states["compensator"]
+            told = len(states)
+            self._begin_compensator()
+            self._client.wait(partial(_longer, states, told), "another compensator")
+        raise self._failed()
 
-    def _start(self) -> None:
+    def _compensated(self, pose: Array, act: Callable[[], Result]) -> Result:
+        """Do something with the arm under compensation from a pose on, again if that ended."""
+        for _ in range(self._schedule.attempts):
+            self._go_to(pose)
+            if self._starts():
+                result = act()
+                if self._commands():
+                    return result
+                self._give_up()
+        raise self._failed()
+
+    def _starts(self) -> bool:
+        """Let the compensator begin; return whether it commands in the end."""
         self._client.enable(True)
-        self._client.wait(
-            lambda: self._client.state("compensator").startswith("commanding"), "commanding"
+
+        def fault() -> bool:
+            return self._client.state("compensator").startswith("fault")
+
+        # What it last said may be of before.
+        self._client.spin(0.1)
+        self._client.wait(lambda: self._commands() or fault(), "commanding")
+        if fault():
+            self._give_up()
+        return not fault()
+
+    def _commands(self) -> bool:
+        return self._client.state("compensator").startswith("commanding")
+
+    def _ended(self, said: int, since: float) -> bool:
+        """Tell whether the compensator gave up or its watchdog has held the arm."""
+        return not self._commands() or self._held(said, since) is not None
+
+    def _held(self, said: int, since: float) -> float | None:
+        """Return when a hold came since a time, if the watchdog told of one.
+
+        Args:
+            said: How many things the watchdog had told by then.
+            since: Monotonic time, s.
+        """
+        told = self._client.states["watchdog"][said:]
+        if not any(text.startswith("hold sent") for text in told):
+            return None
+        return next((stamp for stamp in self._holds if stamp > since), None)
+
+    def _give_up(self) -> None:
+        self.interruptions.append(self._client.state("compensator"))
+
+    def _failed(self) -> ProcessError:
+        return ProcessError(
+            f"the compensator gave up {self._schedule.attempts} times, at last in "
+            f"`{self._client.state('compensator')}`"
         )
 
     def _go_to(self, pose: Array) -> None:
@@ -190,7 +292,8 @@ class Scenario:
 
         A hold on its way to the arm may overtake a move, and cancels it then.
         """
-        tolerance, still = np.radians(2.0), np.radians(0.2)
+        scale = self._stage.arm.scale
+        tolerance, still = np.radians(2.0) * scale, np.radians(0.2) * scale
 
         def recent() -> Array:
             return np.array([position for _, position in self._positions[-40:]])
@@ -199,7 +302,7 @@ class Scenario:
             return bool((np.abs(recent() - pose) < tolerance).all())
 
         for _ in range(10):
-            self._move.publish(JointState(name=self._joints, position=pose))
+            self._move.publish(JointState(name=self._stage.arm.joint_names, position=pose))
             self._client.spin(0.5)
             self._client.wait(
                 lambda: bool((np.ptp(recent(), axis=0) < still).all()), "the arm to stand still"
@@ -220,7 +323,11 @@ class Scenario:
         """Return what was measured since there were ``mark`` samples."""
         when = np.array([stamp for stamp, _ in self._positions[mark:]])
         position = np.array([values for _, values in self._positions[mark:]])
-        return Phase(title, when - start, position.reshape(-1, len(self._joints)))
+        return Phase(title, when - start, position.reshape(-1, self._stage.arm.n))
+
+
+def _longer(values: Sequence[str], than: int) -> bool:
+    return len(values) > than
 
 
 def _arguments(parameters: dict[str, Any]) -> Sequence[str]:

@@ -1,0 +1,135 @@
+"""What the demonstration needs of an arm: its plant, a model of it, poses, a hand's push."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arms import Arm, mtm
+from dvrk_gravity.compensate.start import StartSettings
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files.resources import config_path, shipped
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.ros.namespace import namespace_of
+from dvrk_gravity.simulate import Plant, PlantFile
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StageSettings:
+    """How poses and push are chosen. All are chosen so that there is something to see.
+
+    Attributes:
+        range: Part of the joints' ranges, about their middle, in which the poses are.
+        bearable: Part of their effort limits that the weight takes there at most.
+        drawn: Poses drawn, of which the best are taken.
+        poses: How many.
+        pushed: How many joints the hand moves, from the base on.
+        acceleration: What it gives them beyond their dry friction at rest, rad/s^2 (``Arm.scale``).
+    """
+
+    range: float = 0.5
+    bearable: float = 0.6
+    drawn: int = 300
+    poses: int = 3
+    pushed: int = 3
+    acceleration: float = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One arm's demonstration.
+
+    Attributes:
+        arm: The arm.
+        plant: Name or file of the plant; ``""``: the arm's.
+        model: Parameter file of the compensator.
+        poses: (k, n) positions at which it is let go, rad or m.
+        push: (n,) efforts of the hand, N·m or N.
+        namespace: Of its topics.
+    """
+
+    arm: Arm
+    plant: str
+    model: Path
+    poses: Array
+    push: Array
+    namespace: str
+
+    @classmethod
+    def of(cls, arm: Arm, plant: str, model: Path | None, folder: Path) -> Stage:
+        """Prepare an arm's demonstration.
+
+        Args:
+            arm: The arm.
+            plant: Name or file of the plant; ``""``: the arm's.
+            model: The model; ``None``: the one that the package has for the arm, or else the
+                plant's own terms, which are written to ``folder``.
+            folder: An existing folder.
+
+        Raises:
+            ConfigError: A model or a plant that is another arm's, or cannot be used.
+        """
+        truth = PlantFile.load(plant) if plant else PlantFile.of(arm)
+        _same_joints("plant", plant, truth.model.arm, arm)
+        if model is None:
+            model = _shipped_model(arm)
+        if model is None:
+            model = folder / MODEL
+            truth.model.save(model, f"The terms of the simulated {arm.name} themselves.")
+        _same_joints("model", str(model), TorqueModel.load(model).arm, arm)
+        poses, push = staged(truth.plant(), StageSettings())
+        return cls(arm, plant, model, poses, push, namespace_of(arm))
+
+
+MODEL = "model.yaml"
+"""In the demonstration's folder: the plant's own terms."""
+
+
+def staged(plant: Plant, settings: StageSettings) -> tuple[Array, Array]:
+    """Return (k, n) poses far from one another, the first under much weight, and a (n,) push."""
+    arm = plant.model.arm
+    poses = mtm.defaults.DEMONSTRATED_POSES if mtm.is_mtm(arm) else _poses(plant, settings)
+    plant.reset(poses[0])
+    pushed = np.arange(arm.n) < settings.pushed
+    acceleration = settings.acceleration * arm.scale * pushed
+    truth, begin = plant.model.physical(), poses[0] + plant.model.joint_offset
+    # At rest none of it is compensated; at this speed it is whole (StartSettings).
+    moving = truth.torque(begin, StartSettings().dry * arm.scale)
+    friction = np.abs(moving - truth.torque(begin)) * pushed
+    return poses, plant.mass_matrix() @ acceleration + friction
+
+
+def _poses(plant: Plant, settings: StageSettings) -> Array:
+    arm = plant.model.arm
+    lowest, highest = arm.range
+    middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
+    parts = np.random.default_rng(0).uniform(-1.0, 1.0, (settings.drawn, arm.n))
+    drawn = middle + settings.range * half * parts
+    weights = []
+    for pose in drawn:
+        plant.reset(pose)
+        weights.append(np.abs(plant.smooth_torque()) / arm.effort_limit)
+    largest = np.max(weights, axis=1)
+    allowed = np.flatnonzero(largest <= settings.bearable)
+    if not len(allowed):
+        allowed = np.array([int(np.argmin(largest))])
+    chosen = [int(allowed[np.argmax(largest[allowed])])]
+    while len(chosen) < settings.poses:
+        ways = np.linalg.norm(parts[:, None] - parts[chosen], axis=2).min(axis=1)
+        chosen.append(int(allowed[np.argmax(ways[allowed])]))
+    return drawn[chosen]
+
+
+def _shipped_model(arm: Arm) -> Path | None:
+    named = [name for name in shipped("") if name.partition("_")[0] == arm.name]
+    return config_path(f"{named[0]}.yaml") if named else None
+
+
+def _same_joints(what: str, given: str, found: Arm, arm: Arm) -> None:
+    if found.joint_names != arm.joint_names:
+        raise ConfigError(what, given, f"one with the joints of {arm.name}, not of {found.name}")

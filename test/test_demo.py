@@ -1,0 +1,124 @@
+"""Any arm is simulated, and falls, floats, is pushed and held in the demonstration."""
+
+from __future__ import annotations
+
+import signal
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_arm import made_up_arm
+from test_arms_dynamics import PANDA, UR5
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import BagReader
+from dvrk_gravity.report.units import shown_position
+from dvrk_gravity.ros.demo import picture
+from dvrk_gravity.ros.demo.scenario import Phase, Scenario, Schedule
+from dvrk_gravity.ros.demo.stage import MODEL, Stage, StageSettings
+from dvrk_gravity.simulate import PlantFile, SimulatedArm
+
+NAMES = ("made_up", "ur5", "panda", "mtml", "mtmr")
+
+
+@pytest.fixture(params=NAMES)
+def arm(request, tmp_path) -> Arm:
+    files = {"ur5": str(UR5), "panda": str(PANDA)}
+    if request.param == "made_up":
+        return made_up_arm(tmp_path)
+    return Arm.load(files.get(request.param, request.param))
+
+
+def test_the_plant_of_any_arm_balances_under_its_own_terms_and_falls_without(arm):
+    plant = PlantFile.of(arm).plant(friction_scale=0.0)
+    model = PlantFile.of(arm).model
+    start = np.mean(arm.range, axis=0)
+    plant.reset(start)
+    for _ in range(200):
+        plant.step(model.torque(plant.q), dt=1e-3)
+    np.testing.assert_allclose(plant.q, start, atol=1e-6)
+    for _ in range(200):
+        plant.step(np.zeros(arm.n), dt=1e-3)
+    assert (np.abs(plant.q - start) / arm.scale).max() > 0.01
+
+
+def test_the_plant_s_terms_are_a_model_file_of_the_arm(arm, tmp_path):
+    model = PlantFile.of(arm).model
+    model.save(tmp_path / "model.yaml")
+    again = TorqueModel.load(tmp_path / "model.yaml")
+    q = np.mean(arm.range, axis=0)
+    np.testing.assert_array_equal(again.torque(q, arm.scale), model.torque(q, arm.scale))
+
+
+def test_a_simulated_arm_gets_to_every_pose_of_its_demonstration(arm, tmp_path):
+    stage = Stage.of(arm, "", None, tmp_path)
+    simulated = SimulatedArm(PlantFile.of(arm).plant())
+    for pose in stage.poses:
+        assert (pose > arm.lower).all()
+        assert (pose < arm.upper).all()
+        simulated.move_jp(pose)
+        for _ in range(12000):
+            simulated.step()
+        assert (np.abs(simulated.plant.q - pose) / arm.scale).max() < np.radians(1.0)
+        weight = np.abs(simulated.plant.smooth_torque()) / arm.effort_limit
+        assert weight.max() <= StageSettings().bearable
+    assert (np.abs(stage.push) <= arm.effort_limit).all()
+
+
+def test_the_model_that_comes_with_the_package_is_taken_and_otherwise_the_plant_s(tmp_path):
+    assert Stage.of(Arm.load("mtmr"), "", None, tmp_path).model.name == "mtmr_28002.yaml"
+    assert not (tmp_path / MODEL).exists()
+    assert Stage.of(Arm.load("mtml"), "", None, tmp_path).model == tmp_path / MODEL
+    with pytest.raises(ConfigError, match=r"^plant: got .*, expected one with the joints of ur5"):
+        Stage.of(Arm.load(str(UR5)), "mtmr_28002", None, tmp_path)
+
+
+def farthest(phase: Phase, arm: Arm) -> float:
+    """Return the largest distance of any joint, rad or a tenth of it in m."""
+    return float((phase.drift / arm.scale).max())
+
+
+@pytest.mark.parametrize("output", ["servo_jf", "array"])
+def test_a_demonstration_of_a_made_up_arm(output, domain, tmp_path):
+    arm = made_up_arm(tmp_path)
+    stage = Stage.of(arm, "", None, tmp_path)
+    stage = replace(stage, poses=stage.poses[:1])
+    schedule = Schedule(fall=1.0, floating=1.0, rest=0.5)
+    with Scenario(stage, tmp_path / "bag", output=output, schedule=schedule) as scenario:
+        fall = scenario.fall()
+        (first,) = floats = list(scenario.floats())
+        pushed, rest = scenario.push()
+        # The arm stands still for longer than the compensator waits: it gives up, unheard yet.
+        scenario.simulator.signal(signal.SIGSTOP)
+        time.sleep(0.3)
+        scenario.simulator.signal(signal.SIGCONT)
+        kill = scenario.kill()
+    assert farthest(fall, arm) > 0.5
+    assert max(farthest(phase, arm) for phase in (*floats, rest, kill.after)) < np.radians(0.5)
+    assert farthest(pushed, arm) > 0.1
+    assert kill.hold_after > 0.0
+    assert any(reason.startswith("fault") for reason in scenario.interruptions)
+    command = {"servo_jf": "/MADE_UP/servo_jf", "array": "/MADE_UP/commands"}[output]
+    with BagReader(tmp_path / "bag") as bag:
+        topics = {
+            topic for topic, _, _ in bag.raw(command, "/MADE_UP/measured_js", "/MADE_UP/hold")
+        }
+    assert len(topics) == 3
+    picture.draw(tmp_path / "demo.png", arm, fall, floats, pushed, rest, kill)
+    assert (tmp_path / "demo.png").stat().st_size > 10_000
+    assert first.position.shape[1] == arm.n
+
+
+def test_distances_are_shown_in_the_joints_own_units(tmp_path):
+    arm = made_up_arm(tmp_path)
+    assert [unit for _, unit in shown_position(arm)] == ["deg", "deg", "mm", "deg"]
+    position = np.zeros((3, 4))
+    position[1] = [0.1, 0.0, 0.02, 0.0]
+    phase = Phase("", np.arange(3.0), position)
+    shown = [
+        factor * way for (factor, _), way in zip(shown_position(arm), phase.drift, strict=True)
+    ]
+    assert shown == pytest.approx([np.degrees(0.1), 0.0, 20.0, 0.0])
