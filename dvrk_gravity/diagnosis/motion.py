@@ -49,6 +49,8 @@ class Motion:
         step: (n,) steps of the positions, rad.
         clock: By part, number of the recording whose time it is in; default: all of one.
         rounding: (n,) density of the noise that the steps of the efforts leave, N·m/sqrt(Hz).
+        reference: (N, n) torques that were measured in the same motion when all was well, N·m;
+            they stand for the model's then. ``None``: the model's do.
     """
 
     model: TorqueModel
@@ -64,6 +66,7 @@ class Motion:
     step: Array
     clock: tuple[int, ...] = ()
     rounding: Array = field(default_factory=lambda: np.zeros(()))
+    reference: Array | None = None
 
     @property
     def arm(self) -> Arm:
@@ -82,7 +85,9 @@ class Motion:
 
     @cached_property
     def modelled(self) -> Array:
-        """(N, n) torque of the model, N·m."""
+        """(N, n) torque of the model, or of the reference, N·m."""
+        if self.reference is not None:
+            return self.reference
         return self.model.prediction(self._state(self.q))
 
     @cached_property

@@ -17,7 +17,9 @@ from dvrk_gravity.identification.console_columns import (
     require_console_arm,
 )
 from dvrk_gravity.identification.coordinates import detect_coordinates, doubt
+from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
 from dvrk_gravity.identification.dynamic_fit import fit_dynamic
+from dvrk_gravity.identification.effort_unit import in_their_unit
 from dvrk_gravity.identification.evaluation import all_static, evaluate
 from dvrk_gravity.identification.hand import by_weight
 from dvrk_gravity.identification.motion import head, known_still, read_once, require_all, whole
@@ -52,6 +54,7 @@ def identify(
     report: Report = lambda stage, share: None,
     still: Mapping[str, float] | None = None,
     for_console: bool = False,
+    known_payload: KnownPayload | float | None = None,
 ) -> Fit:
     """Fit a torque model to recordings, choosing its terms by held-out error.
 
@@ -68,6 +71,9 @@ def identify(
         report: Called with the stage and the share of it that is done.
         still: Where joints stood that some recording does not hold: joint position, rad.
         for_console: Fit a model whose compensation the dVRK console can hold.
+        known_payload: What the last recording was made with, and no other: efforts are motor
+            currents, and their gains are found by it (``drive_gains``). The model is fitted to the
+            others. A number: its mass, kg, on the last link.
 
     Raises:
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
@@ -83,6 +89,13 @@ def identify(
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
     given = _each(coordinates, len(recordings))
+    said: tuple[str, ...] = ()
+    if known_payload is not None:
+        arm, said = _with_gains(recordings, arm, known_payload, given)
+        recordings, given = recordings[:-1], given[:-1]
+    arm, unit = in_their_unit(arm, recordings)
+    said += unit if not said else ()
+    recordings, validate = opened(recordings, arm=arm), opened(validate, arm=arm)
     if for_console:
         _check_for_console(arm, effects, physical)
     if all_static(recordings):
@@ -99,7 +112,32 @@ def identify(
         fit = replace(fit, warnings=(*fit.warnings, *by_weight(fit.parameters, arm)))
     if for_console:
         fit = replace(fit, handling=(*fit.handling, _FOR_CONSOLE))
+    fit = replace(fit, handling=(*said, *fit.handling))
     return _validated(fit, validate) if validate else fit
+
+
+def _with_gains(
+    recordings: Sequence[Recording | RecordingFile],
+    arm: Arm,
+    payload: KnownPayload | float,
+    coordinates: Sequence[Coordinates | None],
+) -> tuple[Arm, tuple[str, ...]]:
+    """Return the arm with the drive gains that a known load tells, and what they are."""
+    if isinstance(payload, bool) or not isinstance(payload, KnownPayload | int | float):
+        raise ArgumentError("known_payload", payload, "a mass in kg, or a KnownPayload")
+    if arm.drive_gains is not None:
+        raise ConfigError("--known-payload", payload, "no drive gains beside it: it tells them")
+    if all_static(recordings):
+        raise RecordingError(
+            head(recordings[0]).source, "holds static poses, expected trajectories"
+        )
+    if not isinstance(payload, KnownPayload):
+        payload = KnownPayload(float(payload))
+    *bare, loaded = recordings
+    for one in recordings:
+        require_all(head(one), arm)
+    found = drive_gains(bare, [loaded], arm, payload, coordinates[0] or "joint")
+    return arm.with_drive_gains(found.gain, found.error), found.lines(arm)
 
 
 def _check_for_console(arm: Arm, effects: Sequence[str] | None, physical: bool) -> None:

@@ -48,9 +48,7 @@ class Site:
     def unit(self, arm: Arm, unit: str) -> str:
         """Return the unit there of what is in ``unit`` where a joint turns."""
         at_joint = self.kind in (Kind.JOINT, Kind.MOTOR)
-        if at_joint and arm.joints[self.index].kind == "prismatic":
-            return unit.replace("N·m", "N").replace("rad", "m").replace("kg·m^2", "kg")
-        return unit
+        return arm.joints[self.index].own_unit(unit) if at_joint else arm.own_unit(unit)
 
     def words(self, arm: Arm) -> str:
         """Return what a person calls it."""
