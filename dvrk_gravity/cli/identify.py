@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
         [*arguments.recordings, *arguments.validate, Arm.file(arguments.arm)],
     )
     arm = arm_options.with_drive_gains(Arm.load(arguments.arm), arguments)
-    payload = _known_payload(arguments)
+    carried = _known_payload(arguments)
     coordinates = _coordinates(arguments.coordinates)
     still = still_joints(arguments.at, arm)
     recordings = [RecordingFile(path, arguments.topic, arm=arm) for path in arguments.recordings]
@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
         lambda stage, share: progress.update(round(100 * share)),
         still,
         arguments.for_console,
-        payload,
+        carried,
     )
     progress.done()
     sources = ", ".join(str(path) for path in arguments.recordings)

@@ -74,7 +74,7 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
     track = Track([other.time[p] for p in other.parts], [other.q[p] for p in other.parts])
     told = np.concatenate([_times(motion, group, track) for group in _by_clock(motion)])
     measured = track.at(told, [other.effort[p] for p in other.parts])
-    shown = np.isfinite(measured).all(axis=1)
+    shown: NDArray[np.bool_] = np.all(np.isfinite(measured), axis=1)
     pieces = [
         piece
         for part in motion.parts
@@ -90,8 +90,8 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
         )
     total = len(motion.q) / motion.rate
     line = (
-        f"{length:.1f} of {total:.1f} s show the motion of {names[1]}, to within half a percent of "
-        "its spread; of both the difference is looked at: what they have in common cancels"
+        f"{length:.1f} of {total:.1f} s show the motion of {names[1]}, to within 2 % of its spread; "
+        "of both the difference is looked at: what they have in common cancels"
     )
     return replace(
         loaded,

@@ -142,7 +142,7 @@ def drive_gains(
     bare: Sequence[Recording | RecordingFile],
     loaded: Sequence[Recording | RecordingFile],
     arm: Arm,
-    payload: KnownPayload,
+    load: KnownPayload,
     coordinates: Coordinates = "joint",
     settings: GainSettings | None = None,
 ) -> DriveGains:
@@ -152,7 +152,7 @@ def drive_gains(
         bare: Trajectories without it.
         loaded: Trajectories with it.
         arm: The arm; efforts are taken as they were read.
-        payload: The load.
+        load: The load.
         coordinates: Of the recordings.
         settings: What is supposed.
 
@@ -163,11 +163,11 @@ def drive_gains(
     settings = settings or GainSettings()
     if not bare or not loaded:
         raise RecordingError(
-            "recordings", "one is too few for a known payload: expected some without it, then one "
+            "recordings", "one is too few for a known load: expected some without it, then one "
             "with it"
         )  # fmt: skip
     arm = replace(arm, drive_gains=None, drive_gain_error=None)
-    body = payload.body(arm)
+    body = load.body(arm)
     motions = read_motions([one.of(arm) for one in (*bare, *loaded)], arm, coordinates)
     if len({part.source for part in motions.parts}) < len(bare) + len(loaded):
         raise RecordingError(
@@ -176,27 +176,27 @@ def drive_gains(
         )
     first = [part for part in motions.parts if part.source < len(bare)]
     second = [part for part in motions.parts if part.source >= len(bare)]
-    known, unknown, sizes = _load_columns(arm, payload, body, settings)
+    known, unknown, sizes = _load_columns(arm, load, body, settings)
     carried = build_design(_Fixed(arm, np.column_stack([known, unknown])), second)
     when = _when(first, second, carried)
     shown = np.isfinite(when)
     same = float(shown.sum()) / carried.rate >= settings.shown
     if same:
-        found = _of_difference(first, carried, when, sizes, payload.mass, settings)
+        found = _of_difference(first, carried, when, sizes, load.mass, settings)
         how = f"{shown.sum() / carried.rate:.0f} s of the same motion without and with it"
     else:
-        found = _of_all(arm, first, second, carried, sizes, payload.mass, settings)
+        found = _of_all(arm, first, second, carried, sizes, load.mass, settings)
         how = "different motions without and with it"
     error = np.hypot(found.error, settings.unmodelled)
     if (found.gain[found.error < settings.certain] < 0.0).any():
         raise ConfigError(
-            "--known-payload", payload.mass,
+            "--known-payload", load.mass,
             "the recording with that load last, and those without it before it",
         )  # fmt: skip
     determined = (found.error < settings.certain) & (found.gain > 0.0)
     if not determined.any():
         raise ConfigError(
-            "--known-payload", payload.mass,
+            "--known-payload", load.mass,
             "a load that changes the torque of some joint: it tells no gain to "
             f"{100 * settings.certain:.0f} %",
         )  # fmt: skip
@@ -231,18 +231,18 @@ class _Fixed(Columns):
 
 
 def _load_columns(
-    arm: Arm, payload: KnownPayload, body: int, settings: GainSettings
+    arm: Arm, load: KnownPayload, body: int, settings: GainSettings
 ) -> tuple[Array, Array, Array]:
     """Return (10 bodies,) known parameters per kg, (…, k) unknown ones, and their prior sizes."""
     own = slice(rigid_body.PER_LINK * body, rigid_body.PER_LINK * (body + 1))
     known = np.zeros(rigid_body.PER_LINK * len(arm.bodies))
     extent = settings.extent
-    sizes = payload.mass * np.array([*[extent] * 3, *[extent**2] * 6])
+    sizes = load.mass * np.array([*[extent] * 3, *[extent**2] * 6])
     first = 1
-    if payload.centre is not None:
+    if load.centre is not None:
         import pinocchio as pin
 
-        point = pin.Inertia(1.0, np.array(payload.centre), np.zeros((3, 3)))
+        point = pin.Inertia(1.0, np.array(load.centre), np.zeros((3, 3)))
         known[own] = arm.bodies[body].frame.act(point).toDynamicParameters()
         first, sizes = 4, sizes[3:]
     else:

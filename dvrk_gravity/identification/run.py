@@ -119,24 +119,24 @@ def identify(
 def _with_gains(
     recordings: Sequence[Recording | RecordingFile],
     arm: Arm,
-    payload: KnownPayload | float,
+    load: KnownPayload | float,
     coordinates: Sequence[Coordinates | None],
 ) -> tuple[Arm, tuple[str, ...]]:
     """Return the arm with the drive gains that a known load tells, and what they are."""
-    if isinstance(payload, bool) or not isinstance(payload, KnownPayload | int | float):
-        raise ArgumentError("known_payload", payload, "a mass in kg, or a KnownPayload")
+    if isinstance(load, bool) or not isinstance(load, KnownPayload | int | float):
+        raise ArgumentError("known_payload", load, "a mass in kg, or a KnownPayload")
     if arm.drive_gains is not None:
-        raise ConfigError("--known-payload", payload, "no drive gains beside it: it tells them")
+        raise ConfigError("--known-payload", load, "no drive gains beside it: it tells them")
     if all_static(recordings):
         raise RecordingError(
             head(recordings[0]).source, "holds static poses, expected trajectories"
         )
-    if not isinstance(payload, KnownPayload):
-        payload = KnownPayload(float(payload))
+    if not isinstance(load, KnownPayload):
+        load = KnownPayload(float(load))
     *bare, loaded = recordings
     for one in recordings:
         require_all(head(one), arm)
-    found = drive_gains(bare, [loaded], arm, payload, coordinates[0] or "joint")
+    found = drive_gains(bare, [loaded], arm, load, coordinates[0] or "joint")
     return arm.with_drive_gains(found.gain, found.error), found.lines(arm)
 
 
