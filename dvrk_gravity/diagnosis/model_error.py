@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.reference_error import reference_columns
 from dvrk_gravity.effects import State
 from dvrk_gravity.uncertainty import ModelUncertainty
 
@@ -35,18 +36,6 @@ class ExtrapolationSettings:
     faster: float = 10.0
 
 
-@dataclass(frozen=True)
-class LoadFrictionSettings:
-    """How friction may grow with the torque that a joint transmits.
-
-    Attributes:
-        part: Standard deviation of the part of that torque. Chosen: harmonic drives lose some per
-            cent (Taghirad and Bélanger 1998); two joints of a UR10e 7 and 8 %.
-    """
-
-    part: float = 0.1
-
-
 def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None) -> Array:
     """Return (N, n, d) changes of the model's torque that its uncertainty allows.
 
@@ -55,7 +44,7 @@ def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None)
     tell how sure it is.
     """
     if motion.reference is not None:
-        return friction_by_load(motion)
+        return reference_columns(motion)
     model = motion.model
     uncertainty = model.uncertainty
     if uncertainty is None:
@@ -72,21 +61,6 @@ def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None)
         torque -= motion.slope @ uncertainty.offset
     outside = _extrapolated(motion, uncertainty, settings or ExtrapolationSettings())
     return np.concatenate([torque, outside], axis=2)
-
-
-def friction_by_load(motion: Motion, settings: LoadFrictionSettings | None = None) -> Array:
-    """Return (N, n, d) torques by which friction may differ from the reference's, by the load.
-
-    Bearings and gears rub as hard as they are pressed: a part of what the torque is greater by.
-    """
-    settings = settings or LoadFrictionSettings()
-    joints = np.flatnonzero(motion.moves)
-    grown = np.abs(motion.effort) - np.abs(motion.modelled)
-    columns = np.zeros((*motion.q.shape, len(joints)))
-    for index, joint in enumerate(joints.tolist()):
-        sign = motion.sign(np.eye(motion.arm.n)[joint])
-        columns[:, joint, index] = settings.part * grown[:, joint] * sign
-    return columns
 
 
 def _extrapolated(

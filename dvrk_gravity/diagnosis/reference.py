@@ -90,8 +90,8 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
         )
     total = len(motion.q) / motion.rate
     line = (
-        f"{length:.1f} of {total:.1f} s show the motion of {names[1]}, to within 2 % of its spread; "
-        "of both the difference is looked at: what they have in common cancels"
+        f"{length:.1f} of {total:.1f} s show the motion of {names[1]}, to 2 % of its spread; of "
+        "both the difference is looked at: what they have in common cancels"
     )
     return replace(
         loaded,
