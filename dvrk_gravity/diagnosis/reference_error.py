@@ -42,6 +42,7 @@ def reference_columns(motion: Motion, settings: ReferenceErrorSettings | None = 
         sign = motion.sign(np.eye(motion.arm.n)[joint])
         columns[:, joint, 2 * index] = settings.by_load * grown[:, joint] * sign
         # About as much as the reference's torque owes to the direction.
-        owed = abs(float(np.mean(sign * motion.modelled[:, joint]))) / max(np.mean(sign**2), 1e-9)
+        moving = max(float(np.mean(sign**2)), 1e-9)
+        owed = abs(float(np.mean(sign * motion.modelled[:, joint]))) / moving
         columns[:, joint, 2 * index + 1] = settings.by_day * owed * sign
     return columns
