@@ -57,6 +57,11 @@ UNIT_PARAMETER = Parameter(
     "unit of efforts, and of the model's torques, where that is not N·m: as the arm reads them",
     read_only=True,
 )  # fmt: skip
+HELD_PARAMETER = Parameter(
+    "held_joints", "", "",
+    "joints of the arm's file that are held still, and none of the model's: JOINT=POSITION,… (rad, "
+    "m)", read_only=True,
+)  # fmt: skip
 OFFSET = "joint_offset"
 BY_EFFECTS = "installed effect"  # what declares the groups of parameters of models
 
@@ -95,6 +100,7 @@ def _declared(arm: Arm, effects: tuple[type[Term], ...]) -> Mapping[str, Paramet
         gains,
         gain_error,
         UNIT_PARAMETER,
+        HELD_PARAMETER,
         size,
         offset,
         CONSOLE_PARAMETER,
@@ -113,6 +119,7 @@ def arm_of(values: Mapping[str, Any]) -> Arm:
         ConfigError: An arm that there is not, or something else than a name.
     """
     arm = Arm.load(str(ARM_PARAMETER.check(values.get(ARM_PARAMETER.name, ARM_PARAMETER.default))))
+    arm = arm.holding(_held(values.get(HELD_PARAMETER.name, "")))
     names = (GAINS, GAIN_ERROR, UNIT_PARAMETER.name, EFFORT_SIZE)
     given = {name: values[name] for name in names if values.get(name)}
     checked = check_all(_declared(arm, ()), given, BY_EFFECTS)
@@ -125,6 +132,18 @@ def arm_of(values: Mapping[str, Any]) -> Arm:
         assert isinstance(size, float)
         return arm.told_in(str(unit), size)
     return arm
+
+
+def _held(text: Any) -> dict[str, float]:
+    """Return positions by joint from ``JOINT=POSITION,…``."""
+    found = {}
+    for entry in filter(None, str(HELD_PARAMETER.check(text)).split(",")):
+        name, _, position = entry.rpartition("=")
+        try:
+            found[name.strip()] = float(position)
+        except ValueError as error:
+            raise ConfigError(HELD_PARAMETER.name, entry, "JOINT=POSITION, rad or m") from error
+    return found
 
 
 def arm_beside(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -259,6 +278,9 @@ class TorqueModel:
         if self.arm.drive_gains is not None and self.arm.drive_gain_error is not None:
             values[GAINS] = as_value(self.arm.drive_gains)
             values[GAIN_ERROR] = as_value(self.arm.drive_gain_error)
+        if self.arm.held:
+            held = ",".join(f"{name}={position:.17g}" for name, position in self.arm.held.items())
+            values[HELD_PARAMETER.name] = held
         if self.arm.read_in:
             values |= {UNIT_PARAMETER.name: self.arm.read_in, EFFORT_SIZE: self.arm.effort_size}
         if self.joint_offset.any():

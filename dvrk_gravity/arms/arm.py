@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity.arguments import PATH
-from dvrk_gravity.arms import urdf_arm, yaml_arm
+from dvrk_gravity.arms import held, urdf_arm, yaml_arm
 from dvrk_gravity.arms.description import (
     EFFORT_UNITS,
     GRAVITY,
@@ -202,6 +202,14 @@ class Arm(Description):
         spread = None if error is None else np.array(error, dtype=float)
         joints = tuple(replace(one, read_in="") for one in self.joints)
         return replace(self, joints=joints, drive_gains=values, drive_gain_error=spread)
+
+    def holding(self, where: Mapping[str, float]) -> Arm:
+        """Return the arm with some joints held still, rad or m by name; see ``held.holding``.
+
+        Raises:
+            ConfigError: A joint that there is not, none left, or one whose motor moves others.
+        """
+        return self._of_file(held.holding(self, where)) if where else self
 
     def torque_of_reading(self, effort: Array) -> Array:
         """Return (…, n) efforts in N·m, or N, of what the arm reads; the same without gains."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
@@ -134,6 +135,7 @@ class Description:
         effort_size: How much an effort of 1 N·m is in the unit of the efforts, about, where that is
             another: limits and nominal parameters are multiples of it.
         frictionless: Names of joints that have no friction of their own.
+        held: Where joints of its file are held that are none of its joints, rad or m, by name.
         source: What :meth:`load` loads it from: a name or a path; ``""`` if not from there.
     """
 
@@ -148,6 +150,7 @@ class Description:
     drive_gain_error: Array | None = None
     effort_size: float = 1.0
     frictionless: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
 
     def __post_init__(self) -> None:

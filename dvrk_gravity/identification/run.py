@@ -22,7 +22,14 @@ from dvrk_gravity.identification.dynamic_fit import fit_dynamic
 from dvrk_gravity.identification.effort_unit import in_their_unit
 from dvrk_gravity.identification.evaluation import all_static, evaluate
 from dvrk_gravity.identification.hand import by_weight
-from dvrk_gravity.identification.motion import head, known_still, read_once, require_all, whole
+from dvrk_gravity.identification.motion import (
+    head,
+    held_beyond,
+    known_still,
+    read_once,
+    require_all,
+    whole,
+)
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.recording import (
@@ -88,13 +95,15 @@ def identify(
     still = known_still(still)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
+    arm, recordings, missing = _with_held(recordings, arm, still or {})
+    validate = opened(validate, arm=arm)
     given = _each(coordinates, len(recordings))
     said: tuple[str, ...] = ()
     if known_payload is not None:
         arm, said = _with_gains(recordings, arm, known_payload, given)
         recordings, given = recordings[:-1], given[:-1]
     arm, unit = in_their_unit(arm, recordings)
-    said += unit if not said else ()
+    said = (*missing, *said, *(() if said else unit))
     recordings, validate = opened(recordings, arm=arm), opened(validate, arm=arm)
     if for_console:
         _check_for_console(arm, effects, physical)
@@ -114,6 +123,21 @@ def identify(
         fit = replace(fit, handling=(*fit.handling, _FOR_CONSOLE))
     fit = replace(fit, handling=(*said, *fit.handling))
     return _validated(fit, validate) if validate else fit
+
+
+def _with_held(
+    recordings: Sequence[Recording | RecordingFile], arm: Arm, still: Mapping[str, float]
+) -> tuple[Arm, list[Recording | RecordingFile], tuple[str, ...]]:
+    """Return the arm without the joints that lie beyond all that was recorded, and who they are."""
+    stood, lines = held_beyond(recordings, arm, still)
+    if not lines:
+        return arm, list(recordings), ()
+    arm = arm.holding({name: at for name, at in stood.items() if name not in still})
+    return (
+        arm,
+        opened(recordings, arm=arm),
+        tuple(f"{line}: no joints of the model" for line in lines),
+    )
 
 
 def _with_gains(
