@@ -16,11 +16,13 @@ class ScaleSettings:
 
     Attributes:
         rounds: Gauss-Newton steps, at most. Chosen: the problem is bilinear, and ten do.
+        unknown: Relative standard deviation of a scale before any data. Chosen: as good as none.
         settled: Relative change of the scales by which they count as found. Chosen: a thousandth of
             what data can tell.
     """
 
     rounds: int = 50
+    unknown: float = 10.0
     settled: float = 1e-6
 
 
@@ -77,7 +79,9 @@ def solve_scales(
     spread = np.maximum(reading.std(axis=0), 1e-12)
     longest = int(NoiseSettings().longest * rate)
     together = np.ones(m)
-    prior = np.concatenate([shared_scale**-2.0, own_scale.ravel() ** -2.0, np.zeros(m)])
+    of_scale = (settings.unknown * inverse) ** -2.0
+    prior = np.concatenate([shared_scale**-2.0, own_scale.ravel() ** -2.0, of_scale])
+    mean = np.concatenate([np.zeros(p + m * q), inverse])
     covariance = np.eye(len(prior))
     for round_ in range(settings.rounds):
         torque = known + shared @ theta
@@ -86,7 +90,8 @@ def solve_scales(
             spread = np.maximum(residual.std(axis=0), 1e-12)
             together = correlation_time(residual, part, longest)
         weight = 1.0 / (spread * np.sqrt(together))
-        precision, right = np.diag(prior), -prior * np.concatenate([theta, phi.ravel(), inverse])
+        here = np.concatenate([theta, phi.ravel(), inverse])
+        precision, right = np.diag(prior), prior * (mean - here)
         for j in range(m):  # a channel at a time: the columns of its own are no others'
             columns = np.zeros((len(reading), len(prior)))
             columns[:, :p] = shared[:, j] * inverse[j]
@@ -95,7 +100,9 @@ def solve_scales(
             columns *= weight[j]
             precision += columns.T @ columns
             right += columns.T @ (residual[:, j] * weight[j])
-        covariance = np.linalg.pinv(precision, hermitian=True)
+        unit = 1.0 / np.sqrt(np.diag(precision))  # scaled to a diagonal of ones
+        scaled = np.linalg.inv(precision * np.outer(unit, unit))
+        covariance = scaled * np.outer(unit, unit)
         step = covariance @ right
         theta, phi = theta + step[:p], phi + step[p : p + m * q].reshape(m, q)
         change = step[p + m * q :]

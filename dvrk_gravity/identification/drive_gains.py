@@ -47,6 +47,8 @@ class GainSettings:
         certain: Relative standard error, as noise tells it, up to which a gain counts as
             determined. Chosen: a UR10e's shoulder_pan, which a load turns about the vertical, has
             5 % from the difference of one motion, and is then off by a tenth.
+        seen: Least size of the load's torque, in units of what is left unexplained, for a joint to
+            tell its gain. Chosen: less is noise as much as load.
         alike: Relative standard error that is told of gains that are not determined. Chosen: see
             above.
         shown: s of the same motion that must be in both for their difference to be looked at.
@@ -64,6 +66,7 @@ class GainSettings:
     differing: float = 0.01
     friction_change: float = 0.1
     certain: float = 0.05
+    seen: float = 1.0
     alike: float = 0.2
     shown: float = 10.0
     unmodelled: float = 0.03
@@ -182,18 +185,20 @@ def drive_gains(
     shown = np.isfinite(when)
     same = float(shown.sum()) / carried.rate >= settings.shown
     if same:
-        found = _of_difference(first, carried, when, sizes, load.mass, settings)
+        found, felt = _of_difference(first, carried, when, sizes, load.mass, settings)
         how = f"{shown.sum() / carried.rate:.0f} s of the same motion without and with it"
     else:
-        found = _of_all(arm, first, second, carried, sizes, load.mass, settings)
+        found, felt = _of_all(arm, first, second, carried, sizes, load.mass, settings)
         how = "different motions without and with it"
     error = np.hypot(found.error, settings.unmodelled)
-    if (found.gain[found.error < settings.certain] < 0.0).any():
+    told = found.gain[found.error < settings.certain]
+    if len(told) and (told < 0.0).all():
         raise ConfigError(
             "--known-payload", load.mass,
             "the recording with that load last, and those without it before it",
         )  # fmt: skip
     determined = (found.error < settings.certain) & (found.gain > 0.0)
+    determined &= _seen(felt, found, settings)
     if not determined.any():
         raise ConfigError(
             "--known-payload", load.mass,
@@ -277,8 +282,8 @@ def _of_difference(
     sizes: Array,
     mass: float,
     settings: GainSettings,
-) -> Scales:
-    """Return the scales that tell the same motion with and without the load apart."""
+) -> tuple[Scales, Array]:
+    """Return the scales, and the load's torque, that tell one motion with and without it apart."""
     parts = [part for part in first if part.source == first[0].source]
     before = _track(parts).at(when, [part.effort for part in parts])
     rows = np.isfinite(before).all(axis=1)
@@ -288,17 +293,22 @@ def _of_difference(
     warmer = settings.friction_change * np.maximum(after.std(axis=0), 1e-12)
     x = x * moves[..., None]
     known, shared = mass * x[:, :, 0], x[:, :, 1:]
-    gain = _guess(known, reading)
+    gain = guess = _guess(known, reading)
     found = None
     for _ in range(settings.rounds):  # friction by load is in N·m, by gains that are not known yet
         found = solve_scales(
             reading, known, np.concatenate([shared, (grown * gain)[..., None]], axis=2),
             np.append(sizes, settings.load_friction), np.stack([grown, moves * sign], axis=2),
-            np.stack([np.full(len(gain), settings.differing), warmer], axis=1), carried.rate, gain,
+            np.stack([np.full(len(gain), settings.differing), warmer], axis=1), carried.rate,
+            guess,
         )  # fmt: skip
         gain = found.gain
+        # A joint that does not feel the load must not tell how friction grows with it.
+        feels = _seen(known + shared @ found.theta[:-1], found, settings)
+        reading, grown, known = (one * feels for one in (reading, grown, known))
+        shared = shared * feels[:, None]
     assert found is not None
-    return found
+    return found, known + shared @ found.theta[:-1]
 
 
 def _of_all(
@@ -309,8 +319,8 @@ def _of_all(
     sizes: Array,
     mass: float,
     settings: GainSettings,
-) -> Scales:
-    """Return the scales by which one arm, and the load, make the efforts of all motions."""
+) -> tuple[Scales, Array]:
+    """Return the scales by which one arm, and the load, make all efforts, and the load's torque."""
     motions = [*first, *second]
     q = np.concatenate([motion.state.q for motion in motions])
     columns = Columns(arm, q.min(axis=0), q.max(axis=0))
@@ -331,18 +341,27 @@ def _of_all(
     for j, mine in enumerate(each):
         own[:, j, 1 : 1 + len(mine)] = design.x[:, j, mine] * moves[:, j, None]
         own_scale[j, 1 : 1 + len(mine)] = columns.scale[mine]
-    gain, grown = _guess(known[loaded], reading[loaded]), np.zeros_like(reading)
+    guess, grown = _guess(known[loaded], reading[loaded]), np.zeros_like(reading)
+    gain = guess
     found = None
     for _ in range(settings.rounds):  # nor is the torque that is transmitted
         own[:, :, 0] = grown / gain
         found = solve_scales(
             reading, known, np.concatenate([shared, grown[..., None]], axis=2),
-            np.append(shared_scale, settings.load_friction), own, own_scale, design.rate, gain,
+            np.append(shared_scale, settings.load_friction), own, own_scale, design.rate, guess,
         )  # fmt: skip
         gain = found.gain
         grown = sign * np.abs(known + shared @ found.theta[:-1])
     assert found is not None
-    return found
+    carried_torque = known + moves * (load[:, :, 1:] @ found.theta[len(rigid) : -1])
+    return found, carried_torque[loaded]
+
+
+def _seen(torque: Array, found: Scales, settings: GainSettings) -> NDArray[np.bool_]:
+    """Return (n,) at which joints the (N, n) torque of the load stands out of what is left."""
+    noise = np.sqrt(np.mean(found.residual**2, axis=0))
+    size = np.sqrt(np.mean((torque / found.gain) ** 2, axis=0))
+    return np.asarray((size > settings.seen * noise) & (size > 0.0))
 
 
 def _guess(known: Array, reading: Array) -> Array:
