@@ -87,11 +87,11 @@ def _declared(arm: Arm, effects: tuple[type[Term], ...]) -> Mapping[str, Paramet
         lower=0.0, lengths=(arm.n,), read_only=True,
     )  # fmt: skip
     gain_error = Parameter(
-        GAIN_ERROR, (), "", "relative standard errors of drive_gains",
+        GAIN_ERROR, (), "1", "relative standard errors of drive_gains",
         lower=0.0, lengths=(arm.n,), read_only=True,
     )  # fmt: skip
     size = Parameter(
-        EFFORT_SIZE, 1.0, "",
+        EFFORT_SIZE, 1.0, "1/(N·m)",
         "how much an effort of 1 N·m is in effort_unit, about, for the arm's limits",
         lower=0.0, read_only=True,
     )  # fmt: skip
