@@ -55,6 +55,7 @@ def run(module_name: str, argv: Sequence[str] | None = None) -> int:
         prog=f"dvrk_gravity {module.NAME}",
         description=(module.__doc__ or "").splitlines()[0],
         epilog=f"example: {module.EXAMPLE}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,  # an example a line
     )
     module.add_arguments(parser)
     # Everything from --ros-args on is for rclpy, as `ros2 run` hands it over.

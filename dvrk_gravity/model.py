@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State, Term, terms
-from dvrk_gravity.effects.base.arrays import as_array
+from dvrk_gravity.effects.base.arrays import as_array, as_value
 from dvrk_gravity.effects.base.registry import ENTRY_POINTS
 from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.files import json_file, text_file, yaml_file
@@ -53,6 +53,17 @@ UNCERTAINTY_PARAMETER = Parameter(
     "file beside the model's that says how sure it is: the parameters' covariance, the known error",
     read_only=True,
 )  # fmt: skip
+GAINS, GAIN_ERROR, EFFORT_SIZE = "drive_gains", "drive_gain_error", "effort_size"
+UNIT_PARAMETER = Parameter(
+    "effort_unit", "", "",
+    "unit of efforts, and of the model's torques, where that is not N·m: as the arm reads them",
+    read_only=True,
+)  # fmt: skip
+HELD_PARAMETER = Parameter(
+    "held_joints", "", "",
+    "joints of the arm's file that are held still, and none of the model's: JOINT=POSITION,… (rad, "
+    "m)", read_only=True,
+)  # fmt: skip
 OFFSET = "joint_offset"
 # What declares the groups of parameters of models.
 BY_EFFECTS = f"installed effect (entry points {ENTRY_POINTS})"
@@ -74,8 +85,26 @@ def _declared(arm: Arm, effects: tuple[type[Term], ...]) -> Mapping[str, Paramet
         OFFSET, (), "rad", "measured minus true position: what the encoders read too much",
         lower=-1.0, upper=1.0, lengths=(arm.n,), units=arm.units,
     )  # fmt: skip
+    gains = Parameter(
+        GAINS, (), "N·m/A", "N·m (or N) of each A in which the arm reads and takes efforts",
+        lower=0.0, lengths=(arm.n,), read_only=True,
+    )  # fmt: skip
+    gain_error = Parameter(
+        GAIN_ERROR, (), "1", "relative standard errors of drive_gains",
+        lower=0.0, lengths=(arm.n,), read_only=True,
+    )  # fmt: skip
+    size = Parameter(
+        EFFORT_SIZE, 1.0, "1/(N·m)",
+        "how much an effort of 1 N·m is in effort_unit, about, for the arm's limits",
+        lower=0.0, read_only=True,
+    )  # fmt: skip
     declared = (
         ARM_PARAMETER,
+        gains,
+        gain_error,
+        UNIT_PARAMETER,
+        HELD_PARAMETER,
+        size,
         offset,
         CONSOLE_PARAMETER,
         VERDICT_PARAMETER,
@@ -92,7 +121,32 @@ def arm_of(values: Mapping[str, Any]) -> Arm:
     Raises:
         ConfigError: An arm that there is not, or something else than a name.
     """
-    return Arm.load(str(ARM_PARAMETER.check(values.get(ARM_PARAMETER.name, ARM_PARAMETER.default))))
+    arm = Arm.load(str(ARM_PARAMETER.check(values.get(ARM_PARAMETER.name, ARM_PARAMETER.default))))
+    arm = arm.holding(_held(values.get(HELD_PARAMETER.name, "")))
+    names = (GAINS, GAIN_ERROR, UNIT_PARAMETER.name, EFFORT_SIZE)
+    given = {name: values[name] for name in names if values.get(name)}
+    checked = check_all(_declared(arm, ()), given, BY_EFFECTS)
+    if gains := checked.get(GAINS):
+        error = checked.get(GAIN_ERROR)
+        spread = as_array(error, arm.n, 0.0) if error else None
+        return arm.with_drive_gains(as_array(gains, arm.n, 0.0), spread)
+    if unit := checked.get(UNIT_PARAMETER.name):
+        size = checked.get(EFFORT_SIZE, 1.0)
+        assert isinstance(size, float)
+        return arm.told_in(str(unit), size)
+    return arm
+
+
+def _held(text: Any) -> dict[str, float]:
+    """Return positions by joint from ``JOINT=POSITION,…``."""
+    found = {}
+    for entry in filter(None, str(HELD_PARAMETER.check(text)).split(",")):
+        name, _, position = entry.rpartition("=")
+        try:
+            found[name.strip()] = float(position)
+        except ValueError as error:
+            raise ConfigError(HELD_PARAMETER.name, entry, "JOINT=POSITION, rad or m") from error
+    return found
 
 
 def arm_beside(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -224,6 +278,14 @@ class TorqueModel:
     def parameters(self) -> dict[str, Value]:
         """Return the values that :meth:`from_parameters` takes."""
         values: dict[str, Value] = {"arm": self.arm.source or self.arm.name}
+        if self.arm.drive_gains is not None and self.arm.drive_gain_error is not None:
+            values[GAINS] = as_value(self.arm.drive_gains)
+            values[GAIN_ERROR] = as_value(self.arm.drive_gain_error)
+        if self.arm.held:
+            held = ",".join(f"{name}={position:.17g}" for name, position in self.arm.held.items())
+            values[HELD_PARAMETER.name] = held
+        if self.arm.read_in:
+            values |= {UNIT_PARAMETER.name: self.arm.read_in, EFFORT_SIZE: self.arm.effort_size}
         if self.joint_offset.any():
             values[OFFSET] = tuple(self.joint_offset.tolist())
         for term in self.terms:

@@ -61,7 +61,8 @@ def test_no_name_is_declared_twice():
     declared = [ARM_PARAMETER, CONSOLE_PARAMETER, VERDICT_PARAMETER]
     declared += [REASON_PARAMETER, UNCERTAINTY_PARAMETER, *NODE_PARAMETERS.values()]
     declared += [entry for term in terms() for entry in term.schema(ARM)]
-    names = [entry.name for entry in declared] + ["joint_offset"]
+    of_readings = ["drive_gains", "drive_gain_error", "effort_unit", "effort_size", "held_joints"]
+    names = [entry.name for entry in declared] + ["joint_offset", *of_readings]
     assert sorted(names) == sorted(set(names))
     assert set(names) == set(ALL_PARAMETERS)
 

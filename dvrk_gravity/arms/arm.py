@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from dvrk_gravity.arguments import PATH
-from dvrk_gravity.arms import urdf_arm, yaml_arm
-from dvrk_gravity.arms.description import GRAVITY, SCALES, Array, Description
+from dvrk_gravity.arms import held, urdf_arm, yaml_arm
+from dvrk_gravity.arms.description import (
+    EFFORT_UNITS,
+    GRAVITY,
+    SCALES,
+    Array,
+    Description,
+    read_in,
+)
 from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.files.resources import config_path
 
@@ -142,6 +150,74 @@ class Arm(Description):
     def gravity(self) -> Array:
         """(3,) gravity in the base frame as the base is mounted, m/s^2."""
         return gravity_in_base(*self.base_rpy)
+
+    def own_unit(self, unit: str) -> str:
+        """Return the unit of what is in ``unit`` where efforts are in N·m."""
+        return read_in(unit, self.read_in) if self.read_in else unit
+
+    @property
+    def read_in(self) -> str:
+        """Unit in which efforts are read, and everything is told, where that is not N·m."""
+        return self.joints[0].read_in
+
+    def told_in(self, unit: str, size: float = 1.0) -> Arm:
+        """Return the arm with its efforts in a unit that is not N·m, as its recordings have them.
+
+        Args:
+            unit: The unit.
+            size: How much an effort of 1 N·m is in it, about: limits and nominal masses of the
+                arm's file are taken to it.
+
+        Raises:
+            ConfigError: Words that are no unit, or drive gains, which take efforts to N·m.
+        """
+        if unit in EFFORT_UNITS.values():  # said, and not only supposed
+            return self.with_drive_gains(np.ones(self.n), np.zeros(self.n))
+        nominal, factor = self.inertial_parameters, size / self.effort_size
+        joints = (
+            replace(one, read_in=unit, effort_limit=factor * one.effort_limit)
+            for one in self.joints
+        )
+        return replace(
+            self,
+            joints=tuple(joints),
+            actuator_effort_limit=factor * self.actuator_effort_limit,
+            inertial_parameters=None if nominal is None else factor * nominal,
+            effort_size=size,
+        )
+
+    def with_drive_gains(
+        self, gains: Sequence[float] | Array, error: Sequence[float] | Array | None = None
+    ) -> Arm:
+        """Return the arm with what a unit (A) of its efforts is in N·m, or N.
+
+        Args:
+            gains: (n,) of the joints in their order; of motors, where efforts are motors'.
+            error: (n,) relative standard errors; ``None``: as good as published ones are.
+
+        Raises:
+            ConfigError: Another number of them, or one that is not positive.
+        """
+        values = np.array(gains, dtype=float)
+        spread = None if error is None else np.array(error, dtype=float)
+        joints = tuple(replace(one, read_in="") for one in self.joints)
+        return replace(self, joints=joints, drive_gains=values, drive_gain_error=spread)
+
+    def holding(self, where: Mapping[str, float]) -> Arm:
+        """Return the arm with some joints held still, rad or m by name; see ``held.holding``.
+
+        Raises:
+            ConfigError: A joint that there is not, none left, or one whose motor moves others.
+        """
+        return self._of_file(held.holding(self, where)) if where else self
+
+    def torque_of_reading(self, effort: Array) -> Array:
+        """Return (…, n) efforts in N·m, or N, of what the arm reads; the same without gains."""
+        return effort if self.drive_gains is None else effort * self.drive_gains
+
+    def reading_of_torque(self, effort: Array) -> Array:
+        """Return (…, n) efforts as the arm reads and takes them, of those in N·m, or N."""
+        return effort if self.drive_gains is None else effort / self.drive_gains
 
     def joint_position(self, actuator_position: Array) -> Array:
         """Return (…, n) joint positions (or velocities) from actuator ones."""

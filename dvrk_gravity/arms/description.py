@@ -18,11 +18,31 @@ Array = NDArray[np.float64]
 JointKind = Literal["revolute", "prismatic"]
 
 GRAVITY = 9.81  # m/s^2
+# Relative standard error of drive gains that are given without one. Chosen: published gains of a
+# UR10e are 5 to 12 % above those that a known load of 2.8 kg shows (docs/own_arm.md).
+GAIN_ERROR = 0.05
 UNITS: dict[JointKind, str] = {"revolute": "rad", "prismatic": "m"}
 EFFORT_UNITS: dict[JointKind, str] = {"revolute": "N·m", "prismatic": "N"}
+ANY_UNIT = "a.u."  # arbitrary unit: that of the recordings, of which only its not being SI is known
 # What counts as much as a rad, or a rad/s: where a threshold is given for joints that turn, that of
 # joints that slide is as far at a lever of 0.1 m.
 SCALES: dict[JointKind, float] = {"revolute": 1.0, "prismatic": 0.1}
+
+
+def read_in(unit: str, effort: str) -> str:
+    """Return what becomes of an SI unit where efforts are read in another one than N·m.
+
+    A torque is in that unit; a mass, which makes torque, is in kg times it and over N·m: times a
+    drive gain in N·m/A, ``kg·A/(N·m)`` is kg.
+    """
+    if "kg" in unit:
+        return ", ".join(f"{part}·{effort}/(N·m)" for part in unit.split(", "))
+    return unit.replace("N·m", effort)
+
+
+def thousandth(unit: str) -> str:
+    """Return what a table calls a thousandth of a unit."""
+    return f"10⁻³ {unit}" if unit == ANY_UNIT else f"m{unit}"
 
 
 @dataclass(frozen=True)
@@ -35,6 +55,7 @@ class Joint:
         upper: Upper position limit, rad or m; ``inf`` likewise.
         effort_limit: Largest effort in joint space, N·m or N.
         kind: ``revolute`` or ``prismatic``.
+        read_in: Unit of its effort where that is not N·m or N: ``A``, or :data:`ANY_UNIT`.
     """
 
     name: str
@@ -42,6 +63,7 @@ class Joint:
     upper: float
     effort_limit: float
     kind: JointKind = "revolute"
+    read_in: str = ""
 
     @property
     def unit(self) -> str:
@@ -50,11 +72,13 @@ class Joint:
 
     @property
     def effort_unit(self) -> str:
-        """Unit of its effort: N·m or N."""
-        return EFFORT_UNITS[self.kind]
+        """Unit of its effort: N·m or N, or the one that it is read in."""
+        return self.read_in or EFFORT_UNITS[self.kind]
 
     def own_unit(self, unit: str) -> str:
         """Return the unit at this joint of what is in ``unit`` where a joint turns."""
+        if self.read_in:
+            unit = read_in(unit, self.read_in)
         if self.kind == "prismatic":
             return unit.replace("N·m", "N").replace("rad", "m").replace("kg·m^2", "kg")
         return unit
@@ -107,6 +131,13 @@ class Description:
             joint frame (kg, kg·m, kg·m^2), as ``effects`` and Pinocchio have them.
         sizes: About how heavy, kg, and how large, m, bodies are, by name, as far as the file says:
             what a fit expects of them before any data.
+        drive_gains: (n,) N·m (or N) of each unit, usually A, in which the arm reads and takes
+            efforts; ``None``: it reads them in N·m. Inside, all efforts are in N·m.
+        drive_gain_error: (n,) their relative standard errors; ``None`` without gains.
+        effort_size: How much an effort of 1 N·m is in the unit of the efforts, about, where that is
+            another: limits and nominal parameters are multiples of it.
+        frictionless: Names of joints that have no friction of their own.
+        held: Where joints of its file are held that are none of its joints, rad or m, by name.
         source: What :meth:`load` loads it from: a name or a path; ``""`` if not from there.
     """
 
@@ -118,15 +149,52 @@ class Description:
     base_rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertial_parameters: Array | None = None
     sizes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    drive_gains: Array | None = None
+    drive_gain_error: Array | None = None
+    effort_size: float = 1.0
+    frictionless: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
         rows = (body.row for body in self.bodies)
-        for array in (self.actuator_to_joint, self.actuator_effort_limit, *rows):
-            array.setflags(write=False)
-        if self.inertial_parameters is not None:
-            self.inertial_parameters.setflags(write=False)
+        self._check_readings()
+        given = (self.inertial_parameters, self.drive_gains, self.drive_gain_error)
+        for array in (self.actuator_to_joint, self.actuator_effort_limit, *rows, *given):
+            if array is not None:
+                array.setflags(write=False)
+
+    def _check_readings(self) -> None:
+        """Check drive gains and their errors, and put usual ones where none are given.
+
+        Raises:
+            ConfigError: Gains of another number than the joints', or that are not positive; errors
+                likewise; a unit that is none; a joint without friction that there is not.
+        """
+        n, gains = len(self.joints), self.drive_gains
+        for name in self.frictionless:
+            if name not in self.joint_names:
+                raise ConfigError("frictionless", name, f"some of {', '.join(self.joint_names)}")
+        unit = self.joints[0].read_in
+        if any(letter.isspace() for letter in unit):
+            raise ConfigError("effort_unit", unit, "a unit as A or N·m")
+        if gains is None:
+            return
+        if unit:
+            raise ConfigError("effort_unit", unit, "none beside drive gains: they give N·m")
+        if gains.shape != (n,):
+            each = ", ".join(self.joint_names)
+            raise ConfigError(
+                "drive_gains", f"{gains.size} numbers", f"{n}, one for each of {each}"
+            )
+        if not (np.isfinite(gains) & (gains > 0.0)).all():
+            raise ConfigError("drive_gains", gains.tolist(), "positive numbers, N·m/A")
+        error = self.drive_gain_error
+        if error is None:
+            object.__setattr__(self, "drive_gain_error", np.full(n, GAIN_ERROR))
+        elif error.shape != (n,) or not (np.isfinite(error) & (error >= 0.0)).all():
+            raise ConfigError("drive_gain_error", error.tolist(), f"{n} numbers, 0 or more")
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:

@@ -19,19 +19,35 @@
 The links are ``link1`` to ``linkn``; a follower's axis is the z axis of the frame that ``xyz`` and
 ``rpy`` (degrees) place on its parent's link frame. An MTM's file has ``parallelogram`` instead of
 followers. Identification starts from ``sizes``: what data leave open stays in proportion to them.
+
+An arm may also be a URDF and what that does not say; paths are relative to the file's folder::
+
+    urdf: robot.urdf
+    tip: tool0                    # the end of the chain that is the arm; all that moves if left out
+    actuator_to_joint, actuator_effort_limit, base_rpy as above
+
+Either may say how its efforts are read, and where it has no friction::
+
+    drive_gains: [14.9, 13.3]     # N·m (or N) of each A, a joint: efforts are motor currents
+    drive_gain_error: [0.05, 0.05]  # their relative standard errors, if they are known
+    effort_unit: A                # efforts are in another unit than N·m, and what that is in N·m is
+                                  # not known
+    frictionless: [slide]         # joints without friction of their own
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.description import Array, Description, Joint, JointKind
+from dvrk_gravity.arms import urdf_arm
+from dvrk_gravity.arms.description import EFFORT_UNITS, Array, Description, Joint, JointKind
 from dvrk_gravity.arms.dh import CONVENTIONS, Convention, DHRow, Follower, chain, link_frames
 from dvrk_gravity.arms.mtm import parallelogram
 from dvrk_gravity.arms.mtm.sizes import SIZES
@@ -40,10 +56,10 @@ from dvrk_gravity.files import yaml_file
 from dvrk_gravity.parameter import is_finite
 
 _REQUIRED = ("name", "joints")
-_OPTIONAL = (
-    "convention", "followers", "parallelogram", "actuator_to_joint", "actuator_effort_limit",
-    "base_rpy", "sizes",
-)  # fmt: skip
+_READINGS = ("drive_gains", "drive_gain_error", "effort_unit", "frictionless")
+_DRIVES = ("actuator_to_joint", "actuator_effort_limit", "base_rpy", *_READINGS)
+_OPTIONAL = ("convention", "followers", "parallelogram", "sizes", *_DRIVES)
+_OF_URDF = ("urdf", "name", "tip", *_DRIVES)
 _JOINT = ("alpha", "a", "d", "offset", "lower", "upper", "effort_limit")
 _KINDS: tuple[JointKind, ...] = ("revolute", "prismatic")
 
@@ -60,16 +76,13 @@ def read(path: Path, source: str) -> Description:
     """
     content = yaml_file.load(path)
     try:
-        return _parse(content, source)
+        return _on_urdf(content, path, source) if "urdf" in content else _parse(content, source)
     except ConfigError as error:
         raise error if error.source else error.in_file(path) from None
 
 
 def _parse(content: dict[str, Any], source: str) -> Description:
-    known = (*_REQUIRED, *_OPTIONAL)
-    for key in content:
-        if key not in known:
-            raise ConfigError(str(key), key, f"one of {', '.join(sorted(known))}")
+    _check_keys(content, (*_REQUIRED, *_OPTIONAL))
     for key in _REQUIRED:
         if key not in content:
             raise ConfigError(key, None, "a value")
@@ -81,13 +94,62 @@ def _parse(content: dict[str, Any], source: str) -> Description:
     rows = _rows(content["joints"], joints)
     bodies = chain(table, [joint.kind for joint in joints], followers, convention, rows)
     matrix, limits = _transmission(content, joints)
-    roll, pitch, yaw = np.radians(_numbers("base_rpy", content.get("base_rpy", [0, 0, 0]), 3))
-    base = (float(roll), float(pitch), float(yaw))
     given = content.get("sizes", SIZES if "parallelogram" in content else {})
     sizes = _sizes(given, [body.name for body in bodies])
-    return Description(
-        content["name"], joints, bodies, matrix, limits, base, sizes=sizes, source=source
+    described = Description(
+        content["name"], joints, bodies, matrix, limits, _base(content), sizes=sizes, source=source
     )
+    return _as_read(described, content)
+
+
+def _on_urdf(content: dict[str, Any], path: Path, source: str) -> Description:
+    """Return the arm of a URDF with what its YAML adds."""
+    _check_keys(content, _OF_URDF)
+    for key in ("urdf", "tip", "name"):
+        if key in content and (not isinstance(content[key], str) or not content[key]):
+            raise ConfigError(key, content[key], "a path" if key == "urdf" else "a name")
+    described = urdf_arm.read(path.parent / content["urdf"], content.get("tip"), source)
+    if "actuator_to_joint" in content or "actuator_effort_limit" in content:
+        matrix, limits = _transmission(content, described.joints)
+        described = replace(described, actuator_to_joint=matrix, actuator_effort_limit=limits)
+    name = content.get("name", described.name)
+    return _as_read(replace(described, name=name, base_rpy=_base(content)), content)
+
+
+def _as_read(described: Description, content: dict[str, Any]) -> Description:
+    """Return an arm with how its efforts are read, and where it has no friction."""
+    n = len(described.joints)
+    gains, errors = (
+        np.array(_numbers(key, content[key], n)) if key in content else None
+        for key in ("drive_gains", "drive_gain_error")
+    )
+    if gains is None and errors is not None:
+        raise ConfigError("drive_gain_error", content["drive_gain_error"], "drive_gains beside it")
+    unit, frictionless = content.get("effort_unit", ""), content.get("frictionless", [])
+    if not isinstance(unit, str):
+        raise ConfigError("effort_unit", unit, "a unit as A or N·m")
+    if not isinstance(frictionless, list) or not all(isinstance(one, str) for one in frictionless):
+        raise ConfigError("frictionless", frictionless, "a list of joints")
+    if unit in EFFORT_UNITS.values() and gains is None:  # said, and not only supposed
+        unit, gains, errors = "", np.ones(n), np.zeros(n)
+    return replace(
+        described,
+        joints=tuple(replace(joint, read_in=unit) for joint in described.joints),
+        drive_gains=gains,
+        drive_gain_error=errors,
+        frictionless=tuple(frictionless),
+    )
+
+
+def _base(content: dict[str, Any]) -> tuple[float, float, float]:
+    roll, pitch, yaw = np.radians(_numbers("base_rpy", content.get("base_rpy", [0, 0, 0]), 3))
+    return float(roll), float(pitch), float(yaw)
+
+
+def _check_keys(content: dict[str, Any], known: Sequence[str]) -> None:
+    for key in content:
+        if key not in known:
+            raise ConfigError(str(key), key, f"one of {', '.join(sorted(known))}")
 
 
 def _sizes(given: Any, bodies: Sequence[str]) -> dict[str, tuple[float, float]]:

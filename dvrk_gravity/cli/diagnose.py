@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
+from dvrk_gravity.cli import arm_options
 from dvrk_gravity.cli.still_joints import add_at, still_joints
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
@@ -18,7 +19,9 @@ if TYPE_CHECKING:
 
 NAME = "diagnose"
 EXAMPLE = (
-    "python -m dvrk_gravity diagnose my_bag --model config/mtmr_28002.yaml --out out/diagnosis"
+    "python -m dvrk_gravity diagnose my_bag --model config/mtmr_28002.yaml --out out/diagnosis\n"
+    "         python -m dvrk_gravity diagnose loaded.csv --arm mtmr --reference bare.csv "
+    "--out out/load"
 )
 
 
@@ -28,7 +31,16 @@ FINDINGS, EXTENDED, REPORT = WRITTEN = ("findings.json", "extended_model.yaml", 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="rosbag2 or CSV")
-    parser.add_argument("--model", type=Path, required=True, help="model file that is on trial")
+    parser.add_argument("--model", type=Path, help="model file that is on trial")
+    parser.add_argument("--reference", metavar="RECORDING",
+                        help="the same motion when all was well: what changed since is told, with "
+                        "--arm and no model, too")  # fmt: skip
+    parser.add_argument(
+        "--arm", help="mtml, mtmr, or an arm's .yaml or .urdf file, without --model"
+    )
+    parser.add_argument("--known-payload", metavar="KG", type=float,
+                        help="mass that a link is said to carry: is the scale right?")  # fmt: skip
+    arm_options.add_drive_gains(parser)
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR",
         help="folder for findings.json, extended_model.yaml and report.html",
@@ -45,20 +57,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Diagnose, write the three files, print a summary; return the exit status."""
     # Here and not above: Pinocchio and SciPy are slow to load and --help needs none of it.
+    from dvrk_gravity.arms import Arm
     from dvrk_gravity.diagnosis import diagnose
+    from dvrk_gravity.diagnosis.reference import arm_for
     from dvrk_gravity.model import TorqueModel, uncertainty_file
     from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report.diagnosis import render
 
-    given = [args.model, uncertainty_file(args.model)]
+    given = [] if args.model is None else [args.model, uncertainty_file(args.model)]
+    given += [] if args.arm is None else [Arm.file(args.arm)]
+    given += [] if args.reference is None else [args.reference]
     beside = uncertainty_file(Path(EXTENDED)).name
     outputs.check_folder("--out", args.out, [*WRITTEN, beside], [*args.recordings, *given])
-    model = TorqueModel.load(args.model)
-    still = still_joints(args.at, model.arm)
+    model = None if args.model is None else TorqueModel.load(args.model)
+    arm = None if args.arm is None else Arm.load(args.arm)
+    arm = arm_for(model, arm, args.reference is not None)
+    if model is None:
+        arm = arm_options.with_drive_gains(arm, args)
+    else:
+        model = arm_options.of_model(model, args)
+        arm = model.arm
+    still = still_joints(args.at, arm)
+    files = [*args.recordings, *([] if args.reference is None else [args.reference])]
     recordings = [
-        RecordingFile(path, args.topic, coordinates=args.coordinates, arm=model.arm)
-        for path in args.recordings
+        RecordingFile(path, args.topic, coordinates=args.coordinates, arm=arm) for path in files
     ]
+    reference = None if args.reference is None else recordings.pop()
     shown = sys.stderr.isatty()
 
     def progress(line: str) -> None:
@@ -66,14 +90,19 @@ def run(args: argparse.Namespace) -> int:
             print(f"\r\033[K{line} …", end="", file=sys.stderr, flush=True)
 
     try:
-        diagnosis = diagnose(recordings, model, progress, simulated=True, still=still)
+        diagnosis = diagnose(
+            recordings, model, progress, simulated=True, still=still, reference=reference,
+            arm=arm, known_payload=args.known_payload,
+        )  # fmt: skip
     except ConfigError as error:
-        raise error.in_file(args.model) from None
+        of_model = args.model is not None and not error.field.startswith("--")
+        raise error.in_file(args.model) if of_model else error from None
     if shown:
         print("\r\033[K", end="", file=sys.stderr)
     args.out.mkdir(parents=True, exist_ok=True)
     text_file.write(args.out / FINDINGS, diagnosis.to_json())
-    comment = f"Extended by: dvrk_gravity diagnose\nGiven model: {args.model}\n" + "\n".join(
+    base = f"Given model: {args.model}" if args.model else f"Changes against {args.reference}"
+    comment = f"Extended by: dvrk_gravity diagnose\n{base}\n" + "\n".join(
         finding.sentence for finding in diagnosis.findings if finding.in_model
     )
     diagnosis.model.save(args.out / EXTENDED, comment)
@@ -135,6 +164,8 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         from dvrk_gravity.report.in_simulation import line
 
         lines.append(line(diagnosis.in_simulation, diagnosis.model.arm))
+    if diagnosis.weighed is not None:
+        lines.append(f"known payload: {diagnosis.weighed.sentence}")
     lines += [f"warning: {warning}" for warning in diagnosis.warnings]
     lines.append(f"written: {out}/findings.json, extended_model.yaml, report.html")
     return "\n".join(lines)

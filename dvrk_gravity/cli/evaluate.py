@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dvrk_gravity import command_line
+from dvrk_gravity.cli import arm_options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
@@ -25,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=Path, help="file to write the result to")
     parser.add_argument("--coordinates", choices=("joint", "actuator"),
                         help="of the recordings (default: where the model fits)")  # fmt: skip
+    arm_options.add_drive_gains(parser)
     parser.add_argument("--topic", help="topic of bags, if they have several with JointStates")
 
 
@@ -36,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.recording import RecordingFile
 
     outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
-    model = TorqueModel.load(arguments.model)
+    model = arm_options.of_model(TorqueModel.load(arguments.model), arguments)
     recordings = [RecordingFile(path, arguments.topic) for path in arguments.recordings]
     try:
         result = evaluate(model, recordings, arguments.coordinates)

@@ -9,16 +9,26 @@ import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 from dvrk_gravity import command_line
+from dvrk_gravity.cli import arm_options
 from dvrk_gravity.cli.still_joints import add_at, still_joints
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.recording.data import Coordinates
 
+if TYPE_CHECKING:
+    from dvrk_gravity.identification.drive_gains import KnownPayload
+
 NAME = "identify"
-EXAMPLE = "python -m dvrk_gravity identify exciting.csv --arm mtmr --out model.yaml"
+EXAMPLE = (
+    "python -m dvrk_gravity identify exciting.csv --arm mtmr --out model.yaml\n"
+    "         python -m dvrk_gravity identify currents.csv --arm robot.urdf --out model.yaml "
+    "--drive-gains 14.9,13.3,11.1,10.6,11.0,11.5\n"
+    "         python -m dvrk_gravity identify bare.csv loaded.csv --arm robot.urdf "
+    "--known-payload 2.8 --out model.yaml"
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,6 +54,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="links that can exist: pseudo-inertias positive definite")  # fmt: skip
     parser.add_argument("--for-console", action="store_true",
                         help="what `convert` can write to the console's file")  # fmt: skip
+    arm_options.add_drive_gains(parser)
+    parser.add_argument("--known-payload", metavar="KG", type=float,
+                        help="the last recording, and no other, was made with a load of this mass: "
+                        "it tells the drive gains; the model is fitted to the others")  # fmt: skip
+    parser.add_argument("--payload-link", metavar="LINK",
+                        help="link that carries it (default: the last)")  # fmt: skip
+    parser.add_argument("--payload-centre", metavar="X,Y,Z",
+                        help="its centre of mass in the link's frame, m, if known")  # fmt: skip
     parser.add_argument("--topic", help="topic of bags, if they have several with JointStates")
 
 
@@ -71,7 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
         },
         [*arguments.recordings, *arguments.validate, Arm.file(arguments.arm)],
     )
-    arm = Arm.load(arguments.arm)
+    arm = arm_options.with_drive_gains(Arm.load(arguments.arm), arguments)
+    carried = _known_payload(arguments)
     coordinates = _coordinates(arguments.coordinates)
     still = still_joints(arguments.at, arm)
     recordings = [RecordingFile(path, arguments.topic, arm=arm) for path in arguments.recordings]
@@ -87,6 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
         lambda stage, share: progress.update(round(100 * share)),
         still,
         arguments.for_console,
+        carried,
     )
     progress.done()
     sources = ", ".join(str(path) for path in arguments.recordings)
@@ -104,6 +124,22 @@ def run(arguments: argparse.Namespace) -> int:
         print(line)
     print(f"\nmodel: {arguments.out}\nhow sure it is: {uncertainty}\nreport: {report}")
     return int(fit.verdict.level == VERDICTS[-1])
+
+
+def _known_payload(arguments: argparse.Namespace) -> KnownPayload | None:
+    from dvrk_gravity.identification.drive_gains import KnownPayload
+
+    link, centre = arguments.payload_link, arguments.payload_centre
+    if arguments.known_payload is None:
+        for option, value in (("--payload-link", link), ("--payload-centre", centre)):
+            if value is not None:
+                raise ConfigError(option, value, "--known-payload beside it")
+        return None
+    place = None
+    if centre is not None:
+        x, y, z = arm_options.numbers("--payload-centre", centre, 3)
+        place = (x, y, z)
+    return KnownPayload(arguments.known_payload, link or "", place)
 
 
 def _coordinates(text: str | None) -> Coordinates | list[Coordinates] | None:

@@ -141,7 +141,10 @@ def _expected(bag: Path, topic: str | None, model: TorqueModel) -> list[Sample]:
 
 
 def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
-    """Return (N, n) efforts that are due, friction only where a velocity came along."""
+    """Return (N, n) efforts that are due, friction only where a velocity came along.
+
+    In N·m, or in what the arm takes.
+    """
     from dvrk_gravity.cli.replay_reference import compensation
     from dvrk_gravity.node_parameters import node_parameters
 
@@ -157,7 +160,7 @@ def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
     if moving:
         velocity = np.array([samples[i].velocity for i in moving])
         torque[moving] = compensation(model, position[moving], velocity, ratio, dead_band)
-    return torque
+    return model.arm.reading_of_torque(torque)
 
 
 def _play(

@@ -71,8 +71,13 @@ class SampleReader:
         lower: ArrayLike = -np.inf,
         upper: ArrayLike = np.inf,
         units: Sequence[str] = (),
+        gains: ArrayLike | None = None,
     ) -> None:
-        """Read samples of these joints, in this order, between (n,) positions, rad or m."""
+        """Read samples of these joints, in this order, between (n,) positions, rad or m.
+
+        Efforts are multiplied by (n,) drive gains, where the arm reads them in another unit.
+        """
+        self._gains = None if gains is None else np.asarray(gains, dtype=float)
         self._joints = tuple(joint_names)
         self._units = tuple(units) or ("rad",) * len(self._joints)
         self._lower = np.broadcast_to(lower, len(self._joints)).astype(float)
@@ -107,6 +112,8 @@ class SampleReader:
             applied = self._pick("effort", effort)
         except DroppedSampleError:
             applied = None
+        if applied is not None and self._gains is not None:
+            applied = applied * self._gains
         return Sample(stamp, values, self._pick("velocity", velocity), applied)
 
     def _match(self, names: tuple[str, ...]) -> None:

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.ambiguity import ambiguities
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
@@ -82,6 +83,7 @@ def assemble(
     names = arm.joint_names
     named = [one.trial.candidate for one in accepted]
     theta, covariance, spreads = _fit(validation, named)
+    scale = _scale_error(arm)
     slices = _slices(named)
     found = [(one.hypothesis, theta[rows]) for one, rows in zip(named, slices, strict=True)]
     model, carried = extended(loaded.motion, found)
@@ -99,8 +101,9 @@ def assemble(
     for i, one in enumerate(accepted):
         rows = slices[i]
         parameters = estimates(
-            one.trial.candidate.hypothesis, theta[rows], covariance[rows, rows], spreads[i]
-        )
+            one.trial.candidate.hypothesis, theta[rows],
+            covariance[rows, rows] + scale**2 * np.outer(theta[rows], theta[rows]), spreads[i],
+        )  # fmt: skip
         finding = _finding(held_out, validation, accepted, i, parameters, theta[rows], carried[i])
         of_accepted.append(finding)
     findings += ordered(of_accepted)
@@ -144,6 +147,15 @@ def assemble(
         ambiguities=ambiguities(validation, named, pool),
         model=model,
     )
+
+
+def _scale_error(arm: Arm) -> float:
+    """Return the relative standard error of torques, and so of all that is linear in them.
+
+    Of drive gains: the load that three joints show is no surer than their gains together, whose
+    errors, of one table or one weighing, are not independent.
+    """
+    return 0.0 if arm.drive_gain_error is None else float(np.mean(arm.drive_gain_error))
 
 
 def _slices(candidates: Sequence[Candidate]) -> list[slice]:
@@ -264,6 +276,8 @@ def _certainty(data: FilteredData) -> list[str]:
     """Return how sure the model was taken to be, one sentence each."""
     motion = data.motion
     uncertainty = motion.model.uncertainty
+    if motion.reference is not None:
+        return ["in the place of a model stood what the reference measured at the same phase"]
     if uncertainty is None:
         return [
             "the model does not tell how sure it is: its parameters were taken as exact and, where "

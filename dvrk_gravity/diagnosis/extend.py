@@ -47,7 +47,7 @@ def extended(
         changed = hypothesis.merge(values, theta, motion)
         carried[i] = changed is not None
         values = values if changed is None else changed
-    model = TorqueModel.from_parameters(values)
+    model = TorqueModel.from_parameters(values, motion.arm)
     names = {term.NAME for term in effects.terms()}
     others = tuple(term for term in motion.model.terms if term.NAME not in names)
     return replace(model, terms=(*model.terms, *others)), tuple(carried)

@@ -260,6 +260,30 @@ class Known:
         }
 
 
+@dataclass(frozen=True)
+class Weighed:
+    """A payload beside the mass that is said to be there.
+
+    Attributes:
+        known: That mass, kg.
+        scale: Torque scale by which both would agree: what was found, over what is known; ``None``
+            if no payload was found.
+        sentence: In words.
+    """
+
+    known: float
+    scale: Estimate | None
+    sentence: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what findings.json holds of it."""
+        return {
+            "mass": self.known,
+            "torque_scale": None if self.scale is None else _parameters({"": self.scale})[""],
+            "sentence": self.sentence,
+        }
+
+
 def ordered(findings: Iterable[Finding]) -> list[Finding]:
     """Return findings by what they remove, those last of which it may well be nothing."""
     return sorted(findings, key=lambda one: (not one.certain, -one.gain.relative))
@@ -288,6 +312,8 @@ class Diagnosis:
         model: The model, extended by what a model file can carry.
         in_simulation: The given and the extended model in the simulator; ``None`` if not asked
             for, or if they are the same.
+        weighed: How the payload found compares with the mass that is said to be there; ``None`` if
+            none is.
     """
 
     verdict: Verdict
@@ -305,6 +331,7 @@ class Diagnosis:
     ambiguities: tuple[Ambiguity, ...]
     model: TorqueModel = field(repr=False)
     in_simulation: InSimulation | None = None
+    weighed: Weighed | None = None
 
     def __repr__(self) -> str:
         """Give the verdict and the effects, in short."""
@@ -357,6 +384,7 @@ class Diagnosis:
                 }
                 for one in self.ambiguities
             ],
+            "known_payload": self.weighed and self.weighed.to_dict(),
             "notes": list(self.notes),
             "simulation": self.in_simulation and self.in_simulation.to_dict(),
         }

@@ -14,7 +14,7 @@ from dvrk_gravity.diagnosis.filtered_data import BAND
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
-from dvrk_gravity.identification.motion import completed, require_all
+from dvrk_gravity.identification.motion import completed, held_beyond, require_all
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     DataWarning,
@@ -84,13 +84,14 @@ def load(
             heads[0].source, "static poses and trajectories cannot be diagnosed together"
         )
     static = kinds.pop()
+    still, held = held_beyond(recordings, model.arm, still or {})
     for one in heads:
-        require_all(one, model.arm, still or {})
+        require_all(one, model.arm, still)
     if {one.joints for one in heads} != {heads[0].joints}:
         raise RecordingError(heads[0].source, "the recordings hold different joints")
     pieces: list[Motion] = []
     recordings, left_out, repeated = counted_once(recordings)
-    warnings, handling = list(repeated), list(left_out)
+    warnings, handling = list(repeated), [*held, *left_out]
     floors = []
     share = LONGEST / len(recordings)
     for number, recording in enumerate(recordings):
@@ -109,7 +110,7 @@ def load(
             thin = 1 if rate is None else max(1, round(rate / RATE))
             pieces += [
                 replace(
-                    _piece(segment, thin, model, start, still or {}, step),
+                    _piece(segment, thin, model, start, still, step),
                     clock=(number,),
                     rounding=rounding,
                 )
@@ -117,7 +118,9 @@ def load(
             ]
             floors.append(_noise_density(stretch, model.arm))
     if not pieces:
-        raise RecordingError(heads[0].source, f"has too many gaps: {handling[len(left_out)]}")
+        raise RecordingError(
+            heads[0].source, f"has too many gaps: {handling[len(held) + len(left_out)]}"
+        )
     motion = _join(pieces)
     if static and len(motion.q) < FEWEST:
         raise RecordingError(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.reference_error import reference_columns
 from dvrk_gravity.effects import State
 from dvrk_gravity.uncertainty import ModelUncertainty
 
@@ -80,6 +81,8 @@ def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None)
     and of what it says outside the range that it was identified on. None of a model that does not
     tell how sure it is.
     """
+    if motion.reference is not None:
+        return reference_columns(motion)
     model = motion.model
     uncertainty = model.uncertainty
     if uncertainty is None:

@@ -49,6 +49,8 @@ class Motion:
         step: (n,) steps of the positions, rad.
         clock: By part, number of the recording whose time it is in; default: all of one.
         rounding: (n,) density of the noise that the steps of the efforts leave, N·m/sqrt(Hz).
+        reference: (N, n) torques that were measured in the same motion when all was well, N·m;
+            they stand for the model's then. ``None``: the model's do.
     """
 
     model: TorqueModel
@@ -64,6 +66,7 @@ class Motion:
     step: Array
     clock: tuple[int, ...] = ()
     rounding: Array = field(default_factory=lambda: np.zeros(()))
+    reference: Array | None = None
 
     @property
     def arm(self) -> Arm:
@@ -86,9 +89,18 @@ class Motion:
         return self.model.prediction(self._state(self.q))
 
     @cached_property
+    def acting(self) -> Array:
+        """(N, n) torque that acts, to suppose a wrong reading of, N·m.
+
+        The model's. Of two measured ones their mean, whose noise is not that of their difference: a
+        column with the reference's own noise would find that it reads too low.
+        """
+        return self.modelled if self.reference is None else 0.5 * (self.effort + self.reference)
+
+    @cached_property
     def residual(self) -> Array:
-        """(N, n) measured minus modelled torque, N·m."""
-        return self.effort - self.modelled
+        """(N, n) measured minus modelled torque, or minus the reference's, N·m."""
+        return self.effort - (self.modelled if self.reference is None else self.reference)
 
     def torque_at(self, q: Array, model: TorqueModel | None = None) -> Array:
         """Return (N, n) torques of a model at other positions in the same motion, N·m."""
@@ -211,8 +223,8 @@ class Motion:
         if link not in self._links:
             columns = np.empty((len(self.q), len(joints), rigid_body.PER_LINK))
             own = slice(rigid_body.PER_LINK * link, rigid_body.PER_LINK * (link + 1))
-            for rows in self._pieces():
-                columns[rows] = self._regressor(rows, self.gravity)[:, joints, own]
+            for rows in self.pieces():
+                columns[rows] = self.regressor(rows, self.gravity)[:, joints, own]
             self._links[link] = columns
         torque = np.zeros((len(self.q), self.arm.n, directions.shape[1]))
         torque[:, joints] = self._links[link] @ directions
@@ -233,7 +245,7 @@ class Motion:
         from scipy.linalg import qr
 
         thinned = slice(None, None, max(1, len(self.q) // 600))
-        columns = self._regressor(thinned, np.zeros(3))
+        columns = self.regressor(thinned, np.zeros(3))
         few = columns.reshape(-1, columns.shape[-1])
         size = np.sqrt(np.mean(few**2, axis=0))
         scaled = few / np.where(size > 1e-9, size, 1.0) * (size > 1e-9)
@@ -244,15 +256,15 @@ class Motion:
     def inertial_torque(self, chosen: NDArray[np.int_]) -> Array:
         """Return (N, n, k) columns of some of the links' inertial parameters, gravity off."""
         torque = np.empty((len(self.q), self.arm.n, len(chosen)))
-        for rows in self._pieces():
-            torque[rows] = self._regressor(rows, np.zeros(3))[:, :, chosen]
+        for rows in self.pieces():
+            torque[rows] = self.regressor(rows, np.zeros(3))[:, :, chosen]
         return torque
 
-    def _pieces(self) -> list[slice]:
+    def pieces(self) -> list[slice]:
         """Return slices of the samples of which all columns of all links are held at a time."""
         return [slice(first, first + _PIECE) for first in range(0, len(self.q), _PIECE)]
 
-    def _regressor(self, rows: slice, gravity: Array) -> Array:
+    def regressor(self, rows: slice, gravity: Array) -> Array:
         """Return (rows, n, 10 bodies) columns of the links' inertial parameters at some samples."""
         return rigid_body.regressor(
             self.arm, self.true_q[rows], self.qd[rows], self.qdd[rows], gravity

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.assemble import assemble
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
@@ -20,16 +21,19 @@ from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import ReadingScore, read_as, try_readings
+from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
 from dvrk_gravity.diagnosis.selection import (
     EffectTrial,
     SelectedEffect,
     Selection,
     SelectionSettings,
 )
+from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.unknown import nameless
 from dvrk_gravity.estimation.selection import eliminate_backward
+from dvrk_gravity.identification.effort_unit import in_their_unit
 from dvrk_gravity.identification.motion import known_still
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Given, Recording, RecordingFile, opened
@@ -99,11 +103,14 @@ class Outcome:
 
 def diagnose(
     recordings: Given | Iterable[Given],
-    model: TorqueModel | str | Path,
+    model: TorqueModel | str | Path | None = None,
     progress: Callable[[str], None] | None = None,
     simulated: bool = False,
     still: Mapping[str, float] | None = None,
     coordinates: Coordinates = "joint",
+    reference: Given | None = None,
+    arm: Arm | str | Path | None = None,
+    known_payload: float | None = None,
 ) -> Diagnosis:
     """Tell what a model gets wrong about recordings, and prove it on data held out.
 
@@ -111,31 +118,46 @@ def diagnose(
         recordings: One or more trajectories, or sets of static poses; in joint or actuator
             coordinates, as each says; or the paths of their files. Of trajectories longer than ten
             minutes together, stretches are looked at; one in a file is not held in memory then.
-        model: The model on trial, or the path of its file.
+        model: The model on trial, or the path of its file; may be left out with a reference.
         progress: Called with one line at every step.
         simulated: Also compare given and extended model in the simulator, which takes seconds.
         still: Where joints stood that the recordings do not hold: joint position, rad.
         coordinates: Of recordings that are given as files, which do not tell.
+        reference: The same motion when all was well: what changed since is told, and the model, if
+            there is one, only takes it in.
+        arm: The arm, where there is no model.
+        known_payload: Mass that a link is said to carry, kg: the payload found is compared with it.
 
     Returns:
         Findings, gains on held-out blocks, and the model extended by what it can carry.
 
     Raises:
         RecordingError: Recordings that cannot tell: too short, no effort, no motion.
-        ConfigError: A model of absurd torques.
+        ConfigError: A model of absurd torques; neither model nor arm, or two arms.
         ArgumentError: An argument of a wrong type.
     """
-    model = TorqueModel.of(model)
-    whole = opened(recordings, coordinates, model.arm)
+    model = None if model is None else TorqueModel.of(model)
+    arm = arm_for(model, None if arm is None else Arm.of(arm), reference is not None)
+    whole, said = opened(recordings, coordinates, arm), tuple[str, ...]()
+    if model is None:
+        arm, said = in_their_unit(arm, whole)
+        whole, model = [one.of(arm) for one in whole], model_of(arm)
     say = progress or _silent
     say("reading")
-    outcome = investigate(whole, model, say, known_still(still))
+    loaded = load(whole, model, known_still(still))
+    loaded = replace(loaded, handling=(*said, *loaded.handling))
+    if reference is not None:
+        loaded = _beside_reference(loaded, whole, reference, model, coordinates, still)
+    outcome = investigate(loaded, say)
     say("measuring gains on held-out blocks")
     diagnosis = assemble(
         outcome.loaded, outcome.readings, outcome.validation, outcome.accepted, outcome.unknown,
         outcome.unconfirmed, outcome.minor, outcome.pool,
     )  # fmt: skip
-    if not simulated or not any(finding.in_model for finding in diagnosis.findings):
+    if known_payload is not None:
+        diagnosis = replace(diagnosis, weighed=weighed(diagnosis.findings, known_payload, arm))
+    shown = simulated and reference is None
+    if not shown or not any(finding.in_model for finding in diagnosis.findings):
         return diagnosis
     say("simulating motion and drift")
     spans = outcome.validation.data.held_out_spans
@@ -143,17 +165,34 @@ def diagnose(
     return replace(diagnosis, in_simulation=compared)
 
 
-def investigate(
+def _beside_reference(
+    loaded: Loaded,
     recordings: Sequence[Recording | RecordingFile],
+    reference: Given,
     model: TorqueModel,
-    say: Callable[[str], None],
-    still: Mapping[str, float] | None = None,
-) -> Outcome:
-    """Choose readings, effects and nameless structure; the arguments are :func:`diagnose`'s."""
-    loaded = load(recordings, model, still)
+    coordinates: Coordinates,
+    still: Mapping[str, float] | None,
+) -> Loaded:
+    """Return what recordings and a reference both show."""
+    (other,) = opened(reference, coordinates, model.arm)
+    for one in (*recordings, other):
+        require_moving(one)
+    heads = [one.head if isinstance(one, RecordingFile) else one for one in (recordings[0], other)]
+    sure = replace(model, uncertainty=None)  # what it does not know, it does not know in either
+    loaded = replace(loaded, motion=replace(loaded.motion, model=sure))
+    return compared(
+        loaded, load([other], model, known_still(still)), [head.source for head in heads]
+    )
+
+
+def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
+    """Choose readings, effects and nameless structure."""
+    model = loaded.motion.model
     readings: list[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]] = []
     validation, pool = _prepare(loaded.motion, say)
-    tried = try_readings(loaded.motion)
+    # Of two recordings of one motion both are read alike.
+    alone = loaded.motion.reference is None
+    tried = try_readings(loaded.motion) if alone else []
     if tried and tried[0].passes and _misread(tried[0], Selection(validation, pool, say)):
         alike = tuple(s for s in tried[1:] if s.gain > 0.97 * tried[0].gain)
         readings.append((tried[0], loaded.motion, alike))
@@ -169,7 +208,7 @@ def investigate(
     chosen = selection.run()
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
     # A model that tells how sure it is has been free to move as far as it says, and no further.
-    telling = model.uncertainty is not None
+    telling = model.uncertainty is not None or not alone
     if not telling and np.any(validation.score(chosen).rms > _SETTINGS.doubtful * floor):
         selection, chosen = _with_model_moving(validation, pool, selection, chosen, say)
     chosen, unconfirmed = _confirmed(validation, selection, chosen, say)

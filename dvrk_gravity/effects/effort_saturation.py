@@ -56,7 +56,7 @@ class ClippedHypothesis(Hypothesis):
         """See :meth:`Hypothesis.build`."""
         joint, limit = self.site.index, setting["limit"]
         torque = np.zeros((*motion.q.shape, 1))
-        modelled = motion.modelled[:, joint]
+        modelled = motion.acting[:, joint]
         torque[:, joint, 0] = np.clip(modelled, -limit, limit) - modelled
         return torque
 

@@ -89,7 +89,7 @@ class TorqueLeak(LeakHypothesis):
         del setting
         target, source = self.joints
         torque = np.zeros((*motion.q.shape, 1))
-        torque[:, target, 0] = motion.modelled[:, source]
+        torque[:, target, 0] = motion.acting[:, source]
         return torque
 
 

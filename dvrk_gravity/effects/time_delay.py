@@ -54,12 +54,12 @@ class DelayHypothesis(Hypothesis):
         shift of them would explain it.
         """
         step = setting["delay"] if abs(setting["delay"]) > _SMALL else _FIRST
-        late = np.empty_like(motion.modelled)
+        late = np.empty_like(motion.acting)
         for part in motion.parts:
             time = motion.time[part]
-            for joint, torque in enumerate(motion.modelled[part].T):
+            for joint, torque in enumerate(motion.acting[part].T):
                 late[part, joint] = np.interp(time - step, time, torque)
-        return ((late - motion.modelled) / step)[:, :, None]
+        return ((late - motion.acting) / step)[:, :, None]
 
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """See :meth:`Hypothesis.describe`."""

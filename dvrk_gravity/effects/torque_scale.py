@@ -58,7 +58,7 @@ class ScaleHypothesis(Hypothesis):
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`."""
         del setting
-        return (motion.modelled @ self.mixing)[:, :, None]
+        return (motion.acting @ self.mixing)[:, :, None]
 
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """See :meth:`Hypothesis.describe`."""

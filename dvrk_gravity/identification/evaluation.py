@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from pathlib import Path
 from typing import Any, get_args
 
@@ -13,7 +14,15 @@ from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.hand import beyond_limits
-from dvrk_gravity.identification.motion import head, read, read_motions, require_all, whole
+from dvrk_gravity.identification.motion import (
+    completed,
+    head,
+    held_beyond,
+    read,
+    read_motions,
+    require_all,
+    whole,
+)
 from dvrk_gravity.identification.result import JointError, Trace, in_short
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
@@ -94,20 +103,29 @@ def evaluate(
     coordinates = known_coordinates(coordinates)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
+    still, held = held_beyond(recordings, model.arm, {})
     for recording in recordings:
-        require_all(head(recording), model.arm)
+        require_all(head(recording), model.arm, still or None)
     if all_static(recordings):
         poses = [whole(recording) for recording in recordings]
 
         def run(coordinates: Coordinates, detected: str) -> Evaluation:
-            return _evaluate_static(model, poses, coordinates, detected)
+            return _evaluate_static(model, poses, still, coordinates, detected)
     else:
         # Read once, compared in both coordinates.
-        trajectories = [read(recording, cutoff) for recording in recordings]
+        trajectories = [replace(read(one, cutoff), still=still) for one in recordings]
 
         def run(coordinates: Coordinates, detected: str) -> Evaluation:
             return _evaluate_dynamic(model, trajectories, coordinates, cutoff, detected)
 
+    evaluated = _in_coordinates(coordinates, run)
+    return replace(evaluated, handling=(*held, *evaluated.handling))
+
+
+def _in_coordinates(
+    coordinates: Coordinates | None, run: Callable[[Coordinates, str], Evaluation]
+) -> Evaluation:
+    """Return the evaluation in some coordinates, or in those in which the model fits better."""
     if coordinates is not None:
         return run(coordinates, "")
     results = {one: run(one, "") for one in get_args(Coordinates)}
@@ -160,14 +178,16 @@ def _evaluate_dynamic(
             q, qd = arm.actuator_position(q), arm.actuator_position(qd)
         else:
             measured, predicted = arm.joint_effort(measured), arm.joint_effort(predicted)
+        # Of joints that were held nothing was measured.
+        seen = [name in recordings[motion.source].joints for name in arm.joint_names]
         traces.append(
             Trace(
-                arm.joint_names,
+                tuple(compress(arm.joint_names, seen)),
                 motion.time[core],
-                q[core],
-                qd[core],
-                measured[core],
-                predicted[core],
+                q[core][:, seen],
+                qd[core][:, seen],
+                measured[core][:, seen],
+                predicted[core][:, seen],
                 coordinates,
                 False,
             )
@@ -178,23 +198,32 @@ def _evaluate_dynamic(
 def _evaluate_static(
     model: TorqueModel,
     recordings: Sequence[Recording],
+    still: Mapping[str, float],
     coordinates: Coordinates,
     detected: str,
 ) -> Evaluation:
     arm = model.arm
+    stood = np.array([still.get(joint, 0.0) for joint in arm.joint_names])
     traces: list[Trace] = []
     warnings: list[DataWarning] = []
     for recording in recordings:
         warnings += prepare(recording).warnings
         q, measured = recording.position, recording.effort
         assert measured is not None
-        joint = arm.joint_position(q) if coordinates == "actuator" else q
+        columns = [arm.joint_names.index(joint) for joint in recording.joints]
+        full = q if len(columns) == arm.n else completed(q, columns, stood, arm, coordinates)
+        joint = arm.joint_position(full) if coordinates == "actuator" else full
         warnings += beyond_limits(joint, arm)
-        predicted = model.prediction(State.of(joint, direction=recording.direction))
+        direction = recording.direction
+        if direction is not None and len(columns) < arm.n:
+            direction = np.ones(full.shape)
+            direction[:, columns] = recording.direction
+        predicted = model.prediction(State.of(joint, direction=direction))
         if coordinates == "actuator":
             predicted = arm.actuator_effort(predicted)
+        predicted = predicted[:, columns]
         traces.append(
-            Trace(arm.joint_names, None, q, None, measured, predicted, coordinates, False)
+            Trace(recording.joints, None, q, None, measured, predicted, coordinates, False)
         )
     return _result(traces, coordinates, detected, warnings, ("static poses, used as they are",))
 

@@ -130,6 +130,7 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
             line = combination @ columns.base
             if not _is_there(line):
                 continue
+            unit = columns.arm.own_unit(unit)
             found.append(_Quantity(name, unit, row(dict(zip(rigid, line, strict=True))), -1))
     names = columns.arm.joint_names
     for (j, joint), effect in product(enumerate(names), _with_powers(columns)):
@@ -333,7 +334,8 @@ def _dry_friction_statements(
     value = dict(zip(chosen, solution.theta.tolist(), strict=True))
     names = columns.arm.joint_names
     where = [
-        f"{names[joint]} ({place}, {sum(value[i] for i in parts):.3g} N·m together)"
+        f"{names[joint]} ({place}, {sum(value[i] for i in parts):.3g} "
+        f"{columns.arm.effort_units[joint]} together)"
         for (place, joint), parts in _divided(columns, chosen).items()
     ]
     if not where:

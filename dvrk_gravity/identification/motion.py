@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.held import beyond
+from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
@@ -200,6 +202,23 @@ def known_still(still: Mapping[str, float] | None) -> Mapping[str, float]:
     if not isinstance(still, Mapping):
         raise ArgumentError("still", still, "a mapping from joints' names to positions, rad")
     return still
+
+
+def held_beyond(
+    recordings: Iterable[Source], arm: Arm, still: Mapping[str, float]
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return where joints stood, those that no recording holds too, and a line about them.
+
+    Joints beyond all that were recorded are taken to be held at zero, or at the limit next to it.
+    An MTM's recording has all seven joints; there, one that is missing is a mistake.
+    """
+    seen = {joint for one in recordings for joint in head(one).joints}
+    missing = [joint for joint in arm.joint_names if joint not in seen and joint not in still]
+    where = beyond(arm, tuple(seen | set(still))) if missing and not is_mtm(arm) else None
+    if not where:
+        return dict(still), ()
+    shown = ", ".join(f"{name} at {position:g}" for name, position in where.items())
+    return {**still, **where}, (f"not recorded, and taken to be held (rad, m): {shown}",)
 
 
 def require_all(

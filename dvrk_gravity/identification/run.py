@@ -17,10 +17,19 @@ from dvrk_gravity.identification.console_columns import (
     require_console_arm,
 )
 from dvrk_gravity.identification.coordinates import detect_coordinates, doubt
+from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
 from dvrk_gravity.identification.dynamic_fit import fit_dynamic
+from dvrk_gravity.identification.effort_unit import in_their_unit
 from dvrk_gravity.identification.evaluation import all_static, evaluate
 from dvrk_gravity.identification.hand import by_weight
-from dvrk_gravity.identification.motion import head, known_still, read_once, require_all, whole
+from dvrk_gravity.identification.motion import (
+    head,
+    held_beyond,
+    known_still,
+    read_once,
+    require_all,
+    whole,
+)
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.recording import (
@@ -52,6 +61,7 @@ def identify(
     report: Report = lambda stage, share: None,
     still: Mapping[str, float] | None = None,
     for_console: bool = False,
+    known_payload: KnownPayload | float | None = None,
 ) -> Fit:
     """Fit a torque model to recordings, choosing its terms by held-out error.
 
@@ -68,6 +78,9 @@ def identify(
         report: Called with the stage and the share of it that is done.
         still: Where joints stood that some recording does not hold: joint position, rad.
         for_console: Fit a model whose compensation the dVRK console can hold.
+        known_payload: What the last recording was made with, and no other: efforts are motor
+            currents, and their gains are found by it (``drive_gains``). The model is fitted to the
+            others. A number: its mass, kg, on the last link.
 
     Raises:
         RecordingError: No recording, one that cannot be used, or trajectories mixed with poses.
@@ -82,7 +95,16 @@ def identify(
     still = known_still(still)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
+    arm, recordings, missing = _with_held(recordings, arm, still or {})
+    validate = opened(validate, arm=arm)
     given = _each(coordinates, len(recordings))
+    said: tuple[str, ...] = ()
+    if known_payload is not None:
+        arm, said = _with_gains(recordings, arm, known_payload, given)
+        recordings, given = recordings[:-1], given[:-1]
+    arm, unit = in_their_unit(arm, recordings)
+    said = (*missing, *said, *(() if said else unit))
+    recordings, validate = opened(recordings, arm=arm), opened(validate, arm=arm)
     if for_console:
         _check_for_console(arm, effects, physical)
     if all_static(recordings):
@@ -99,7 +121,47 @@ def identify(
         fit = replace(fit, warnings=(*fit.warnings, *by_weight(fit.parameters, arm)))
     if for_console:
         fit = replace(fit, handling=(*fit.handling, _FOR_CONSOLE))
+    fit = replace(fit, handling=(*said, *fit.handling))
     return _validated(fit, validate) if validate else fit
+
+
+def _with_held(
+    recordings: Sequence[Recording | RecordingFile], arm: Arm, still: Mapping[str, float]
+) -> tuple[Arm, list[Recording | RecordingFile], tuple[str, ...]]:
+    """Return the arm without the joints that lie beyond all that was recorded, and who they are."""
+    stood, lines = held_beyond(recordings, arm, still)
+    if not lines:
+        return arm, list(recordings), ()
+    arm = arm.holding({name: at for name, at in stood.items() if name not in still})
+    return (
+        arm,
+        opened(recordings, arm=arm),
+        tuple(f"{line}: no joints of the model" for line in lines),
+    )
+
+
+def _with_gains(
+    recordings: Sequence[Recording | RecordingFile],
+    arm: Arm,
+    load: KnownPayload | float,
+    coordinates: Sequence[Coordinates | None],
+) -> tuple[Arm, tuple[str, ...]]:
+    """Return the arm with the drive gains that a known load tells, and what they are."""
+    if isinstance(load, bool) or not isinstance(load, KnownPayload | int | float):
+        raise ArgumentError("known_payload", load, "a mass in kg, or a KnownPayload")
+    if arm.drive_gains is not None:
+        raise ConfigError("--known-payload", load, "no drive gains beside it: it tells them")
+    if all_static(recordings):
+        raise RecordingError(
+            head(recordings[0]).source, "holds static poses, expected trajectories"
+        )
+    if not isinstance(load, KnownPayload):
+        load = KnownPayload(float(load))
+    *bare, loaded = recordings
+    for one in recordings:
+        require_all(head(one), arm)
+    found = drive_gains(bare, [loaded], arm, load, coordinates[0] or "joint")
+    return arm.with_drive_gains(found.gain, found.error), found.lines(arm)
 
 
 def _check_for_console(arm: Arm, effects: Sequence[str] | None, physical: bool) -> None:

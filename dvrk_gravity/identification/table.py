@@ -4,18 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.identification.evaluation import Evaluation
 from dvrk_gravity.identification.result import Fit, JointError, Verdict
 from dvrk_gravity.identification.verdict import compared
 from dvrk_gravity.model import TorqueModel
 
 
-def error_table(joints: Mapping[str, JointError], verdict: Verdict | None = None) -> Iterator[str]:
+def error_table(
+    joints: Mapping[str, JointError], arm: Arm, verdict: Verdict | None = None
+) -> Iterator[str]:
     """Yield the lines of a table of errors by joint, with the verdict on each if there is one."""
-    yield f"{'joint':<16}{'RMSE N·m':>10}{'|e|/|tau|':>11}{'R2':>9}" + "  verdict" * bool(verdict)
+    width = max(16, 2 + max(map(len, joints)))
+    units = dict(zip(arm.joint_names, arm.effort_units, strict=True))
+    head = f"RMSE {arm.effort_units[0]}"
+    yield f"{'joint':<{width}}{head:>10}{'|e|/|tau|':>11}{'R2':>9}" + "  verdict" * bool(verdict)
     for name, error in joints.items():
         judged = f"  {verdict.joints[name].words}" if verdict else ""
-        yield f"{name:<16}{error.rmse:>10.4f}{error.nrmse:>11.3f}{error.r2:>9.3f}{judged}"
+        # Told only where it is not the table's.
+        other = f"  (RMSE in {units[name]})" if units[name] != arm.effort_units[0] else ""
+        numbers = f"{error.rmse:>10.4f}{error.nrmse:>11.3f}{error.r2:>9.3f}"
+        yield f"{name:<{width}}{numbers}{judged}{other}"
 
 
 def verdict_text(verdict: Verdict) -> Iterator[str]:
@@ -37,7 +46,7 @@ def fit_text(fit: Fit) -> Iterator[str]:
     yield ""
     yield f"{fit.samples} samples, errors in {fit.coordinates} coordinates"
     yield f"held out: {fit.validation}"
-    yield from error_table(fit.held_out, fit.verdict)
+    yield from error_table(fit.held_out, fit.model.arm, fit.verdict)
     yield from verdict_text(fit.verdict)
     yield ""
     kept = [choice for choice in fit.choices if choice.kept]
@@ -68,5 +77,5 @@ def evaluation_text(result: Evaluation, model: TorqueModel) -> Iterator[str]:
     for line in result.handling:
         yield f"data: {line}"
     yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
-    yield from error_table(result.joints)
+    yield from error_table(result.joints, model.arm)
     yield compared(model, result.joints, result.coordinates)

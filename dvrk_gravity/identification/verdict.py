@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.description import SCALES, Joint
+from dvrk_gravity.arms.description import SCALES, Joint, thousandth
 from dvrk_gravity.identification.holding import HoldingSettings
 from dvrk_gravity.identification.result import Holding, JointError, JointVerdict, Verdict, in_words
 from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
-from dvrk_gravity.recording.data import Coordinates
+from dvrk_gravity.recording.data import Array, Coordinates
 
 GOOD, USABLE, POOR = VERDICTS
 # What to record instead: of a motion, of static poses.
@@ -105,11 +105,13 @@ def judge(
     settings = settings or VerdictSettings()
     at_motor = coordinates == "actuator"
     joints = {}
-    for joint, motor_limit in zip(arm.joints, arm.actuator_effort_limit.tolist(), strict=True):
-        limit, name = motor_limit if at_motor else joint.effort_limit, joint.name
+    limits = arm.actuator_effort_limit if at_motor else arm.effort_limit
+    comparable = (_comparable(one, arm).tolist() for one in (limits, arm.effort_limit))
+    for joint, limit, at_joint in zip(arm.joints, *comparable, strict=True):
+        name = joint.name
         found = [
             _of_error(joint, errors[name], training[name], settings, limit, static),
-            *_of_holding(joint, holding[name], settings, static),
+            *_of_holding(joint, holding[name], settings, static, at_joint),
         ]
         joints[name] = max(found, key=lambda one: VERDICTS.index(one.level))
     level = max((one.level for one in joints.values()), key=VERDICTS.index)
@@ -134,7 +136,7 @@ def compared(model: TorqueModel, errors: Mapping[str, JointError], coordinates: 
     limits = arm.actuator_effort_limit if coordinates == "actuator" else arm.effort_limit
     levels = {
         name: _level(name, errors[name], limit, settings)
-        for name, limit in zip(arm.joint_names, limits.tolist(), strict=True)
+        for name, limit in zip(arm.joint_names, _comparable(limits, arm).tolist(), strict=True)
         if name in errors
     }
     found = max(levels.values(), key=VERDICTS.index)
@@ -148,6 +150,11 @@ def compared(model: TorqueModel, errors: Mapping[str, JointError], coordinates: 
     )
     why = "" if found == GOOD else f" ({', '.join(which)} of the torque)"
     return f"{said}; from these errors alone it would be: {in_words(found)}{why}"
+
+
+def _comparable(limits: Array, arm: Arm) -> Array:
+    """Return effort limits that errors compare with: none where their size is not known."""
+    return 0.0 * limits if arm.read_in and arm.effort_size == 1.0 else limits
 
 
 def _level(name: str, error: JointError, limit: float, settings: VerdictSettings) -> str:
@@ -180,11 +187,11 @@ def _of_error(
 
 
 def _of_holding(
-    joint: Joint, holding: Holding, settings: VerdictSettings, static: bool
+    joint: Joint, holding: Holding, settings: VerdictSettings, static: bool, limit: float
 ) -> Iterator[JointVerdict]:
     here, anywhere = (
         GOOD
-        if error <= settings.negligible * joint.effort_limit
+        if error <= settings.negligible * limit
         else settings.level(joint.name, error / max(torque, TINY))
         for error, torque in (
             (holding.error, holding.torque),
@@ -216,7 +223,7 @@ def _of_holding(
 def _milli(torque: float, joint: Joint) -> str:
     """Return a torque in mN·m or mN, with two digits or more."""
     number = f"{1e3 * torque:.2g}" if abs(torque) < 0.01 else f"{1e3 * torque:.0f}"
-    return f"{number} m{joint.effort_unit}"
+    return f"{number} {thousandth(joint.effort_unit)}"
 
 
 def _percent(share: float) -> str:

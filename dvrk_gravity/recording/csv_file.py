@@ -41,6 +41,8 @@ class _Columns:
     def parse(cls, source: str, line: str, known: tuple[str, ...]) -> _Columns:
         """Read a header line with the joints of an arm, or any if none are known.
 
+        Beside all joints of an arm others are left out.
+
         Raises:
             RecordingError: If columns are unknown, twice, or missing.
         """
@@ -48,10 +50,12 @@ class _Columns:
         where = f"{source}: line 1"
         if len(header) == 1 and ";" in header[0]:
             raise RecordingError(where, "columns are parted by semicolons, expected commas")
+        # Where all of the arm's joints are, others are another arm's or a hand's; else a misprint.
+        whole = all(f"{joint}.position" in header for joint in known)
         place: dict[str, int] = {}
         for column, name in enumerate(header):
             joint, _, quantity = name.rpartition(".")
-            a_joint = joint in known if known else joint != ""
+            a_joint = joint in known or (whole and joint != "")
             if name not in ("time", "direction") and not (
                 a_joint and quantity in (*QUANTITIES, "direction")
             ):

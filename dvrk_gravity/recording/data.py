@@ -217,6 +217,8 @@ class Recording(Samples):
     def of(self, arm: Arm) -> Recording:
         """Return what an arm's joints did, in its order; other joints are left out.
 
+        Efforts that are not yet an arm's are taken to N·m by its drive gains.
+
         Raises:
             RecordingError: If no joint is the arm's.
         """
@@ -230,7 +232,8 @@ class Recording(Samples):
                 f"expected some of: {', '.join(arm.joint_names)}",
             )
         if joints == self.joints:
-            return replace(self, arm=arm)
+            effort = files.converted(self.effort, joints, self.arm, arm)
+            return replace(self, arm=arm, effort=effort)
         columns = [self.joints.index(joint) for joint in joints]
 
         def pick(array: Array | None) -> Array | None:
@@ -241,7 +244,7 @@ class Recording(Samples):
             joints=joints,
             position=self.position[:, columns],
             velocity=pick(self.velocity),
-            effort=pick(self.effort),
+            effort=files.converted(pick(self.effort), joints, self.arm, arm),
             direction=pick(self.direction),
             arm=arm,
         )

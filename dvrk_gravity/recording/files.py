@@ -48,10 +48,42 @@ def read(
     if not text_file.is_file(path):
         raise RecordingError(path, "is a pipe or device, expected a file or a folder")
     if path.is_dir() or path.suffix in SUFFIXES:
-        return iterate_bag(path, topic, coordinates, time_base, chunk, arm)
+        return _in_torque(iterate_bag(path, topic, coordinates, time_base, chunk, arm), arm)
     if path.suffix.lower() == ".csv":
-        return iterate_csv(path, coordinates, chunk, arm)
+        return _in_torque(iterate_csv(path, coordinates, chunk, arm), arm)
     raise RecordingError(path, "expected a .csv file, a rosbag2 folder, or a .db3 or .mcap file")
+
+
+def _in_torque(parts: Iterator[Samples], arm: Arm | None) -> Iterator[Samples]:
+    """Return parts with efforts in N·m, or N, of an arm that reads them in another unit."""
+    if arm is None or arm.drive_gains is None:
+        return parts
+    return (replace(part, effort=converted(part.effort, part.joints, None, arm)) for part in parts)
+
+
+def converted(
+    effort: Array | None, joints: Sequence[str], before: Arm | None, after: Arm | None
+) -> Array | None:
+    """Return (N, k) efforts of some joints, as one arm has them, as another does.
+
+    Args:
+        effort: (N, k), ``None`` where not recorded.
+        joints: Names of the k joints.
+        before: The arm by whose drive gains they are; ``None``: as they were read.
+        after: The arm by whose gains they are to be; ``None``: as they were read.
+    """
+    if effort is None:
+        return None
+    factor = np.ones(len(joints))
+    for arm, power in ((before, -1.0), (after, 1.0)):
+        if arm is not None and arm.drive_gains is not None:
+            gains = dict(zip(arm.joint_names, arm.drive_gains.tolist(), strict=True))
+            factor *= np.array([gains[joint] for joint in joints]) ** power
+    if (factor == 1.0).all():
+        return effort
+    result = effort * factor
+    result.flags.writeable = False
+    return result
 
 
 def join(parts: Sequence[Some]) -> Some:
@@ -84,7 +116,13 @@ def join(parts: Sequence[Some]) -> Some:
 def save_recording(
     parts: Iterable[Samples], path: str | Path, storage: Storage, topic: str
 ) -> None:
-    """Write consecutive parts of one recording; see ``Recording.save``."""
+    """Write consecutive parts of one recording; see ``Recording.save``.
+
+    Efforts are written as the arm reads them: a file does not tell drive gains.
+    """
+    parts = (
+        replace(part, effort=converted(part.effort, part.joints, part.arm, None)) for part in parts
+    )
     if Path(path).suffix.lower() == ".csv":
         write_csv(parts, path)
     elif Path(path).suffix in (*SUFFIXES, *FOREIGN_SUFFIXES):

@@ -195,7 +195,8 @@ def saturation(recording: Recording, limits: Mapping[str, float]) -> list[DataWa
                     "effort_saturation",
                     joint,
                     {"effort_nm": abs(reached), "samples": int(pinned.sum())},
-                    f"effort stays at {reached:.4g} N·m in {pinned.sum()} samples",
+                    f"effort stays at {reached:.4g} {_effort_unit(recording, joint)} in "
+                    f"{pinned.sum()} samples",
                 )
             )
     return findings
@@ -222,7 +223,7 @@ def quantisation(recording: Recording) -> list[DataWarning]:
                 )
         signals: tuple[tuple[Kind, Array | None, str], ...] = (
             ("velocity_quantisation", recording.velocity, "rad/s"),
-            ("effort_quantisation", recording.effort, "N·m"),
+            ("effort_quantisation", recording.effort, _effort_unit(recording, joint)),
         )
         for kind, values, unit in signals:
             if values is None:
@@ -239,3 +240,9 @@ def quantisation(recording: Recording) -> list[DataWarning]:
                     )
                 )
     return findings
+
+
+def _effort_unit(recording: Recording, joint: str) -> str:
+    """Return the unit of a joint's effort; where the arm is not known, it is taken to turn."""
+    arm = recording.arm
+    return "N·m" if arm is None else arm.effort_units[arm.joint_names.index(joint)]

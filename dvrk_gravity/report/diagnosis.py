@@ -68,6 +68,8 @@ def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         parts.append("<h2>What changed or was missed</h2>")
     for number, finding in enumerate(diagnosis.findings, start=1):
         parts.append(_finding(number, finding, diagnosis.model.arm))
+    if diagnosis.weighed is not None:
+        parts.append(f"<p><b>Known payload:</b> {escape(diagnosis.weighed.sentence)}.</p>")
     if diagnosis.known:
         parts.append(_known(diagnosis.known))
     if diagnosis.ambiguities:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.arms import Joint
+from dvrk_gravity.arms.description import thousandth
 from dvrk_gravity.identification.result import Trace
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.report.html import data_url, png
@@ -38,7 +39,7 @@ def torque_picture(trace: Trace, column: int, joint: Joint) -> str:
     word = "predicted, held out" if trace.held_out else "predicted"
     axes.plot(x, 1e3 * predicted, color=PREDICTED, linewidth=1.0, label=word)
     axes.plot(x, 1e3 * (measured - predicted), color=LEFT, linewidth=0.7, label="difference")
-    axes.set_ylabel(f"torque [m{joint.effort_unit}]")
+    axes.set_ylabel(f"torque [{thousandth(joint.effort_unit)}]")
     figure.legend(loc="outside upper right", ncols=3, fontsize=8, frameon=False)
     axes.grid(alpha=0.25)
     return data_url(png(figure, dpi=100))
@@ -60,7 +61,7 @@ def residual_picture(traces: Sequence[Trace], column: int, joint: Joint) -> str:
         _scatter(one, x, 1e3 * residual)
         one.set_xlabel(label)
         one.locator_params(axis="x", nbins=7)  # numbers that do not touch
-    axes[0].set_ylabel(f"difference [m{joint.effort_unit}]")
+    axes[0].set_ylabel(f"difference [{thousandth(joint.effort_unit)}]")
     return data_url(png(figure, dpi=100))
 
 

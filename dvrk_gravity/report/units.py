@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.description import thousandth
 
 
 def milli_effort(arm: Arm) -> str:
@@ -14,7 +15,7 @@ def milli_effort(arm: Arm) -> str:
 
 def milli(arm: Arm, name: str) -> str:
     """Return mN·m or mN, of a joint by its name."""
-    return f"m{arm.effort_units[arm.joint_names.index(name)]}"
+    return thousandth(arm.effort_units[arm.joint_names.index(name)])
 
 
 def milli_position(arm: Arm) -> str:
@@ -25,11 +26,11 @@ def milli_position(arm: Arm) -> str:
 def _milli(arm: Arm, units: tuple[str, ...]) -> str:
     first = units[0]
     others = [
-        f"{name} m{unit}"
+        f"{name} {thousandth(unit)}"
         for name, unit in zip(arm.joint_names, units, strict=True)
         if unit != first
     ]
-    return f"m{first}" + (f" ({', '.join(others)})" if others else "")
+    return thousandth(first) + (f" ({', '.join(others)})" if others else "")
 
 
 def shown_position(arm: Arm) -> tuple[tuple[float, str], ...]:

@@ -71,8 +71,10 @@ class Compensator(PromptNode):
         margin = settings.position_margin * arm.scale
         self._unpack = JointStateReader().read
         self._reader = SampleReader(
-            arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units
+            arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units, arm.drive_gains
         )
+        self._as_taken = arm.reading_of_torque  # what the arm reads in A, it takes in A
+
         self._statistics = Statistics()
         self._told: tuple[Status, str] | None = None
         self._told_once: set[str] = set()
@@ -144,7 +146,7 @@ class Compensator(PromptNode):
             )
         else:
             if effort is not None and self._supervisor.in_time(time.monotonic()):
-                self._publish(effort, fields.stamp)
+                self._publish(self._as_taken(effort), fields.stamp)
             self._statistics.received(now)
             self._statistics.computed(time.monotonic() - now)
             if sample.velocity is None:

@@ -15,8 +15,9 @@ from dvrk_gravity.effects.base.unknowns import ColumnTable, Move
 def friction_sites(motion: Motion) -> Iterator[site.Site]:
     """Yield joints that move, and motors that move more than a joint of their own."""
     arm = motion.arm
-    for joint in range(arm.n):
-        if motion.moves[joint] or _both_ways(motion, joint):
+    for joint, name in enumerate(arm.joint_names):
+        seen = motion.moves[joint] or _both_ways(motion, joint)
+        if seen and name not in arm.frictionless:
             yield site.joint(joint)
     for motor in mixed_motors(arm):
         if motion.moves[arm.joint_to_actuator[motor] != 0.0].any() and motion.present.all():
@@ -35,12 +36,15 @@ def _both_ways(motion: Motion, joint: int) -> bool:
 
 
 def friction_places(arm: Arm, joint: int) -> tuple[str, ...]:
-    """Return where the friction of a joint may be."""
-    return ("joint", "motor") if joint in mixed_motors(arm) else ("joint",)
+    """Return where the friction of a joint may be; nowhere if it has none."""
+    own = () if arm.joint_names[joint] in arm.frictionless else ("joint",)
+    return (*own, "motor") if joint in mixed_motors(arm) else own
 
 
 def likely_place(arm: Arm, joint: int) -> str:
     """Return where it is likelier: at a motor that moves another joint as far as its own."""
+    if arm.joint_names[joint] in arm.frictionless:
+        return "motor"
     row = np.abs(arm.joint_to_actuator[joint])
     return "motor" if np.delete(row, joint).max(initial=0.0) >= row[joint] else "joint"
 
@@ -50,6 +54,7 @@ def likely_columns(effect: str, table: ColumnTable) -> list[int]:
     return [
         index
         for joint in range(table.arm.n)
+        if friction_places(table.arm, joint)
         for index in table.select(effect=effect, place=likely_place(table.arm, joint), joint=joint)
     ]
 

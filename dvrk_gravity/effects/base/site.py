@@ -49,7 +49,7 @@ class Site:
     def unit(self, arm: Arm, unit: str) -> str:
         """Return the unit there of what is in ``unit`` where a joint turns."""
         at_joint = self.kind in (Kind.JOINT, Kind.MOTOR)
-        return arm.joints[self.index].own_unit(unit) if at_joint else unit
+        return arm.joints[self.index].own_unit(unit) if at_joint else arm.own_unit(unit)
 
     def words(self, arm: Arm) -> str:
         """Return what a person calls it."""

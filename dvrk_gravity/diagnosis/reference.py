@@ -1,0 +1,169 @@
+"""The same motion when all was well: what is different now, without any model.
+
+Both recordings are brought to a common time, and what the reference measured at the same phase is
+put in the place of what a model would say. Whatever the arm does in either, weight, friction,
+cables, cancels; what is left is what changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.diagnosis.load import SHORTEST, Loaded
+from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.estimation.same_motion import Track, same_motion
+from dvrk_gravity.model import VERDICTS, TorqueModel
+from dvrk_gravity.recording import Recording, RecordingFile
+from dvrk_gravity.recording.data import Array
+
+ONLY_CHANGES = "it holds only what changed against a reference, and not what holds the arm"
+
+
+@dataclass(frozen=True)
+class ReferenceSettings:
+    """When a reference serves.
+
+    Attributes:
+        piece: s, of which a piece that both show lasts at least. Chosen: three lengths of the
+            filter that torques are compared behind.
+    """
+
+    piece: float = 1.0
+
+
+def model_of(arm: Arm) -> TorqueModel:
+    """Return the model that a difference needs: no term, and not to be compensated with."""
+    return TorqueModel(arm, (), verdict=VERDICTS[-1], reason=ONLY_CHANGES)
+
+
+def require_moving(recording: Recording | RecordingFile) -> None:
+    """Refuse static poses.
+
+    Raises:
+        RecordingError: Poses, which no time tells the order of.
+    """
+    first = recording.head if isinstance(recording, RecordingFile) else recording
+    if first.time is None:
+        raise RecordingError(
+            first.source, "holds static poses: a reference is compared with as a motion, in time"
+        )
+
+
+def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
+    """Return what both show, with the reference's efforts in the place of a model's torques.
+
+    Args:
+        loaded: The recordings on trial.
+        reference: The reference.
+        names: What the first recording on trial, and the reference, are called.
+
+    Raises:
+        RecordingError: They hold other joints, or show no motion, or too little, alike.
+    """
+    motion, other = loaded.motion, reference.motion
+    if (motion.present != other.present).any():
+        raise RecordingError(names[1], f"holds other joints than {names[0]}: expected the same")
+    assert motion.rate is not None
+    track = Track([other.time[p] for p in other.parts], [other.q[p] for p in other.parts])
+    told = np.concatenate([_times(motion, group, track) for group in _by_clock(motion)])
+    measured = track.at(told, [other.effort[p] for p in other.parts])
+    shown: NDArray[np.bool_] = np.all(np.isfinite(measured), axis=1)
+    pieces = [
+        piece
+        for part in motion.parts
+        for piece in _spans(shown, part)
+        if piece.stop - piece.start >= ReferenceSettings().piece * motion.rate
+    ]
+    length = sum(piece.stop - piece.start for piece in pieces) / motion.rate
+    if length < SHORTEST:
+        raise RecordingError(
+            names[0],
+            f"shows {length:.3g} s of the motion of {names[1]}: expected the same motion, "
+            f"{SHORTEST:g} s of it at least",
+        )
+    total = len(motion.q) / motion.rate
+    line = (
+        f"{length:.1f} of {total:.1f} s show the motion of {names[1]}, to 2 % of its spread; of "
+        "both the difference is looked at: what they have in common cancels"
+    )
+    return replace(
+        loaded,
+        motion=_cut(replace(motion, reference=measured), pieces),
+        handling=(*loaded.handling, line),
+        warnings=(*loaded.warnings, *(w for w in reference.warnings if w not in loaded.warnings)),
+        # Both are noisy.
+        floor=np.hypot(loaded.floor, reference.floor),
+    )
+
+
+def _by_clock(motion: Motion) -> list[list[slice]]:
+    """Return the parts, those of one recording together, in order."""
+    clock = motion.clock or (0,) * len(motion.parts)
+    groups: dict[int, list[slice]] = {}
+    for number, part in zip(clock, motion.parts, strict=True):
+        groups.setdefault(number, []).append(part)
+    return list(groups.values())
+
+
+def _times(motion: Motion, parts: Sequence[slice], reference: Track) -> Array:
+    assert motion.rate is not None
+    track = Track([motion.time[p] for p in parts], [motion.q[p] for p in parts])
+    return np.concatenate(same_motion(track, reference, motion.rate))
+
+
+def _spans(shown: NDArray[np.bool_], part: slice) -> list[slice]:
+    edges = np.flatnonzero(np.diff(shown[part].astype(int), prepend=0, append=0)) + part.start
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _cut(motion: Motion, pieces: Sequence[slice]) -> Motion:
+    """Return some pieces of a motion."""
+    rows = np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces])
+    edges = np.cumsum([0, *(piece.stop - piece.start for piece in pieces)]).tolist()
+    clock = motion.clock or (0,) * len(motion.parts)
+    of = [
+        clock[next(i for i, part in enumerate(motion.parts) if part.start <= p.start < part.stop)]
+        for p in pieces
+    ]
+    assert motion.reference is not None
+    return replace(
+        motion,
+        q=motion.q[rows],
+        qd=motion.qd[rows],
+        qdd=motion.qdd[rows],
+        effort=motion.effort[rows],
+        reference=motion.reference[rows],
+        time=motion.time[rows],
+        parts=tuple(slice(a, b) for a, b in pairwise(edges)),
+        clock=tuple(of),
+        rounding=np.sqrt(2.0) * motion.rounding,
+    )
+
+
+def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:
+    """Return the arm of a diagnosis.
+
+    Args:
+        model: The model on trial, if there is one.
+        arm: The arm, if it is given.
+        reference: Whether there is a reference.
+
+    Raises:
+        ConfigError: Neither model nor arm, two different arms, or no model and no reference.
+    """
+    if model is None:
+        if not reference:
+            raise ConfigError("--model", None, "a model; or --arm with --reference")
+        if arm is None:
+            raise ConfigError("--arm", None, "the arm, or a --model, beside --reference")
+        return arm
+    if arm is not None and arm.joint_names != model.arm.joint_names:
+        raise ConfigError("--arm", arm.name, f"that of the model, {model.arm.name}, or none")
+    return model.arm

@@ -1,0 +1,72 @@
+"""By what two recordings of one motion may differ without a cause that is worth telling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.estimation.normal_equations import solve
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ReferenceErrorSettings:
+    """How friction may differ from the reference's.
+
+    Attributes:
+        by_load: Standard deviation of the part of the torque by which friction grows with what a
+            joint transmits. Chosen: harmonic drives lose some per cent (Taghirad and Bélanger
+            1998); two joints of a UR10e 7 and 8 % (docs/own_arm.md).
+        ridge: Added to normal equations of unit diagonal, of links' parameters that the motion does
+            not tell apart: ten times the square root of a double's precision.
+        by_day: Standard deviation of the part by which all friction is another. Chosen: friction
+            falls with warmth, and the joints of a PSM differ so from one recording to the next.
+    """
+
+    by_load: float = 0.1
+    by_day: float = 0.3
+    ridge: float = 1e-7
+
+
+def reference_columns(motion: Motion, settings: ReferenceErrorSettings | None = None) -> Array:
+    """Return (N, n, d) torques by which a difference may be off, of one standard deviation each.
+
+    Of every joint that moves: friction of which the transmitted torque has grown, and friction
+    that is another one.
+    """
+    settings = settings or ReferenceErrorSettings()
+    joints = np.flatnonzero(motion.moves).tolist()
+    # Not the measured difference: noise in a column would explain itself.
+    assert motion.reference is not None
+    grown = np.abs(motion.reference + _load(motion)) - np.abs(motion.reference)
+    columns = np.zeros((*motion.q.shape, 3 * len(joints)))
+    for index, joint in enumerate(joints):
+        sign, speed = motion.sign(np.eye(motion.arm.n)[joint]), motion.qd[:, joint]
+        columns[:, joint, 3 * index] = settings.by_load * grown[:, joint] * sign
+        # About as much as the reference's torque owes to direction and speed.
+        for place, way in enumerate((sign, speed), start=1):
+            moving = max(float(np.mean(way**2)), 1e-12)
+            owed = abs(float(np.mean(way * motion.reference[:, joint]))) / moving
+            columns[:, joint, 3 * index + place] = settings.by_day * owed * way
+    return columns
+
+
+def _load(motion: Motion, settings: ReferenceErrorSettings | None = None) -> Array:
+    """Return (N, n) what of the difference any change of the links' masses would explain, N·m."""
+    settings = settings or ReferenceErrorSettings()
+    residual = motion.residual
+    weight = 1.0 / np.maximum(residual.std(axis=0), 1e-9) * motion.present
+    size = rigid_body.PER_LINK * len(motion.arm.bodies)
+    gram, right = np.zeros((size, size)), np.zeros(size)
+    for rows in motion.pieces():
+        columns = (motion.regressor(rows, motion.gravity) * weight[:, None]).reshape(-1, size)
+        gram += columns.T @ columns
+        right += columns.T @ (residual[rows] * weight).ravel()
+    change = solve(gram, right, settings.ridge)
+    parts = [motion.regressor(rows, motion.gravity) @ change for rows in motion.pieces()]
+    return np.concatenate(parts)

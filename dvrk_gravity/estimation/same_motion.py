@@ -1,0 +1,112 @@
+"""The same motion in two recordings: when each sample of one was shown by the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from dvrk_gravity.estimation import Array
+from dvrk_gravity.estimation.repetition import find_common_time
+
+
+@dataclass(frozen=True)
+class SameMotionSettings:
+    """When two samples show the same.
+
+    Attributes:
+        near: Part of a motion's spread by which positions may differ, RMS over the joints. Chosen:
+            a controller holds an arm with a load a little lower, a PSM's yaw by 1.5 %; what a
+            motion may differ by as a whole is 5 % (``RepetitionSettings.tolerance``).
+    """
+
+    near: float = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Gap-free parts of one recording.
+
+    Attributes:
+        time: By part, (N,) s, uniformly sampled, on the recording's clock.
+        position: By part, (N, m).
+    """
+
+    time: Sequence[Array]
+    position: Sequence[Array]
+
+    def at(self, when: Array, values: Sequence[Array]) -> Array:
+        """Return (n, …) values, given by part, at times within the parts; NaN elsewhere."""
+        shape = values[0].shape[1:]
+        found = np.full((len(when), *shape), np.nan)
+        for time, own in zip(self.time, values, strict=True):
+            inside = (when >= time[0]) & (when <= time[-1])
+            flat = own.reshape(len(own), -1)
+            columns = [np.interp(when[inside], time, column) for column in flat.T]
+            found[inside] = np.stack(columns, axis=-1).reshape(-1, *shape)
+        return found
+
+
+def same_motion(
+    track: Track, other: Track, rate: float, settings: SameMotionSettings | None = None
+) -> list[Array]:
+    """Return when another recording shows the samples of one.
+
+    Both are brought to a common time (:func:`find_common_time`); if the motion repeats, any of its
+    periods serves.
+
+    Args:
+        track: The one.
+        other: The other.
+        rate: Hz, of the samples of ``track``.
+        settings: When two samples show the same.
+
+    Returns:
+        By part of ``track``, (N,) times on the other's clock; NaN where it does not show them.
+    """
+    settings = settings or SameMotionSettings()
+    alike = [_resampled(t, q, rate) for t, q in zip(other.time, other.position, strict=True)]
+    alike = [(t, q) for t, q in alike if len(t) > 1]
+    parts = [*zip(track.time, track.position, strict=True), *alike]
+    numbers = np.repeat(np.arange(len(parts)), [len(time) for time, _ in parts])
+    clock = [0] * len(track.time) + [1] * len(alike)
+    time, position = (np.concatenate(list(one)) for one in zip(*parts, strict=True))
+    common = find_common_time(time, numbers, position, rate, clock)
+    edges = np.flatnonzero(np.diff(numbers, prepend=-1, append=-1))
+    rows = [slice(int(a), int(b)) for a, b in pairwise(edges)]
+    own, others = rows[: len(track.time)], rows[len(track.time) :]
+    spread = np.maximum(np.std(np.concatenate(list(track.position)), axis=0), 1e-9)
+    found = []
+    for mine, moved in zip(own, track.position, strict=True):
+        when = np.full(mine.stop - mine.start, np.nan)
+        here, group = common.time[mine], common.group[mine][0]
+        for its in others:
+            if common.group[its][0] != group:
+                continue
+            shift = common.time[its][0] - time[its][0]
+            first, last = common.time[its][0], common.time[its][-1]
+            for there in _periods(here, common.periods[group], first, last):
+                open_ = np.isnan(when) & (there >= first) & (there <= last)
+                when[open_] = there[open_] - shift
+        shown = other.at(when, list(other.position))
+        off = np.sqrt(np.mean(((moved - shown) / spread) ** 2, axis=1))
+        found.append(np.where(off < settings.near, when, np.nan))
+    return found
+
+
+def _periods(time: Array, period: float | None, first: float, last: float) -> list[Array]:
+    """Return common times, and those whole periods away that may lie between two others."""
+    if period is None:
+        return [time]
+    low = int(np.floor((first - time[-1]) / period))
+    high = int(np.ceil((last - time[0]) / period))
+    return [time + period * k for k in sorted(range(low, high + 1), key=abs)]
+
+
+def _resampled(time: Array, position: Array, rate: float) -> tuple[Array, Array]:
+    """Return a part at another rate."""
+    count = int((time[-1] - time[0]) * rate + 1e-6) + 1
+    fresh = time[0] + np.arange(count) / rate
+    return fresh, np.column_stack([np.interp(fresh, time, column) for column in position.T])

@@ -1,0 +1,91 @@
+"""Are efforts in N·m? The masses in an arm's file tell roughly what they should be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.description import ANY_UNIT
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.recording import Recording, RecordingFile
+
+
+@dataclass(frozen=True)
+class UnitSettings:
+    """When efforts are not in N·m.
+
+    Attributes:
+        follows: Least correlation of a joint's effort with its nominal weight for it to tell the
+            unit. Chosen: half of the effort's variance is then the weight's.
+        off: Factor by which efforts in N·m may be off what nominal masses need: a load, or masses
+            of another version of the arm. Chosen: motor currents are off by ten, mN·m by 1000.
+        samples: Samples that are looked at, at most.
+    """
+
+    follows: float = 0.7
+    off: float = 4.0
+    samples: int = 5000
+
+
+def effort_size(
+    recording: Recording, arm: Arm, settings: UnitSettings | None = None
+) -> float | None:
+    """Return what part recorded efforts are of those that nominal masses need, about.
+
+    Args:
+        recording: Joint coordinates, or an arm without transmission.
+        arm: The arm.
+        settings: When a joint tells.
+
+    Returns:
+        The median over the joints that tell; ``None`` if none does, or no masses are known.
+    """
+    settings = settings or UnitSettings()
+    nominal, effort = arm.inertial_parameters, recording.effort
+    if nominal is None or effort is None or recording.joints != arm.joint_names:
+        return None
+    rows = slice(None, None, max(1, len(recording) // settings.samples))
+    # By joints' coordinates; what a transmission mixes is of one size.
+    weight = rigid_body.torque(
+        arm, nominal.ravel(), recording.position[rows], None, None, arm.gravity
+    )
+    found = []
+    for needed, read in zip(weight.T, effort[rows].T, strict=True):
+        needed, read = needed - needed.mean(), read - read.mean()
+        size = float(np.linalg.norm(needed) * np.linalg.norm(read))
+        if size > 0.0 and abs(needed @ read) > settings.follows * size:
+            found.append(abs(float(needed @ read)) / float(needed @ needed))
+    return float(np.median(found)) if found else None
+
+
+def in_their_unit(
+    arm: Arm, recordings: Sequence[Recording | RecordingFile], settings: UnitSettings | None = None
+) -> tuple[Arm, tuple[str, ...]]:
+    """Return the arm with the unit of its recordings' efforts, and a line about it if it is odd.
+
+    An arm whose file says how it is read is not asked.
+    """
+    settings = settings or UnitSettings()
+    if arm.drive_gains is not None:
+        if (arm.drive_gains == 1.0).all():
+            return arm, ()
+        gains = ", ".join(f"{gain:.4g}" for gain in arm.drive_gains)
+        return arm, (f"efforts are motor currents, by drive gains of {gains} N·m/A",)
+    first = recordings[0]
+    size = effort_size(first.head if isinstance(first, RecordingFile) else first, arm, settings)
+    if not arm.read_in:
+        if size is None or 1.0 / settings.off < size < settings.off:
+            return arm, ()
+        arm = arm.told_in(ANY_UNIT, size)
+        why = f"efforts are {size:.2g} of what the masses in the arm's file need, so not in N·m: "
+    else:
+        arm = arm.told_in(arm.read_in, arm.effort_size * (size or 1.0))
+        why = f"efforts are in {arm.read_in}, and what that is in N·m is not known: "
+    unit = "their own unit (a.u., the recordings')" if arm.read_in == ANY_UNIT else arm.read_in
+    return arm, (
+        f"{why}torques, and masses by them, are told in {unit}; --drive-gains (N·m/A), or "
+        "--known-payload with a second recording, gives N·m and kg",
+    )

@@ -1,0 +1,147 @@
+"""`diagnose --reference`: the same motion twice, and what changed between, without any model."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_arms_dynamics import UR5
+from test_own_arm import record, run
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.tree import nominal_inertias
+from dvrk_gravity.diagnosis import diagnose
+from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.estimation.same_motion import Track, same_motion
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import Recording
+from testing.plain_world import PlainWorld
+
+MASS, PLACE = 1.5, (0.03, 0.04, 0.06)
+
+
+@pytest.fixture(scope="module")
+def world() -> PlainWorld:
+    arm = Arm.load(UR5)
+    return PlainWorld.of(arm, nominal_inertias(arm))
+
+
+@pytest.fixture(scope="module")
+def bare(world) -> Recording:
+    return record(world, 1, 11)
+
+
+def later(recording: Recording, seconds: float) -> Recording:
+    """The same motion on a clock that began later."""
+    cut = recording.between(seconds, np.inf)
+    return replace(cut, time=cut.time - cut.time[0])
+
+
+@pytest.fixture(scope="module")
+def loaded(world) -> Recording:
+    return later(record(world.with_payload(world.arm.body_names[-1], MASS, PLACE), 1, 12), 1.7)
+
+
+def test_the_same_motion_is_found_at_its_time_in_the_other_recording():
+    time = np.arange(0.0, 20.0, 0.01)
+    q = np.column_stack([np.sin(time) + 0.3 * np.sin(2.3 * time), np.cos(1.7 * time)])
+    (when,) = same_motion(Track([time[:1200]], [q[300:1500]]), Track([time], [q]), 100.0)
+    np.testing.assert_allclose(when, time[300:1500], atol=2e-3)
+    (never,) = same_motion(Track([time], [q[::-1] * [1, -1]]), Track([time], [q]), 100.0)
+    assert np.isnan(never).mean() > 0.9
+
+
+def test_a_load_is_weighed_without_a_model(world, bare, loaded):
+    found = diagnose(loaded, arm=UR5, reference=bare, known_payload=MASS)
+    (load,) = found.findings
+    assert (load.effect, load.place) == ("payload", world.arm.body_names[-1])
+    mass = load.parameters["mass"]
+    assert mass.value == pytest.approx(MASS, rel=0.03)
+    assert mass.low < MASS < mass.high
+    for axis, place in zip("xyz", PLACE, strict=True):
+        assert load.parameters[axis].value == pytest.approx(place, abs=0.01)
+    assert "the torque scale agrees" in found.weighed.sentence
+    assert found.model.verdict == "do_not_compensate"  # it holds the change alone
+
+
+def test_nothing_that_changed_is_nothing_to_explain(world, bare):
+    again = later(record(world, 1, 13), 0.9)
+    assert diagnose(again, arm=UR5, reference=bare).verdict == "nothing_to_explain"
+
+
+def test_friction_that_has_doubled_is_found_at_its_joint(world, bare):
+    joint = 2
+    rubs = record(world.with_friction(joint, 2.0 * world.coulomb[joint]), 1, 14)
+    first, *_ = diagnose(rubs, arm=UR5, reference=bare).findings
+    assert (first.effect, first.joints) == ("coulomb_friction", (world.arm.joint_names[joint],))
+
+
+def test_a_torque_scale_that_disagrees_with_a_known_mass_is_told(bare, loaded):
+    half = [replace(one, effort=0.5 * one.effort) for one in (loaded, bare)]
+    found = diagnose(half[0], arm=UR5, reference=half[1], known_payload=MASS)
+    assert found.weighed.scale.value == pytest.approx(0.5, rel=0.05)
+    assert "too low" in found.weighed.sentence
+    assert found.to_dict()["known_payload"]["mass"] == MASS
+
+
+def test_a_model_beside_a_reference_takes_the_change_in(bare, loaded):
+    whole = TorqueModel(Arm.load(UR5), ())
+    found = diagnose(loaded, whole, reference=bare)
+    assert found.model.term("payload").mass == pytest.approx(MASS, rel=0.03)
+
+
+def test_another_motion_is_refused(world, bare):
+    with pytest.raises(RecordingError, match="expected the same motion"):
+        diagnose(record(world, 2, 12), arm=UR5, reference=bare)
+
+
+def test_poses_are_refused(bare):
+    poses = replace(bare, time=None, velocity=None)
+    with pytest.raises(RecordingError, match="static poses"):
+        diagnose(poses, arm=UR5, reference=poses)
+
+
+@pytest.fixture(scope="module")
+def files(bare, loaded, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("files")
+    bare.save(folder / "bare.csv")
+    loaded.save(folder / "loaded.csv")
+    TorqueModel(Arm.load(UR5), ()).save(folder / "ur5.yaml")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "--model: got None, expected a model; or --arm with --reference"),
+        (["--arm", UR5], "--model: got None, expected a model; or --arm with --reference"),
+        (["--reference", "bare.csv"], "--arm: got None, expected the arm, or a --model"),
+        (["--reference", "bare.csv", "--arm", "mtmr", "--model", "ur5.yaml"],
+         "--arm: got 'mtmr', expected that of the model"),
+        (["--reference", "bare.csv", "--arm", "mtmr"], "expected time, direction or"),
+        (["--reference", "none.csv", "--arm", UR5], "no such file"),
+    ],
+)  # fmt: skip
+def test_contradictions_are_refused_in_a_line(files, tmp_path, capsys, words, said):
+    there = [files / word if str(word).endswith((".csv", "5.yaml")) else word for word in words]
+    status, _, error = run(capsys, "diagnose", files / "loaded.csv", "--out", tmp_path, *there)
+    assert status == 2
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_the_command_writes_what_a_diagnosis_by_a_model_does(files, tmp_path, capsys):
+    status, text, _ = run(
+        capsys, "diagnose", files / "loaded.csv", "--arm", UR5, "--reference", files / "bare.csv",
+        "--known-payload", MASS, "--out", tmp_path,
+    )  # fmt: skip
+    assert status == 0
+    assert "known payload: " in text
+    content = json.loads((tmp_path / "findings.json").read_text())
+    assert content["format"] == 2
+    assert content["findings"][0]["effect"] == "payload"
+    assert (tmp_path / "report.html").read_text().count("Known payload") == 1
+    assert TorqueModel.load(tmp_path / "extended_model.yaml").verdict == "do_not_compensate"
