@@ -31,11 +31,8 @@ class Scores:
 
     def __init__(self, p_value: float) -> None:
         self.weight = np.ones(7)
-        self.model_size = 0
+        self.known_error, self.model_size = np.full(7, -1.0), 0
         self._p_value = p_value
-
-    def known_error_like(self, hypothesis) -> np.ndarray:
-        return np.full(7, -1.0)
 
     def score(self, candidates) -> Score:
         rms = np.where(np.arange(7) == 0, 0.5 ** len(candidates), 1.0)

@@ -105,11 +105,6 @@ class CrossValidation:
         """(n,) RMS error that the model is known to have; see ``FilteredData``."""
         return self.data.known_error
 
-    def known_error_like(self, hypothesis: Hypothesis) -> Array:
-        """Return (n,) the RMS error that the model is known to have of what a hypothesis claims."""
-        data = self.data
-        return data.known_friction_error if hypothesis.like_friction else data.known_error
-
     @property
     def samples(self) -> Array:
         """(n,) independent samples of each joint, about."""

@@ -145,8 +145,8 @@ class FilteredData:
         return known_error(self.motion)
 
     @cached_property
-    def known_friction_error(self) -> Array:
-        """(n,) the same of friction, which is another one from day to day."""
+    def expected_on_another_day(self) -> Array:
+        """(n,) the same with what friction may change by from one day to another."""
         return np.hypot(self.known_error, changed_friction(self.motion))
 
     @cached_property

@@ -24,15 +24,15 @@ PARAMETERS, ERROR = "model_parameters", "model_error"
 def expected_error(data: FilteredData, held_out: HeldOut) -> Array:
     """Return (n,) RMS error that a model expects of itself on held-out samples, N·m.
 
-    The root of the mean square of its known error and of what its parameters' posterior lets its
-    torque be off by; NaN of a model that does not tell.
+    The root of the mean square of its known error, of what friction changes by from day to day, and
+    of what its parameters' posterior lets its torque be off by; NaN of a model that does not tell.
     """
     if data.motion.model.uncertainty is None:
         return np.full(data.motion.arm.n, np.nan)
     usable = data.usable[held_out.rows]
     variance = (data.model_columns[held_out.rows] ** 2).sum(axis=2)
     mean = np.where(usable, variance, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
-    return np.sqrt(data.known_friction_error**2 + mean)
+    return np.sqrt(data.expected_on_another_day**2 + mean)
 
 
 def known(
@@ -61,7 +61,7 @@ def known(
     size = held_out.rmse(np.where(validation.data.usable[held_out.rows], moved, np.nan))
     for joint in np.flatnonzero(motion.present).tolist():
         name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
-        error = float(validation.data.known_friction_error[joint])
+        error = float(validation.data.expected_on_another_day[joint])
         if size[joint] > error:
             rms = Estimate(float(size[joint]), float(size[joint]), float(size[joint]), unit)
             reach = float(np.sqrt(max(expected[joint] ** 2 - error**2, 0.0)))

@@ -40,6 +40,9 @@ class ExtrapolationSettings:
 class FrictionChangeSettings:
     """How friction may differ from what it was when the model was identified.
 
+    By so much an error that no cause explains is expected. A cause that is found is told, however
+    friction changes.
+
     Attributes:
         part: By which all friction of a joint is another one, as a standard deviation. From a PSM
             that was recorded twice in one motion: the efforts of its four instrument motors, nearly

@@ -257,7 +257,7 @@ class Selection:
             removed = np.fmax(removed, 1.0 - after.rms / both)
         most = float(np.max(removed[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
-        known = settings.consequence * self.validation.known_error_like(candidate.hypothesis)
+        known = settings.consequence * self.validation.known_error
         matters = bool(np.any((size > known)[used]))
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
         passes = passes and matters

@@ -86,7 +86,7 @@ def nameless(motion: Motion, joints: Sequence[int]) -> Iterator[NamelessHypothes
                 for other in moving:
                     form = f"its direction and position of {arm.joint_names[other]}"
                     basis = partial(_by_direction, joint=joint, other=other)
-                    yield _smooth(arm, joint, form, "position", basis, directed=True)
+                    yield _smooth(arm, joint, form, "position", basis)
         for other in moving:
             if other != joint and motion.moves[joint]:
                 pair = f"{arm.joint_names[joint]} and {arm.joint_names[other]}"
@@ -95,17 +95,11 @@ def nameless(motion: Motion, joints: Sequence[int]) -> Iterator[NamelessHypothes
 
 
 def _smooth(
-    arm: Arm,
-    joint: int,
-    form: str,
-    variable: str,
-    basis: Basis,
-    of: int | None = None,
-    directed: bool = False,
+    arm: Arm, joint: int, form: str, variable: str, basis: Basis, of: int | None = None
 ) -> NamelessHypothesis:
     return NamelessHypothesis(
         arm=arm, site=site.joint(joint), joints=(joint,), form=form, variable=variable,
-        basis=basis, of=of, directed=directed,
+        basis=basis, of=of,
     )  # fmt: skip
 
 

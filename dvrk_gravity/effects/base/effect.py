@@ -170,11 +170,6 @@ class Hypothesis(ABC):
         return 0.4 * centre, 2.5 * centre
 
     @property
-    def like_friction(self) -> bool:
-        """Whether its torque depends on the direction of a motion or on its speed."""
-        return self.directed or self.variable == "velocity"
-
-    @property
     def judged_at(self) -> tuple[int, ...]:
         """Joints by whose error it is judged; empty for all that its torque acts on."""
         return () if self.site.kind is Kind.LINK else self.joints
