@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -214,7 +214,7 @@ def _finding(
         effect=hypothesis.effect,
         joints=hypothesis.names,
         place=hypothesis.place,
-        parameters=parameters,
+        parameters=_freed(validation, named, i, parameters),
         gain=gain,
         alternatives=alternatives,
         rejected=tuple(
@@ -234,6 +234,25 @@ def _finding(
         in_model=carried,
         remedy=hypothesis.remedy(carried),
     )
+
+
+def _freed(
+    validation: CrossValidation, named: Sequence[Candidate], i: int, parameters: dict[str, Estimate]
+) -> dict[str, Estimate]:
+    """Return parameters whose intervals hold what parsimony took to be equal, and may not be."""
+    freed = named[i].hypothesis.freed
+    if freed is None:
+        return parameters
+    candidates = [*named[:i], validation.candidate(freed), *named[i + 1 :]]
+    theta, covariance = validation.fit(candidates)
+    rows = _slices(candidates)[i]
+    alone = estimates(freed, theta[rows], covariance[rows, rows], {})
+    return {
+        name: replace(one, low=min(one.low, alone[name].low), high=max(one.high, alone[name].high))
+        if name in alone
+        else one
+        for name, one in parameters.items()
+    }
 
 
 def _alternatives(

@@ -29,7 +29,7 @@ class ReferenceErrorSettings:
     """
 
     by_load: float = 0.1
-    by_day: float = 0.3
+    by_day: float = 0.1
     ridge: float = 1e-7
 
 

@@ -291,6 +291,11 @@ class CoulombHypothesis(Hypothesis):
     variable: str = "velocity"
     directed: bool = True
 
+    @property
+    def freed(self) -> CoulombHypothesis | None:
+        """See :meth:`Hypothesis.freed`: a level for each direction."""
+        return replace(self, one_level=False) if self.one_level else None
+
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`."""
         row = self.site.row(self.arm)

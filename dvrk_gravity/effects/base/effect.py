@@ -170,6 +170,11 @@ class Hypothesis(ABC):
         return 0.4 * centre, 2.5 * centre
 
     @property
+    def freed(self) -> Hypothesis | None:
+        """The claim with each parameter on its own, where this one takes some to be equal."""
+        return None
+
+    @property
     def judged_at(self) -> tuple[int, ...]:
         """Joints by whose error it is judged; empty for all that its torque acts on."""
         return () if self.site.kind is Kind.LINK else self.joints
