@@ -99,8 +99,8 @@ def _steps() -> Iterator[str]:
     told = [f"{scale:.2f} ({motor})" for motor, scale in list(scales.items())[INSTRUMENT]]
     yield (
         f"{', '.join(told)} times what the model says, a constant beside it; nearly all of that is "
-        "friction of the instrument. No fit to one day knows it. The diagnosis counts with a "
-        "change of friction by 30 %, one standard deviation.\n"
+        "friction of the instrument. No fit to one day knows it. The diagnosis expects a change "
+        "of friction by 30 %, one standard deviation, beside what has a cause.\n"
     )
     yield "## 3. The same motion again: is anything new?\n"
     yield f"    python -m dvrk_gravity diagnose {BARE} {AS_READ} --model psm.yaml --out out\n"
