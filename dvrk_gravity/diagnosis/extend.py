@@ -20,6 +20,8 @@ from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
 
 Array = NDArray[np.float64]
 
+_ROUNDING = 1e-9  # of a term's largest coefficient
+
 
 def extended(
     motion: Motion, found: Sequence[tuple[Hypothesis, Array]]
@@ -77,6 +79,7 @@ def updated(
     # Between them lies what the model was asked outside its range.
     own, found = mean[: before.size], mean[validation.model_size :]
     edges = np.cumsum([0, *(one.size for one in named)])
+    own = _within(own, covariance[: before.size, : before.size], model, before)
 
     def at(theta: Array) -> TorqueModel:
         parts = np.split(theta, edges[1:-1])
@@ -101,7 +104,7 @@ def updated(
     for term in model.terms:
         change = before.deviations.get(term.NAME)
         if isinstance(term, LinearTerm) and change is not None and _same_length(term.theta, change):
-            term = _within_bounds(term.with_theta(term.theta + change @ own), model)
+            term = _clipped(term.with_theta(term.theta + change @ own), model)
         if before.gravity.any() and term.gravity_vector is not None:
             term = term.with_gravity(term.gravity_vector + before.gravity @ own)
         terms.append(term)
@@ -125,7 +128,48 @@ def updated(
     return replace(moved, uncertainty=uncertainty)
 
 
-def _within_bounds(term: LinearTerm, model: TorqueModel) -> Term:
+def _within(own: Array, covariance: Array, model: TorqueModel, before: ModelUncertainty) -> Array:
+    """Return (d,) the mean of parameters given that coefficients stay in their ranges.
+
+    One that would leave its range is at its end, and the others are what they are then on average:
+    clipped alone, what made up for it would be left standing.
+
+    Args:
+        own: (d,) their mean.
+        covariance: (d, d) of them.
+        model: The model that they are added to.
+        before: What they mean.
+    """
+    rows: list[Array] = []
+    ends: list[float] = []
+    mean = own
+    for _ in range(len(own)):
+        new = False
+        for term in model.terms:
+            change = before.deviations.get(term.NAME)
+            if not isinstance(term, LinearTerm) or change is None:
+                continue
+            if not _same_length(term.theta, change):
+                continue
+            theta = term.theta + change @ mean
+            clipped = _clipped(term.with_theta(theta), model)
+            if not isinstance(clipped, LinearTerm) or len(clipped.theta) != len(theta):
+                continue
+            for k in np.flatnonzero(
+                np.abs(clipped.theta - theta) > _ROUNDING * np.abs(theta).max()
+            ):
+                rows.append(change[k])
+                ends.append(float(clipped.theta[k] - term.theta[k]))
+                new = True
+        if not new:
+            break
+        held = np.array(rows)
+        gain = covariance @ held.T
+        mean = own + gain @ np.linalg.pinv(held @ gain) @ (np.array(ends) - held @ own)
+    return mean
+
+
+def _clipped(term: LinearTerm, model: TorqueModel) -> Term:
     """Return a term with each parameter in the range that a model file allows it."""
     declared, values = model_parameters(model.arm), term.parameters()
     for name, value in values.items():
