@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.findings import FloorFrom
-from dvrk_gravity.diagnosis.model_error import changed_friction, known_error, model_columns
+from dvrk_gravity.diagnosis.model_error import changed_friction, model_columns
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.estimation.noise import band_noise, pairs_a_period_apart, repetition_noise
 from dvrk_gravity.estimation.repetition import (
@@ -142,7 +142,8 @@ class FilteredData:
     @cached_property
     def known_error(self) -> Array:
         """(n,) RMS error that the model is known to have, N·m; zero where it does not tell."""
-        return known_error(self.motion)
+        known = self.motion.model.uncertainty
+        return np.zeros(self.motion.arm.n) if known is None else np.nan_to_num(known.error)
 
     @cached_property
     def expected_on_another_day(self) -> Array:

@@ -52,15 +52,6 @@ class FrictionChangeSettings:
     part: float = 0.3
 
 
-def known_error(motion: Motion) -> Array:
-    """Return (n,) RMS that a model left of data that its identification had not seen, N·m.
-
-    Zero where it does not tell.
-    """
-    uncertainty = motion.model.uncertainty
-    return np.zeros(motion.arm.n) if uncertainty is None else np.nan_to_num(uncertainty.error)
-
-
 def changed_friction(motion: Motion, settings: FrictionChangeSettings | None = None) -> Array:
     """Return (n,) RMS torque by which a model's friction may be another one on another day, N·m.
 

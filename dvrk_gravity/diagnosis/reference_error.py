@@ -22,10 +22,10 @@ class ReferenceErrorSettings:
         by_load: Standard deviation of the part of the torque by which friction grows with what a
             joint transmits. Chosen: harmonic drives lose some per cent (Taghirad and Bélanger
             1998); two joints of a UR10e 7 and 8 % (docs/own_arm.md).
+        by_day: Standard deviation of the part by which all friction is another, since it falls with
+            warmth. Chosen: with three times that, friction that has doubled is not told.
         ridge: Added to normal equations of unit diagonal, of links' parameters that the motion does
             not tell apart: ten times the square root of a double's precision.
-        by_day: Standard deviation of the part by which all friction is another. Chosen: friction
-            falls with warmth, and the joints of a PSM differ so from one recording to the next.
     """
 
     by_load: float = 0.1
