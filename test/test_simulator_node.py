@@ -84,6 +84,11 @@ class Client:
         self.wait(lambda: len(kept) >= seen + count, "fresh messages")
         return kept[-1]
 
+    def commanded(self, goal: np.ndarray) -> bool:
+        """Tell whether the set point is a position, and this one."""
+        position = np.array(self.setpoint[-1].position)
+        return position.shape == goal.shape and bool(np.abs(position - goal).max() < 1e-9)
+
     @property
     def position(self) -> np.ndarray:
         return np.array(self.measured[-1].position)
@@ -113,10 +118,13 @@ def client(own_domain: None) -> Iterator[Client]:
 
 @pytest.fixture
 def arm(client: Client) -> Client:
-    """The arm as it was started: in hold at the same place, compensation on."""
+    """The arm as it was started: at rest in the same place, compensation on."""
     client.send("use_gravity_compensation", Bool(data=True))
-    client.send("move_jp", JointState(position=POSE))
-    client.fresh(client.measured, 20)
+    # DDS keeps no order among topics: a command still on its way would come after the test's own.
+    # It has come when the set point is where the last test cannot have left it, and then there.
+    for goal in (np.array(POSE) - 0.005, np.array(POSE)):
+        client.send("move_jp", JointState(position=goal.tolist()))
+        client.wait(lambda goal=goal: client.commanded(goal), "the end of the motion")
     client.wait(
         lambda: bool(
             np.abs(client.position - POSE).max() < 0.02
@@ -124,8 +132,6 @@ def arm(client: Client) -> Client:
         ),
         "the arm in its place",
     )
-    client.send("hold", Empty())
-    client.fresh(client.setpoint, 3)
     # What was sent before the switch may still have been on its way.
     client.wait(lambda: any(client.compensation[-1].effort), "the arm's own compensation")
     return client
@@ -137,7 +143,8 @@ def test_publishes_what_an_mtm_publishes(arm: Client) -> None:
     assert len(first.position) == len(first.velocity) == len(first.effort) == 7
     stamps = np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in arm.measured])
     assert (np.diff(stamps) > 0).all()
-    assert abs(time.time() - stamps[-1]) < 1.0
+    # They begin with the clock and fall behind by the time that a slow machine leaves out.
+    assert 0.0 <= time.time() - stamps[-1] < TIMEOUT
     assert np.median(np.diff(stamps[-200:])) < 0.002
     assert np.abs(np.array(arm.setpoint[-1].position) - POSE).max() < 0.02
     assert np.abs(arm.compensation[-1].effort).max() > 0.1
@@ -197,9 +204,11 @@ def test_a_push_moves_it_and_ends(arm: Client) -> None:
 
 
 def test_servo_jp_goes_there_and_setpoint_js_says_where(arm: Client) -> None:
-    arm.send("servo_jp", JointState(position=(np.array(POSE) + 0.01).tolist()))
-    arm.wait(lambda: arm.position[0] > 0.008, "the new set point")
-    np.testing.assert_allclose(arm.fresh(arm.setpoint).position, np.array(POSE) + 0.01)
+    goal = np.array(POSE) + 0.01
+    arm.send("servo_jp", JointState(position=goal.tolist()))
+    arm.wait(lambda: arm.commanded(goal), "the new set point")
+    arm.wait(lambda: arm.position[0] > 0.008, "the arm there")
+    assert arm.commanded(goal)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -317,6 +317,8 @@ class Scenario:
             if act is not None:
                 act()
             self._client.spin(min(left, 0.02))
+        # A machine that stood still has measured nothing yet.
+        self._client.wait(lambda: len(self._positions) > mark, "the arm's measured positions")
         return self._phase(title, mark, start)
 
     def _phase(self, title: str, mark: int, start: float) -> Phase:
