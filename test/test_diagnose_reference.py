@@ -12,13 +12,14 @@ from test_arms_dynamics import UR5
 from test_own_arm import record, run
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import nominal_inertias
+from dvrk_gravity.arms.tree import build_tree, nominal_inertias
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation.same_motion import Track, same_motion
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
-from testing.plain_world import PlainWorld
+from testing.lab_motion import Sines, draw_calibration
+from testing.plain_world import NOISE, PlainWorld
 
 MASS, PLACE = 1.5, (0.03, 0.04, 0.06)
 
@@ -65,6 +66,31 @@ def test_a_load_is_weighed_without_a_model(world, bare, loaded):
         assert load.parameters[axis].value == pytest.approx(place, abs=0.01)
     assert "the torque scale agrees" in found.weighed.sentence
     assert found.model.verdict == "do_not_compensate"  # it holds the change alone
+
+
+def test_a_load_makes_the_arm_swing_further_and_is_weighed_all_the_same(world):
+    """Efforts by Pinocchio's inverse dynamics: the bare arm with all of the motion's harmonics
+    1.5 % smaller, the loaded one a little lower."""
+    wide = draw_calibration(world.arm, 3)
+    narrow = replace(wide, amplitude=0.985 * wide.amplitude)
+    lower = replace(wide, middle=wide.middle + 0.003)
+    heavy = world.with_payload(world.arm.body_names[-1], MASS, PLACE)
+    loaded, bare = inverse_dynamics(heavy, lower, 1), inverse_dynamics(world, narrow, 2)
+    (load,) = diagnose(loaded, arm=UR5, reference=bare).findings
+    assert load.parameters["mass"].value == pytest.approx(MASS, rel=0.02)
+    assert load.parameters["mass"].low < MASS < load.parameters["mass"].high
+
+
+def inverse_dynamics(world: PlainWorld, motion: Sines, noise: int) -> Recording:
+    """What an arm that follows a motion exactly needs, read with noise."""
+    time = np.arange(0.0, 30.0, 0.01)
+    q, qd, qdd = motion.at(time)
+    tree = build_tree(world.arm, world.links, world.arm.gravity)
+    effort = np.array([tree.inverse_dynamics(*one) for one in zip(q, qd, qdd, strict=True)])
+    effort += world.coulomb * np.sign(qd) + world.viscous * qd
+    random = np.random.default_rng(noise)
+    effort += NOISE * world.arm.actuator_effort_limit * random.standard_normal(effort.shape)
+    return Recording(joints=world.arm.joint_names, position=q, effort=effort, time=time)
 
 
 def test_nothing_that_changed_is_nothing_to_explain(world, bare):

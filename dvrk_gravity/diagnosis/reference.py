@@ -2,7 +2,9 @@
 
 Both recordings are brought to a common time, and what the reference measured at the same phase is
 put in the place of what a model would say. Whatever the arm does in either, weight, friction,
-cables, cancels; what is left is what changed.
+cables, cancels; what is left is what changed. The two motions are not quite the same: a controller
+lets a loaded arm sag and swing further. By how much that alone changes the efforts, a rough model
+says that is fitted to the reference (:mod:`dvrk_gravity.diagnosis.nearby`).
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.load import SHORTEST, Loaded
 from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.nearby import NearbyTorque
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation.same_motion import Track, same_motion
 from dvrk_gravity.model import VERDICTS, TorqueModel
@@ -73,7 +76,10 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
     assert motion.rate is not None
     track = Track([other.time[p] for p in other.parts], [other.q[p] for p in other.parts])
     told = np.concatenate([_times(motion, group, track) for group in _by_clock(motion)])
-    measured = track.at(told, [other.effort[p] for p in other.parts])
+    rough = NearbyTorque.fit(other)
+    # What it leaves of the reference is of that phase; what it says, of where the arm is now.
+    left = other.effort - rough.torque(other)
+    measured = track.at(told, [left[p] for p in other.parts]) + rough.torque(motion)
     shown: NDArray[np.bool_] = np.all(np.isfinite(measured), axis=1)
     pieces = [
         piece

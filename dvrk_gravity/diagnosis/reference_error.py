@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.motion import Motion
-from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.estimation.normal_equations import solve
+from dvrk_gravity.diagnosis.nearby import NearbyTorque
 
 Array = NDArray[np.float64]
 
@@ -24,13 +23,10 @@ class ReferenceErrorSettings:
             1998); two joints of a UR10e 7 and 8 % (docs/own_arm.md).
         by_day: Standard deviation of the part by which all friction is another, since it falls with
             warmth. Chosen: with three times that, friction that has doubled is not told.
-        ridge: Added to normal equations of unit diagonal, of links' parameters that the motion does
-            not tell apart: ten times the square root of a double's precision.
     """
 
     by_load: float = 0.1
     by_day: float = 0.1
-    ridge: float = 1e-7
 
 
 def reference_columns(motion: Motion, settings: ReferenceErrorSettings | None = None) -> Array:
@@ -43,7 +39,8 @@ def reference_columns(motion: Motion, settings: ReferenceErrorSettings | None = 
     joints = np.flatnonzero(motion.moves).tolist()
     # Not the measured difference: noise in a column would explain itself.
     assert motion.reference is not None
-    grown = np.abs(motion.reference + _load(motion)) - np.abs(motion.reference)
+    load = NearbyTorque.fit(motion, motion.residual).inertial_torque(motion)
+    grown = np.abs(motion.reference + load) - np.abs(motion.reference)
     columns = np.zeros((*motion.q.shape, 3 * len(joints)))
     for index, joint in enumerate(joints):
         sign, speed = motion.sign(np.eye(motion.arm.n)[joint]), motion.qd[:, joint]
@@ -54,19 +51,3 @@ def reference_columns(motion: Motion, settings: ReferenceErrorSettings | None = 
             owed = abs(float(np.mean(way * motion.reference[:, joint]))) / moving
             columns[:, joint, 3 * index + place] = settings.by_day * owed * way
     return columns
-
-
-def _load(motion: Motion, settings: ReferenceErrorSettings | None = None) -> Array:
-    """Return (N, n) what of the difference any change of the links' masses would explain, N·m."""
-    settings = settings or ReferenceErrorSettings()
-    residual = motion.residual
-    weight = 1.0 / np.maximum(residual.std(axis=0), 1e-9) * motion.present
-    size = rigid_body.PER_LINK * len(motion.arm.bodies)
-    gram, right = np.zeros((size, size)), np.zeros(size)
-    for rows in motion.pieces():
-        columns = (motion.regressor(rows, motion.gravity) * weight[:, None]).reshape(-1, size)
-        gram += columns.T @ columns
-        right += columns.T @ (residual[rows] * weight).ravel()
-    change = solve(gram, right, settings.ridge)
-    parts = [motion.regressor(rows, motion.gravity) @ change for rows in motion.pieces()]
-    return np.concatenate(parts)
