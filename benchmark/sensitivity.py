@@ -3,10 +3,13 @@
     python benchmark/sensitivity.py --jobs 2
     python benchmark/sensitivity.py --settings SelectionSettings JudgementSettings
 
-A fixed set of problems is solved with each threshold at half and at twice its value: effects hidden
-in simulated arms and diagnosed, a simulated trajectory and simulated poses identified and evaluated
-on others. What stays within a per cent of where it was is not shown; a threshold to which nothing
-reacts is needless, or a bound that these problems do not reach.
+A fixed set of problems is solved with each threshold at half and at twice its value. Models are
+identified, as a laboratory does, on recordings of another engine's arm (testing/mujoco_world.py);
+what is hidden in others, and diagnosed with them, is about as large as what the model leaves, so
+that thresholds matter. Weighing against a reference, drive gains by a known load, static poses,
+and reading a recording full of faults are problems of their own. What stays within a per cent of
+where it was is not shown; a threshold to which nothing reacts is needless, or a bound that these
+problems do not reach.
 """
 
 from __future__ import annotations
@@ -17,91 +20,224 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from trials import trial
 
+from dvrk_gravity.diagnosis import Diagnosis, diagnose
+from dvrk_gravity.diagnosis.ambiguity import AmbiguitySettings
+from dvrk_gravity.diagnosis.assemble import ShapelessSettings
 from dvrk_gravity.diagnosis.cross_validation import CrossValidationSettings
 from dvrk_gravity.diagnosis.filtered_data import FilterSettings
 from dvrk_gravity.diagnosis.held_out import JudgementSettings
+from dvrk_gravity.diagnosis.load import LoadSettings
+from dvrk_gravity.diagnosis.model_error import ExtrapolationSettings, FrictionChangeSettings
+from dvrk_gravity.diagnosis.motion import MotionSettings
+from dvrk_gravity.diagnosis.nearby import NearbySettings
+from dvrk_gravity.diagnosis.readings import ReadingSettings
+from dvrk_gravity.diagnosis.reference import ReferenceSettings
+from dvrk_gravity.diagnosis.reference_error import ReferenceErrorSettings
+from dvrk_gravity.diagnosis.run import RunSettings
 from dvrk_gravity.diagnosis.selection import SelectionSettings as EffectSelectionSettings
 from dvrk_gravity.estimation.covariance import CovarianceSettings
 from dvrk_gravity.estimation.evidence import EvidenceSettings
 from dvrk_gravity.estimation.noise import NoiseSettings
 from dvrk_gravity.estimation.repetition import RepetitionSettings
 from dvrk_gravity.estimation.robust import RobustSettings
+from dvrk_gravity.estimation.same_motion import SameMotionSettings
+from dvrk_gravity.estimation.scales import ScaleSettings
 from dvrk_gravity.estimation.splits import BlockSettings, FoldSettings, GridSettings
-from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification import Evaluation, Fit, evaluate, identify
+from dvrk_gravity.identification.coordinates import CoordinateSettings
 from dvrk_gravity.identification.design import DesignSettings
+from dvrk_gravity.identification.drive_gains import GainSettings
+from dvrk_gravity.identification.effort_unit import UnitSettings
 from dvrk_gravity.identification.hand import HandSettings
 from dvrk_gravity.identification.holding import HoldingSettings
 from dvrk_gravity.identification.identifiability import IdentifiabilitySettings
 from dvrk_gravity.identification.kinematic_calibration import KinematicSettings
 from dvrk_gravity.identification.kinematic_search import KinematicSearchSettings
 from dvrk_gravity.identification.kinematic_statements import KinematicStatementSettings
+from dvrk_gravity.identification.model_uncertainty import PosteriorSettings
+from dvrk_gravity.identification.motion import RateSettings
+from dvrk_gravity.identification.physical import BodySettings
 from dvrk_gravity.identification.problem import WeightSettings
 from dvrk_gravity.identification.selection import SelectionSettings as TermSelectionSettings
 from dvrk_gravity.identification.static_columns import PoseColumnSettings
+from dvrk_gravity.identification.static_model import DirectionSettings
 from dvrk_gravity.identification.static_poses import PosedSettings
 from dvrk_gravity.identification.static_report import PoseReportSettings
 from dvrk_gravity.identification.static_selection import PoseSelectionSettings
 from dvrk_gravity.identification.static_solver import PoseSettings
 from dvrk_gravity.identification.verdict import VerdictSettings
+from dvrk_gravity.recording import Recording, prepare
 from dvrk_gravity.recording.checks import CheckSettings
 from dvrk_gravity.recording.gaps import LossSettings
 from dvrk_gravity.recording.grid import TimingSettings
+from dvrk_gravity.recording.pieces import PieceSettings
 from dvrk_gravity.recording.quantization import QuantumSettings
+from dvrk_gravity.recording.read_before import ReadBeforeSettings
 from dvrk_gravity.recording.sample_times import RetimingSettings
 from dvrk_gravity.recording.signal_checks import SignalSettings
 from dvrk_gravity.recording.velocity import ComparisonSettings
+from testing.lab_effects import Setting, hide
+from testing.lab_motion import draw_calibration, draw_other
+from testing.mujoco_world import MujocoWorld
 from testing.world import World
 
-# (seed, what is hidden) of benchmark/trials.py
-HIDDEN = (
-    (0, ("nothing",)),
-    (1, ("rotor_inertia",)),
-    (2, ("contact",)),
-    (3, ("presliding_hysteresis", "base_tilt")),
-)
-ARM = 7  # seed of the arm that is identified
+LAB = ("chain", 3)  # arm and seed of testing/mujoco_world.py
+HIDDEN = ("nothing", "coulomb_friction", "rotor_inertia", "joint_offset", "cogging", "time_delay")
+SIZES = (0.7, 1.4)  # times what the identified model leaves
+LOAD = 0.5  # kg, in the largest links' frame
+GAINS = np.array([14.0, 12.0, 9.0, 11.0])  # N·m/A
+POSED = 7  # seed of the arm whose static poses are identified
 MOVES = 0.01  # of a figure: less is not shown
 Figures = dict[str, Any]
 
 
+@dataclass(frozen=True, eq=False)
+class Lab:
+    """An arm of another engine, how it was calibrated, and its model.
+
+    Attributes:
+        world: The arm.
+        calibration: Its recording.
+        fit: What was identified of it.
+        hidden: By effect, a recording with it.
+        bare: A motion ...
+        loaded: ... and the same with a load.
+    """
+
+    world: MujocoWorld
+    calibration: Recording
+    fit: Fit
+    hidden: dict[str, Recording]
+    bare: Recording
+    loaded: Recording
+
+    @classmethod
+    @cache
+    def set_up(cls) -> Lab:
+        """Record, identify and hide, with every threshold as it is."""
+        name, seed = LAB
+        world = MujocoWorld.draw(name, seed)
+        motion = draw_calibration(world.arm, seed)
+        calibration = world.record(world.truth(motion), seed)
+        fit = identify(calibration, world.arm)
+        residual = np.array([one.rmse for one in fit.held_out.values()])
+        hidden = {}
+        for number, effect in enumerate(HIDDEN):
+            random = np.random.default_rng([seed, number])
+            drawn, noise = (int(one) for one in random.integers(1 << 30, size=2))
+            truth = world.truth(draw_other(world.arm, drawn, motion))
+            size = world.sizes
+            setting = Setting(truth, world.engine, residual, size.payload, size.reach)
+            hidden[effect] = world.record(hide(setting, effect, random, sizes=SIZES).truth, noise)
+        bare = world.truth(motion)
+        added = world.engine.added(bare.motion, world.arm.n - 1, LOAD, np.array([0.0, 0.05, 0.05]))
+        loaded = replace(bare, effort=bare.effort + added)
+        return cls(
+            world, calibration, fit, hidden,
+            world.record(bare, seed + 1), world.record(loaded, seed + 2),
+        )  # fmt: skip
+
+
 def diagnosed() -> Figures:
     """Return what is found of what was hidden."""
-    found: Figures = {}
-    for seed, effects in HIDDEN:
-        outcome = trial(seed, effects)
-        name = "+".join(effects)
-        joints = (" ".join(one) for one in outcome.found_joints)
-        pairs = zip(outcome.found, joints, strict=True)
-        found[f"{name}: findings"] = sorted(f"{effect} {joint}" for effect, joint in pairs)
-        if outcome.failure:
-            found[f"{name}: failure"] = outcome.failure.strip().splitlines()[-1]
-        for parameter, inside in outcome.inside.items():
-            found[f"{name}: {parameter} within 10 % or its interval"] = inside
+    lab, found = Lab.set_up(), Figures()
+    for effect, recording in lab.hidden.items():
+        found |= _told(effect, diagnose(recording, lab.fit.model))
     return found
+
+
+def referenced() -> Figures:
+    """Return what the load is weighed as, against the same motion without it."""
+    lab = Lab.set_up()
+    return _told("reference", diagnose(lab.loaded, arm=lab.world.arm, reference=lab.bare))
+
+
+def in_amperes() -> Figures:
+    """Return the gains of motors that are told in A, by a known load."""
+    lab = Lab.set_up()
+    currents = [replace(one, effort=one.effort / GAINS, arm=None) for one in (lab.bare, lab.loaded)]
+    fit = identify(currents, lab.world.arm, known_payload=LOAD)
+    gains = fit.model.arm.drive_gains
+    return {"verdict": fit.verdict.level} | {f"gain {j}": float(g) for j, g in enumerate(gains)}
+
+
+def _told(name: str, diagnosis: Diagnosis) -> Figures:
+    figures: Figures = {
+        f"{name}: findings": [f"{one.effect} {' '.join(one.joints)}" for one in diagnosis.findings],
+        f"{name}: known": [f"{one.effect} {' '.join(one.joints)}" for one in diagnosis.known],
+    }
+    for one in diagnosis.findings[:1]:
+        for parameter, estimate in one.parameters.items():
+            figures[f"{name}: {parameter}"] = estimate.value
+            figures[f"{name}: {parameter}, width"] = estimate.high - estimate.low
+    return figures
 
 
 def identified() -> Figures:
     """Return the errors of a model of a trajectory, on what it saw not and on another motion."""
-    world = World.draw(ARM)
-    fit = identify(world.record(1, 2), world.arm)
-    return _errors(fit, evaluate(fit.model, world.record(3, 4)))
+    lab = Lab.set_up()
+    fit = identify(lab.calibration, lab.world.arm)
+    return _errors(fit, evaluate(fit.model, lab.hidden["nothing"]))
 
 
 def posed() -> Figures:
     """Return the same of static poses."""
-    world = World.draw(ARM)
+    world = World.draw(POSED)
     fit = identify(world.record_poses(1, 2), world.arm)
     return _errors(fit, evaluate(fit.model, world.record_poses(3, 4)))
 
 
-def _errors(fit: Any, other: Any) -> Figures:
+def read() -> Figures:
+    """Return what the checks say of a recording full of faults, and what they make of it."""
+    figures: Figures = {}
+    lab = Lab.set_up()
+    for name, recording in faulty(lab.calibration).items():
+        prepared = prepare(recording, 20.0)
+        figures[f"{name}: warnings"] = sorted(str(one) for one in prepared.warnings)
+        figures[f"{name}: handling"] = sorted(prepared.handling)
+        figures[f"{name}: samples"] = sum(len(one.recording) for one in prepared.segments)
+    return figures
+
+
+def faulty(recording: Recording) -> dict[str, Recording]:
+    """Return recordings with a fault each, about as large as what the checks let pass."""
+    random = np.random.default_rng(0)
+    time, q = recording.time, recording.position
+    effort, qd = recording.effort, recording.velocity
+    assert time is not None
+    assert effort is not None
+    assert qd is not None
+    step = float(np.median(np.diff(time)))
+    late = time + step * np.abs(random.normal(0.0, 0.3, len(time)))
+    held = np.maximum.accumulate(np.where(random.random(len(time)) < 0.9, np.arange(len(time)), 0))
+    lost = np.ones(len(time), dtype=bool)
+    for first, count in ((500, 3), (900, 5), (1500, 40)):
+        lost[first : first + count] = False
+    most = 0.8 * np.abs(effort).max(axis=0)
+    coarse = 0.07 * np.std(q, axis=0)
+    wave = np.sin(2.0 * np.pi * 30.0 * time)[:, None] * 0.012 * effort.std(axis=0)
+    return {
+        "late": replace(recording, time=np.maximum.accumulate(late) + 1e-9 * np.arange(len(time))),
+        "repeated": replace(recording, position=q[held], velocity=qd[held], effort=effort[held]),
+        "lost": replace(
+            recording, time=time[lost], position=q[lost], velocity=qd[lost], effort=effort[lost]
+        ),
+        "clipped": replace(recording, effort=np.clip(effort, -most, most)),
+        "coarse": replace(recording, position=np.round(q / coarse) * coarse),
+        "ripple": replace(recording, effort=effort + wave),
+        "wrong velocity": replace(recording, velocity=1.04 * qd + 0.05 * qd.std(axis=0)),
+        "late velocity": replace(recording, velocity=np.roll(qd, 1, axis=0)),
+    }
+
+
+def _errors(fit: Fit, other: Evaluation) -> Figures:
     mean = {
         name: float(np.mean([error.nrmse for error in joints.values()]))
         for name, joints in (("held-out", fit.held_out), ("another recording", other.joints))
@@ -118,7 +254,9 @@ def _errors(fit: Any, other: Any) -> Figures:
     }
 
 
-DIAGNOSIS, TRAJECTORY, POSES = (diagnosed,), (identified,), (posed,)
+DIAGNOSIS, REFERENCE = (diagnosed,), (referenced,)
+TRAJECTORY, POSES, CURRENTS = (identified,), (posed,), (in_amperes,)
+READING = (read,)
 CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (EffectSelectionSettings, DIAGNOSIS),
     (JudgementSettings, DIAGNOSIS),
@@ -126,34 +264,56 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (FilterSettings, DIAGNOSIS),
     (BlockSettings, DIAGNOSIS),
     (EvidenceSettings, DIAGNOSIS),
-    (RepetitionSettings, DIAGNOSIS + TRAJECTORY),
-    (NoiseSettings, DIAGNOSIS + TRAJECTORY),
+    (RunSettings, DIAGNOSIS),
+    (MotionSettings, DIAGNOSIS),
+    (LoadSettings, DIAGNOSIS),
+    (ReadingSettings, DIAGNOSIS),
+    (ShapelessSettings, DIAGNOSIS),
+    (AmbiguitySettings, DIAGNOSIS),
+    (ExtrapolationSettings, DIAGNOSIS),
+    (FrictionChangeSettings, DIAGNOSIS),
+    (NoiseSettings, DIAGNOSIS),
+    (RepetitionSettings, REFERENCE),
+    (ReferenceSettings, REFERENCE),
+    (ReferenceErrorSettings, REFERENCE),
+    (NearbySettings, REFERENCE),
+    (SameMotionSettings, REFERENCE),
+    (ReadBeforeSettings, REFERENCE),
+    (PosteriorSettings, TRAJECTORY),
     (FoldSettings, TRAJECTORY),
     (CovarianceSettings, TRAJECTORY),
     (TermSelectionSettings, TRAJECTORY),
     (DesignSettings, TRAJECTORY),
     (WeightSettings, TRAJECTORY),
-    (KinematicSettings, TRAJECTORY),
-    (KinematicSearchSettings, TRAJECTORY),
-    (KinematicStatementSettings, TRAJECTORY),
+    (BodySettings, TRAJECTORY),
     (IdentifiabilitySettings, TRAJECTORY),
-    (TimingSettings, TRAJECTORY),
-    (RetimingSettings, TRAJECTORY),
-    (ComparisonSettings, TRAJECTORY),
-    (LossSettings, TRAJECTORY),
-    (CheckSettings, TRAJECTORY + POSES),
-    (SignalSettings, TRAJECTORY + POSES),
-    (QuantumSettings, TRAJECTORY + POSES),
-    (RobustSettings, TRAJECTORY + POSES),
-    (HoldingSettings, TRAJECTORY + POSES),
-    (HandSettings, TRAJECTORY + POSES),
-    (VerdictSettings, TRAJECTORY + POSES),
+    (HoldingSettings, TRAJECTORY),
+    (HandSettings, TRAJECTORY),
+    (VerdictSettings, TRAJECTORY),
+    (RobustSettings, TRAJECTORY),
+    (RateSettings, CURRENTS),
+    (GainSettings, CURRENTS),
+    (ScaleSettings, CURRENTS),
+    (UnitSettings, CURRENTS),
+    (CoordinateSettings, CURRENTS),
+    (TimingSettings, READING),
+    (RetimingSettings, READING),
+    (ComparisonSettings, READING),
+    (LossSettings, READING),
+    (PieceSettings, READING),
+    (CheckSettings, READING),
+    (SignalSettings, READING),
+    (QuantumSettings, READING),
     (PoseSettings, POSES),
     (PosedSettings, POSES),
     (PoseColumnSettings, POSES),
     (PoseReportSettings, POSES),
     (PoseSelectionSettings, POSES),
+    (DirectionSettings, POSES),
     (GridSettings, POSES),
+    (KinematicSettings, POSES),
+    (KinematicSearchSettings, POSES),
+    (KinematicStatementSettings, POSES),
 )
 
 
@@ -259,7 +419,7 @@ def main() -> int:
         known = ", ".join(dict.fromkeys(settings.__name__ for settings, _ in CLASSES))
         parser.error(f"--settings {' '.join(given.settings)}: expected some of {known}")
     table, silent = [], []
-    with ProcessPoolExecutor(given.jobs) as pool:
+    with ProcessPoolExecutor(given.jobs, initializer=Lab.set_up) as pool:
         groups = {CLASSES[number][1]: number for number, _ in wanted}
         plain = {group: pool.submit(solve, number, None, 1.0) for group, number in groups.items()}
         runs = [

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.diagnosis import load as loading
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis.load import LoadSettings, load
 from dvrk_gravity.diagnosis.run import hypotheses
 from dvrk_gravity.effects import Cogging
 from dvrk_gravity.effects.contact import _window
@@ -77,42 +76,37 @@ def test_static_poses_are_never_cut():
     assert whole is poses
 
 
-def test_recordings_share_the_time_that_is_looked_at(monkeypatch):
-    monkeypatch.setattr(loading, "LONGEST", 40.0)
-    monkeypatch.setattr(loading, "STRETCH", 10.0)
-    both = load([moving(60.0), moving(60.0)], MODEL)
+def test_recordings_share_the_time_that_is_looked_at():
+    settings = LoadSettings(longest=40.0, stretch=10.0)
+    both = load([moving(60.0), moving(60.0)], MODEL, settings=settings)
     assert len(both.motion.parts) == 4
     assert len(both.motion.q) / both.motion.rate == pytest.approx(38.0, abs=1.5)
     assert [one.kind for one in both.warnings].count("excerpt") == 1  # alike, so told once
 
 
-def test_a_stretch_of_gaps_is_left_out_and_told(monkeypatch):
-    monkeypatch.setattr(loading, "LONGEST", 30.0)
-    monkeypatch.setattr(loading, "STRETCH", 5.0)
+def test_a_stretch_of_gaps_is_left_out_and_told():
     whole = moving(100.0)
     # Readings that come in bursts with gaps between them, in one of the stretches.
     kept = (whole.time < 40.0) | (whole.time > 45.0) | (whole.time % 0.4 < 0.2)
-    loaded = load([whole.rows(kept)], MODEL)
+    loaded = load([whole.rows(kept)], MODEL, settings=LoadSettings(longest=30.0, stretch=5.0))
     assert len(loaded.motion.parts) == 5
     assert any("from 40.01 s on a stretch is left out" in line for line in loaded.handling)
 
 
-def test_a_long_recording_of_nothing_but_gaps_is_refused(monkeypatch):
-    monkeypatch.setattr(loading, "LONGEST", 10.0)
+def test_a_long_recording_of_nothing_but_gaps_is_refused():
     whole = moving(30.0)
     with pytest.raises(RecordingError, match="a row without a gap"):
-        load([whole.rows(whole.time % 0.4 < 0.2)], MODEL)
+        load([whole.rows(whole.time % 0.4 < 0.2)], MODEL, settings=LoadSettings(longest=10.0))
 
 
-def test_a_pause_in_a_long_recording_is_no_fault(monkeypatch):
-    monkeypatch.setattr(loading, "LONGEST", 30.0)
-    monkeypatch.setattr(loading, "STRETCH", 5.0)
+def test_a_pause_in_a_long_recording_is_no_fault():
     whole = moving(100.0)
     still = (whole.time > 38.0) & (whole.time < 47.0)
     position = np.where(still[:, None], whole.position[3800], whole.position)
     velocity = np.where(still[:, None], 0.0, whole.velocity)
     paused = Recording(JOINT_NAMES, whole.time, position, velocity, whole.effort)
-    assert len(load([paused], MODEL).motion.parts) == 6
+    settings = LoadSettings(longest=30.0, stretch=5.0)
+    assert len(load([paused], MODEL, settings=settings).motion.parts) == 6
 
 
 def held(value: object) -> int:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from recording_samples import shared_data, wave
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, check, prepare
@@ -425,3 +426,15 @@ def test_numbers_on_the_measured_trajectory():
     assert found["position_quantisation", "wrist_roll"]["step_rad"] == pytest.approx(
         5.92e-3, rel=0.01
     )
+
+
+def test_steps_of_what_slides_are_told_in_its_units():
+    time = np.arange(0.0, 10.0, 0.005)
+    turns, slides = 0.3 * np.sin(time), np.round(0.1 * np.sin(time), 2)
+    arm = Arm.load("psm")
+    (told,) = [
+        one
+        for one in check(Recording(("yaw", "insertion"), time, np.c_[turns, slides], arm=arm))
+        if one.kind == "position_quantisation"
+    ]
+    assert "insertion: position has steps of 0.01 m: one a sample is 2 m/s" in str(told)

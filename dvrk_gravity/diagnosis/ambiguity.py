@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,9 +18,20 @@ from dvrk_gravity.quantity import pose, quantity
 
 Array = NDArray[np.float64]
 
-_SAME = 0.8  # part of one's torque that the other reproduces
 _DEGREE = np.pi / 180.0
-_POSES = 2000
+
+
+@dataclass(frozen=True)
+class AmbiguitySettings:
+    """When two cannot be told apart.
+
+    Attributes:
+        same: Part of one's torque that the other reproduces. Chosen.
+        poses: Drawn, among which one is looked for that would tell. Chosen: a bound on time.
+    """
+
+    same: float = 0.8
+    poses: int = 2000
 
 
 def ambiguities(
@@ -49,7 +60,7 @@ def ambiguities(
             if other is zero or pair in seen:
                 continue
             share, theta = validation.reproduced(zero, np.array([_DEGREE]), other, named)
-            if share > _SAME:
+            if share > AmbiguitySettings().same:
                 seen.add(pair)
                 result.append(_ambiguity(validation, named, zero, other, share, theta))
     return tuple(sorted(result, key=lambda one: -one.overlap))
@@ -114,13 +125,13 @@ def _estimates(
 def _pose(validation: CrossValidation, zero: Candidate, other: Candidate, theta: Array) -> str:
     """Return at rest in which pose one degree of zero differs most from what mimics it here."""
     motion, arm = validation.data.motion, validation.data.motion.arm
-    random = np.random.default_rng(0)
-    q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (_POSES, arm.n))
+    random, poses = np.random.default_rng(0), AmbiguitySettings().poses
+    q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (poses, arm.n))
     still = np.zeros_like(q)
     posed = replace(
-        motion, q=q, qd=still, qdd=still, effort=still, time=np.arange(float(_POSES)),
+        motion, q=q, qd=still, qdd=still, effort=still, time=np.arange(float(poses)),
         direction=None if motion.direction is None else np.ones_like(q),
-        parts=(slice(0, _POSES),),
+        parts=(slice(0, poses),),
     )  # fmt: skip
     mine = zero.hypothesis.build(posed, zero.hypothesis.setting) @ np.array([_DEGREE])
     its = other.hypothesis.build(posed, other.hypothesis.setting) @ theta

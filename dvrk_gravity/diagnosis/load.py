@@ -31,13 +31,30 @@ from dvrk_gravity.recording.read_before import counted_once
 
 Array = NDArray[np.float64]
 
-KINEMATIC_BAND = 20.0  # Hz: what non-linear columns are computed from
-RATE = 200.0  # Hz; faster recordings are thinned to about this
-SHORTEST = 8.0  # s of motion, below which no choice among hypotheses can be judged
-FEWEST = 40  # static poses, likewise
-# s of motion that hypotheses are built for: they then take less than 2 GiB (benchmark/diagnose.py).
-# Of more, stretches are used: long enough to tell a period of the motion.
-LONGEST, STRETCH = 600.0, 60.0
+
+@dataclass(frozen=True)
+class LoadSettings:
+    """What of a recording is looked at.
+
+    Attributes:
+        band: Hz, of the kinematics that non-linear columns are computed from. Chosen: more than
+            twice that of the torques that are compared.
+        rate: Hz; faster recordings are thinned to about this. Chosen: five times the Nyquist rate
+            of that band.
+        shortest: s of motion, below which no choice among hypotheses can be judged: four held-out
+            blocks of 2 s. Chosen.
+        fewest: Static poses, likewise. Chosen.
+        longest: s of motion that hypotheses are built for: they then take less than 2 GiB
+            (benchmark/diagnose.py).
+        stretch: s; of more, stretches that long are used: enough to tell a period of the motion.
+    """
+
+    band: float = 20.0
+    rate: float = 200.0
+    shortest: float = 8.0
+    fewest: int = 40
+    longest: float = 600.0
+    stretch: float = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,19 +79,22 @@ def load(
     recordings: Sequence[Recording | RecordingFile],
     model: TorqueModel,
     still: Mapping[str, float] | None = None,
+    settings: LoadSettings | None = None,
 ) -> Loaded:
     """Prepare recordings for diagnosis.
 
-    Of trajectories that together are longer than ``LONGEST``, stretches are used.
+    Of trajectories that together are longer than ``settings.longest``, stretches are used.
 
     Args:
         recordings: Trajectories, or static poses, not both; joint or actuator coordinates.
         model: The model on trial.
         still: Where joints stood that the recordings do not hold: joint position, rad.
+        settings: What is looked at.
 
     Raises:
         RecordingError: Naming what is missing: effort, samples, motion.
     """
+    settings = settings or LoadSettings()
     if not recordings:
         raise RecordingError("recordings", "there are none, expected at least one")
     heads = [one.head if isinstance(one, RecordingFile) else one for one in recordings]
@@ -93,21 +113,21 @@ def load(
     recordings, left_out, repeated = counted_once(recordings)
     warnings, handling = list(repeated), [*held, *left_out]
     floors = []
-    share = LONGEST / len(recordings)
+    share = settings.longest / len(recordings)
     for number, recording in enumerate(recordings):
-        looked_at = excerpt(recording, share, min(STRETCH, share))
+        looked_at = excerpt(recording, share, min(settings.stretch, share))
         warnings += [w for w in looked_at.warnings or () if w not in warnings]
         rate: float | None = None
         for stretch in looked_at.stretches:
             rate = rate or stretch.rate
             if len(recordings) == 1 and looked_at.warnings is None:
-                _require_length(stretch)
-            prepared = _prepared(stretch, rate, looked_at.warnings)
+                _require_length(stretch, settings)
+            prepared = _prepared(stretch, rate, looked_at.warnings, settings)
             warnings += [w for w in prepared.warnings if w not in warnings]
             handling += [h for h in prepared.handling if h not in handling]
             start = 0.0 if static else (stretch.start_ns - heads[0].start_ns) * 1e-9
             step, rounding = _step(stretch, model.arm), _rounding(stretch, model.arm)
-            thin = 1 if rate is None else max(1, round(rate / RATE))
+            thin = 1 if rate is None else max(1, round(rate / settings.rate))
             pieces += [
                 replace(
                     _piece(segment, thin, model, start, still, step),
@@ -116,23 +136,24 @@ def load(
                 )
                 for segment in prepared.segments
             ]
-            floors.append(_noise_density(stretch, model.arm))
+            floors.append(_noise_density(stretch, model.arm, settings))
     if not pieces:
         raise RecordingError(
             heads[0].source, f"has too many gaps: {handling[len(held) + len(left_out)]}"
         )
     motion = _join(pieces)
-    if static and len(motion.q) < FEWEST:
+    if static and len(motion.q) < settings.fewest:
         raise RecordingError(
             heads[0].source,
-            f"holds {len(motion.q)} static poses, a diagnosis needs at least {FEWEST}",
+            f"holds {len(motion.q)} static poses, a diagnosis needs at least {settings.fewest}",
         )
     if not static:
         total = len(motion.q) / (motion.rate or 1.0)
-        if total < SHORTEST:
+        if total < settings.shortest:
             raise RecordingError(
                 heads[0].source,
-                f"holds {total:.3g} s of usable motion, a diagnosis needs at least {SHORTEST:g} s",
+                f"holds {total:.3g} s of usable motion, a diagnosis needs at least "
+                f"{settings.shortest:g} s",
             )
     warnings += beyond_limits(motion.q, model.arm)
     known = np.ma.masked_invalid(np.square(floors))  # of static poses none is
@@ -140,22 +161,25 @@ def load(
     return Loaded(motion, tuple(warnings), tuple(handling), floor)
 
 
-def _require_length(recording: Recording) -> None:
+def _require_length(recording: Recording, settings: LoadSettings) -> None:
     if recording.time is None:
         return
     duration = float(recording.time[-1] - recording.time[0])
-    if duration < SHORTEST:
+    if duration < settings.shortest:
         raise RecordingError(
             recording.source,
-            f"lasts {duration:.3g} s, a diagnosis needs at least {SHORTEST:g} s of motion",
+            f"lasts {duration:.3g} s, a diagnosis needs at least {settings.shortest:g} s of motion",
         )
 
 
 def _prepared(
-    stretch: Recording, rate: float | None, warnings: tuple[DataWarning, ...] | None
+    stretch: Recording,
+    rate: float | None,
+    warnings: tuple[DataWarning, ...] | None,
+    settings: LoadSettings,
 ) -> Prepared:
     """Return a stretch filtered; with the findings of the whole, one that cannot be has no part."""
-    band = KINEMATIC_BAND if rate is None else min(KINEMATIC_BAND, rate / 5.0)
+    band = settings.band if rate is None else min(settings.band, rate / 5.0)
     try:
         return prepare(stretch, band, band=BAND, warnings=warnings)
     except RecordingError as error:
@@ -255,13 +279,13 @@ def _join(pieces: Sequence[Motion]) -> Motion:
     )
 
 
-def _noise_density(recording: Recording, arm: Arm) -> Array:
+def _noise_density(recording: Recording, arm: Arm, settings: LoadSettings) -> Array:
     """Return (n,) effort noise in N·m/sqrt(Hz) from what lies above the kinematic band."""
     unknown = np.full(arm.n, np.nan)
     rate = recording.rate
-    if rate is None or recording.effort is None or rate < 4.0 * KINEMATIC_BAND:
+    if rate is None or recording.effort is None or rate < 4.0 * settings.band:
         return unknown
-    cutoff = min(1.5 * KINEMATIC_BAND, 0.3 * rate)
+    cutoff = min(1.5 * settings.band, 0.3 * rate)
     low = LowPass(cutoff, rate)
     if len(recording) <= 4 * low.edge:
         return unknown

@@ -17,18 +17,46 @@ from dvrk_gravity.recording import LowPass
 
 Array = NDArray[np.float64]
 
-_SIGN_SPEED = 0.03  # of a joint's RMS speed: below, the direction of motion is uncertain
-_SLOWEST = 0.005  # rad/s; of what slides and of ways a tenth in m
-_SHIFT = 0.01  # rad
-_SMEARED = 0.025  # s, by which the filter of the kinematics, 20 Hz, is early or late
-_TURNING_BAND = 8.0  # Hz
-_RANK = 3e-3  # pivots below this part of the first are not told apart by the motion
-_STILL = 0.06  # of a joint's RMS speed
-_SLOW = 0.4  # likewise: faster, friction is taken at its word
-_FINE = 0.3  # of the typical speed: steps that are slower than that show where a joint stops
-_STEP_RATE = 20.0  # encoder steps a second: fewer show in a velocity of that band as pulses
+_SHIFT = 0.01  # rad, of a difference quotient: the torque's curvature over it is a rounding error
 _PIECE = 5000  # samples; all columns of all links are 25 MB then
-_WHOLE = 0.9  # of a motor's torque, that a joint must feel to be held by it
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """When a joint moves, and which way.
+
+    Attributes:
+        sign: Part of a joint's RMS speed below which the direction of motion is uncertain. Chosen.
+        slowest: rad/s, likewise, at least; of what slides and of ways a tenth in m. Chosen: half
+            an encoder step of an MTM in one kept sample.
+        moves: rad, of half its way, from which on a joint shows anything. Chosen.
+        smeared: s, by which the kinematics' low-pass of 20 Hz is early or late: half of its step
+            response.
+        turning_band: Hz, of the speed that shows where a joint turns back. Chosen: that of the
+            torques that are compared (``FilterSettings.band``).
+        rank: Part of the first pivot below which inertial parameters are not told apart by the
+            motion. Chosen: of a torque that is known to some per cent, 3e-3 is nothing.
+        still: Part of a joint's RMS speed below which it may be stuck. Chosen.
+        slow: Likewise, from which on friction is taken at its word though the encoder is coarse.
+        fine: Part of the typical speed: steps that are slower than that show where a joint stops.
+            Chosen.
+        step_rate: Encoder steps a second: fewer show in a velocity of the kinematics' band, 20 Hz,
+            as pulses.
+        whole: Part of a motor's torque that a joint must feel to be held by it. Chosen: all but a
+            weak coupling.
+    """
+
+    sign: float = 0.03
+    slowest: float = 0.005
+    moves: float = 0.01
+    smeared: float = 0.025
+    turning_band: float = 8.0
+    rank: float = 3e-3
+    still: float = 0.06
+    slow: float = 0.4
+    fine: float = 0.3
+    step_rate: float = 20.0
+    whole: float = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +79,7 @@ class Motion:
         rounding: (n,) density of the noise that the steps of the efforts leave, N·m/sqrt(Hz).
         reference: (N, n) torques that were measured in the same motion when all was well, N·m;
             they stand for the model's then. ``None``: the model's do.
+        settings: When a joint moves.
     """
 
     model: TorqueModel
@@ -67,6 +96,7 @@ class Motion:
     clock: tuple[int, ...] = ()
     rounding: Array = field(default_factory=lambda: np.zeros(()))
     reference: Array | None = None
+    settings: MotionSettings = field(default_factory=MotionSettings)
 
     @property
     def arm(self) -> Arm:
@@ -130,7 +160,7 @@ class Motion:
     @cached_property
     def moves(self) -> NDArray[np.bool_]:
         """(n,) which joints move enough to tell anything by."""
-        return self.present & (self.travel[1] > 0.01 * self.arm.scale)
+        return self.present & (self.travel[1] > self.settings.moves * self.arm.scale)
 
     @cached_property
     def speed(self) -> Array:
@@ -153,7 +183,7 @@ class Motion:
         if self.present.all():
             to_motor = self.arm.joint_to_actuator
             for motor in np.flatnonzero(np.abs(to_motor).sum(axis=1) > 1.0).tolist():
-                felt = (np.abs(to_motor[motor]) > _WHOLE) & self.moves
+                felt = (np.abs(to_motor[motor]) > self.settings.whole) & self.moves
                 result[:, felt] |= self._turning(to_motor[motor], motor)[:, None]
         return result
 
@@ -166,20 +196,21 @@ class Motion:
         """
         assert self.rate is not None
         # An encoder's steps are no turning back.
-        low = LowPass(min(_TURNING_BAND, self.rate / 6.0), self.rate)
+        low = LowPass(min(self.settings.turning_band, self.rate / 6.0), self.rate)
         speed = self.qd @ row
         typical = float(np.sqrt(np.mean(speed**2)))
-        slow = max(_STILL * typical, 2 * _SLOWEST * self._scale(row))
+        slow = max(self.settings.still * typical, 2 * self.settings.slowest * self._scale(row))
         # Where the encoder steps too rarely for its direction to be seen all the time, and where
         # the model's friction is but on its way, for smoothness' sake, neither can say.
-        unseen = _STEP_RATE * float(self.step @ np.abs(row))
+        stepwise = self.settings.step_rate * float(self.step @ np.abs(row))
+        unseen = stepwise
         for term in self.model.terms:
             if term.full_speed is not None:
                 unseen = max(unseen, float(term.full_speed[index]))
-        slow = max(slow, min(unseen, _SLOW * typical))
+        slow = max(slow, min(unseen, self.settings.slow * typical))
         # Stick and slip: on the way it stops, and rings beyond; noise of steps would look alike.
-        stops_seen = _STEP_RATE * float(self.step @ np.abs(row)) < _FINE * typical
-        wide = np.ones(1 + 2 * math.ceil(_SMEARED * self.rate))
+        stops_seen = stepwise < self.settings.fine * typical
+        wide = np.ones(1 + 2 * math.ceil(self.settings.smeared * self.rate))
         result = np.zeros(len(speed), dtype=bool)
         for part in self.parts:
             smooth = low(speed[part]) if part.stop - part.start > low.edge else speed[part]
@@ -192,8 +223,8 @@ class Motion:
 
     def slowest(self, row: Array) -> float:
         """Return the speed of a row of the joints below which its direction is uncertain, rad/s."""
-        least = _SLOWEST * self._scale(row)
-        return max(_SIGN_SPEED * float(np.sqrt(np.mean((self.qd @ row) ** 2))), least)
+        least = self.settings.slowest * self._scale(row)
+        return max(self.settings.sign * float(np.sqrt(np.mean((self.qd @ row) ** 2))), least)
 
     def _scale(self, row: Array) -> float:
         """Return what counts as a rad of a row of the joints."""
@@ -251,7 +282,7 @@ class Motion:
         scaled = few / np.where(size > 1e-9, size, 1.0) * (size > 1e-9)
         triangle, pivots = qr(scaled, mode="r", pivoting=True)
         diagonal = np.abs(np.diag(triangle))
-        return np.sort(pivots[: int(np.sum(diagonal > _RANK * diagonal[0]))])
+        return np.sort(pivots[: int(np.sum(diagonal > self.settings.rank * diagonal[0]))])
 
     def inertial_torque(self, chosen: NDArray[np.int_]) -> Array:
         """Return (N, n, k) columns of some of the links' inertial parameters, gravity off."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis.load import SHORTEST, Loaded
+from dvrk_gravity.diagnosis.load import Loaded, LoadSettings
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
 from dvrk_gravity.errors import ConfigError, RecordingError
@@ -88,11 +88,12 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
         if piece.stop - piece.start >= ReferenceSettings().piece * motion.rate
     ]
     length = sum(piece.stop - piece.start for piece in pieces) / motion.rate
-    if length < SHORTEST:
+    shortest = LoadSettings().shortest
+    if length < shortest:
         raise RecordingError(
             names[0],
             f"shows {length:.3g} s of the motion of {names[1]}: expected the same motion, "
-            f"{SHORTEST:g} s of it at least",
+            f"{shortest:g} s of it at least",
         )
     total = len(motion.q) / motion.rate
     line = (

@@ -210,19 +210,19 @@ def quantisation(recording: Recording) -> list[DataWarning]:
     for column, joint in enumerate(recording.joints):
         if rough is not None and rate is not None:
             typical = float(np.sqrt(np.mean(rough[:, column] ** 2)))
-            step = quantum(recording.position[:, column])
+            step, unit = quantum(recording.position[:, column]), position_unit(recording, joint)
             if typical > 0.0 and step * rate > settings.coarse_position * typical:
                 findings.append(
                     DataWarning(
                         "position_quantisation",
                         joint,
                         {"step_rad": step, "velocity_step": step * rate, "velocity_rms": typical},
-                        f"position has steps of {step:.3g} rad: one a sample is "
-                        f"{step * rate:.2g} rad/s, the joint moves at {typical:.2g}",
+                        f"position has steps of {step:.3g} {unit}: one a sample is "
+                        f"{step * rate:.2g} {unit}/s, the joint moves at {typical:.2g}",
                     )
                 )
         signals: tuple[tuple[Kind, Array | None, str], ...] = (
-            ("velocity_quantisation", recording.velocity, "rad/s"),
+            ("velocity_quantisation", recording.velocity, f"{position_unit(recording, joint)}/s"),
             ("effort_quantisation", recording.effort, _effort_unit(recording, joint)),
         )
         for kind, values, unit in signals:
@@ -240,6 +240,12 @@ def quantisation(recording: Recording) -> list[DataWarning]:
                     )
                 )
     return findings
+
+
+def position_unit(recording: Recording, joint: str) -> str:
+    """Return the unit of a joint's position; where the arm is not known, it is taken to turn."""
+    arm = recording.arm
+    return "rad" if arm is None else arm.joints[arm.joint_names.index(joint)].unit
 
 
 def _effort_unit(recording: Recording, joint: str) -> str:

@@ -1,0 +1,58 @@
+"""`make sensitivity` halves and doubles every threshold; that none is forgotten."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import sys
+from dataclasses import is_dataclass
+from pathlib import Path
+
+import pytest
+
+import dvrk_gravity.diagnosis
+import dvrk_gravity.estimation
+import dvrk_gravity.identification
+import dvrk_gravity.recording
+
+ROOMS = (
+    dvrk_gravity.diagnosis, dvrk_gravity.estimation, dvrk_gravity.identification,
+    dvrk_gravity.recording,
+)  # fmt: skip
+# How a search goes on is given by who searches, and among their settings.
+GIVEN = {"SearchSettings"}
+
+
+@pytest.fixture(scope="module")
+def sensitivity():
+    sys.path.insert(0, str(Path(__file__).parents[1] / "benchmark"))
+    try:
+        return importlib.import_module("sensitivity")
+    finally:
+        sys.path.pop(0)
+
+
+def declared() -> set[type]:
+    """Every settings class of the rooms where something is estimated or checked."""
+    found = set()
+    for room in ROOMS:
+        for module in pkgutil.iter_modules(room.__path__, f"{room.__name__}."):
+            for name, value in vars(importlib.import_module(module.name)).items():
+                known = name.endswith("Settings") and is_dataclass(value) and name not in GIVEN
+                if known and value.__module__ == module.name:
+                    found.add(value)
+    return found
+
+
+def test_every_threshold_is_among_those_that_are_halved_and_doubled(sensitivity):
+    assert declared() == {settings for settings, _ in sensitivity.CLASSES}
+
+
+def test_a_threshold_that_is_changed_is_changed_where_it_is_used_and_only_for_a_while(sensitivity):
+    kind = next(one for one, _ in sensitivity.CLASSES if one.__name__ == "FilterSettings")
+    with sensitivity.changed(kind, "band", 2.0):
+        assert kind().band == 16.0
+        assert kind(band=3.0).band == 3.0
+    with sensitivity.changed(kind, "blocks.duration", 0.5):
+        assert kind().blocks.duration == 0.25
+    assert kind().band == 8.0
