@@ -40,6 +40,7 @@ from dvrk_gravity.diagnosis.nearby import NearbySettings
 from dvrk_gravity.diagnosis.readings import ReadingSettings
 from dvrk_gravity.diagnosis.reference import ReferenceSettings
 from dvrk_gravity.diagnosis.reference_error import ReferenceErrorSettings
+from dvrk_gravity.diagnosis.refinement import RefinementSettings
 from dvrk_gravity.diagnosis.run import RunSettings
 from dvrk_gravity.diagnosis.selection import SelectionSettings as EffectSelectionSettings
 from dvrk_gravity.estimation.covariance import CovarianceSettings
@@ -261,6 +262,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (EffectSelectionSettings, DIAGNOSIS),
     (JudgementSettings, DIAGNOSIS),
     (CrossValidationSettings, DIAGNOSIS),
+    (RefinementSettings, DIAGNOSIS),
     (FilterSettings, DIAGNOSIS),
     (BlockSettings, DIAGNOSIS),
     (EvidenceSettings, DIAGNOSIS),

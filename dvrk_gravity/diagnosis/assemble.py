@@ -37,6 +37,7 @@ from dvrk_gravity.diagnosis.other_findings import (
     unknown_finding,
 )
 from dvrk_gravity.diagnosis.readings import ReadingScore
+from dvrk_gravity.diagnosis.refinement import RefinementSettings, plateau
 from dvrk_gravity.diagnosis.selection import EffectTrial, SelectedEffect
 from dvrk_gravity.diagnosis.separate import separation
 from dvrk_gravity.diagnosis.words import sentence_of
@@ -185,8 +186,8 @@ def _fit(
         spread = {name: deviation.pop(0) for name in found}
         others = [other for other in named if other is not one]
         for name in set(one.hypothesis.edges) & set(one.hypothesis.refine):
-            low, high = validation.plateau(one, others, name)
-            spread[name] = max(high - low, validation.settings.edge_step) / (2.0 * NORMAL_95)
+            low, high = plateau(validation, one, others, name)
+            spread[name] = max(high - low, RefinementSettings().edge_step) / (2.0 * NORMAL_95)
         spreads.append(spread)
     return theta, covariance[: len(theta), : len(theta)], spreads
 

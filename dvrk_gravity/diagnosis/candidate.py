@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity import effects
 from dvrk_gravity.effects.base.effect import Hypothesis
 
 Array = NDArray[np.float64]
@@ -85,3 +87,20 @@ class Score:
     rms: Array
     loss: Array
     likelihood: float
+
+
+def most_parsimonious(candidates: Sequence[tuple[float, Candidate]], tolerance: float) -> Candidate:
+    """Return the most parsimonious of those as good as the best.
+
+    Args:
+        candidates: (likelihood, candidate), any order.
+        tolerance: How much worse than the best still counts as equal.
+    """
+    best = max(likelihood for likelihood, _ in candidates)
+    equal = [(value, one) for value, one in candidates if value >= best - tolerance]
+    return min(equal, key=lambda pair: (*parsimony(pair[1]), -pair[0]))[1]
+
+
+def parsimony(candidate: Candidate) -> tuple[int, int]:
+    """Return the order of causes that explain as well: fewest parameters, then commonest."""
+    return candidate.size, effects.rank(candidate.hypothesis.effect)

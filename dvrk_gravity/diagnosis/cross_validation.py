@@ -1,9 +1,9 @@
-"""Hypotheses compared by cross-validation: gains on unseen folds, tests over blocks, settings."""
+"""Hypotheses compared by cross-validation: gains on unseen folds, tests over blocks."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -36,11 +36,6 @@ class CrossValidationSettings:
         least_usable: Part of the samples that a joint must have to be judged at all. Chosen.
         contained: Part of a torque that may lie outside another's columns. Chosen; see
             `make sensitivity`.
-        edge_step: s, of the search for an edge: about one kept sample.
-        edge_reach: s, likewise: a little more than a block that is held out, see ``BlockSettings``.
-        profile: Log-likelihood lost at the ends of a 95 % profile interval: half the 95 % point of
-            chi-squared with one degree of freedom.
-        refine_steps: Evaluations in the search for a setting. Chosen.
         cluster: Correlation times of the model's known error in a block of the jackknife: of an
             exponential correlation four leave an eighth of the variance unseen (Künsch 1989).
         fixed_points: Rounds in the search for a setting that its own fit tells: it converges
@@ -52,12 +47,6 @@ class CrossValidationSettings:
     active: float = 0.03
     least_usable: float = 0.05
     contained: float = 1e-3
-    edge_step: float = 0.03
-    edge_reach: float = 0.6
-    profile: float = 1.92
-    refine_steps: int = 12
-    fixed_points: int = 10
-    settled: float = 1e-3
     cluster: float = 4.0
 
 
@@ -426,89 +415,3 @@ class CrossValidation:
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice."""
         return np.sqrt(self._mean_square(candidate.columns(self._rows) @ theta))
-
-    def begun(self, candidate: Candidate) -> Candidate:
-        """Return a candidate at the setting that its own fit tells, if it fits better there."""
-        if not candidate.hypothesis.far_from_start:
-            return candidate
-        there = self.refined(candidate, [])
-        return there if self.misfit([there]) < self.misfit([candidate]) else candidate
-
-    def refined(self, candidate: Candidate, others: Sequence[Candidate]) -> Candidate:
-        """Return a candidate with its non-linear settings at their best beside the others."""
-        from scipy.optimize import minimize_scalar
-
-        hypothesis = candidate.hypothesis
-        for _ in range(self.settings.fixed_points if hypothesis.fixed_point else 0):
-            theta = self.parameters([*others, candidate])
-            named = hypothesis.describe(theta[-candidate.size :], hypothesis.setting)
-            setting = dict(hypothesis.setting) | {n: named[n] for n in hypothesis.fixed_point}
-            moved = [abs(setting[n] - hypothesis.setting[n]) for n in hypothesis.fixed_point]
-            size = max(abs(setting[n]) for n in hypothesis.fixed_point)
-            hypothesis = replace(hypothesis, setting=setting)
-            candidate = self.candidate(hypothesis)
-            if max(moved) <= self.settings.settled * size:
-                break
-        for name in hypothesis.refine:
-            if name in hypothesis.edges:
-                middle = 0.5 * sum(self.plateau(candidate, others, name))
-                candidate = self.rebuilt(hypothesis, name, middle)
-                hypothesis = candidate.hypothesis
-                continue
-            centre = hypothesis.setting[name]
-            low, high = hypothesis.search_range(name, self.data.motion)
-
-            def cost(value: float, hypothesis: Hypothesis = hypothesis, name: str = name) -> float:
-                return self.misfit([*others, self.rebuilt(hypothesis, name, value)])
-
-            best = minimize_scalar(
-                cost, bounds=(low, high), method="bounded",
-                options={"maxiter": self.settings.refine_steps, "xatol": 1e-3 * (high - low)},
-            )  # fmt: skip
-            if best.fun < cost(centre):
-                hypothesis = replace(
-                    hypothesis, setting={**hypothesis.setting, name: float(best.x)}
-                )
-                candidate = self.candidate(hypothesis)
-        return candidate
-
-    def plateau(
-        self, candidate: Candidate, others: Sequence[Candidate], name: str
-    ) -> tuple[float, float]:
-        """Return the times, s, between which an edge explains as well: its 95 % profile interval.
-
-        An edge within a block that is held out may be anywhere in it.
-        """
-        centre = candidate.hypothesis.setting[name]
-        step, reach = self.settings.edge_step, self.settings.edge_reach
-        grid = centre + np.arange(-reach, reach + 0.5 * step, step)
-        costs = np.array(
-            [self.misfit([*others, self.rebuilt(candidate.hypothesis, name, t)]) for t in grid]
-        )
-        best = int(np.argmin(costs))
-        # Only what hangs together with the best.
-        outside = np.flatnonzero(costs > costs[best] + self.settings.profile)
-        low = int(outside[outside < best].max(initial=-1)) + 1
-        high = int(outside[outside > best].min(initial=len(grid))) - 1
-        return float(grid[low]), float(grid[high])
-
-    def rebuilt(self, hypothesis: Hypothesis, name: str, value: float) -> Candidate:
-        """Return a hypothesis with one setting changed."""
-        return self.candidate(replace(hypothesis, setting={**hypothesis.setting, name: value}))
-
-
-def most_parsimonious(candidates: Sequence[tuple[float, Candidate]], tolerance: float) -> Candidate:
-    """Return the most parsimonious of those as good as the best.
-
-    Args:
-        candidates: (likelihood, candidate), any order.
-        tolerance: How much worse than the best still counts as equal.
-    """
-    best = max(likelihood for likelihood, _ in candidates)
-    equal = [(value, one) for value, one in candidates if value >= best - tolerance]
-    return min(equal, key=lambda pair: (*parsimony(pair[1]), -pair[0]))[1]
-
-
-def parsimony(candidate: Candidate) -> tuple[int, int]:
-    """Return the order of causes that explain as well: fewest parameters, then commonest."""
-    return candidate.size, effects.rank(candidate.hypothesis.effect)

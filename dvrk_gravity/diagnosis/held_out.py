@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.findings import Gain
+from dvrk_gravity.diagnosis.refinement import rebuilt
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.estimation import evidence
@@ -282,7 +283,7 @@ def setting_columns(
         step = 0.05 if name in hypothesis.edges else 0.02 * abs(value)
         if step == 0.0:
             continue
-        up, down = (validation.rebuilt(hypothesis, name, value + s) for s in (step, -step))
+        up, down = (rebuilt(validation, hypothesis, name, value + s) for s in (step, -step))
         slope = (up.columns() - down.columns()) @ theta / (2.0 * step)
         if np.any(slope != 0.0):
             names.append(name)

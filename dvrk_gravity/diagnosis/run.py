@@ -22,6 +22,7 @@ from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.readings import ReadingScore, read_as, try_readings
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
+from dvrk_gravity.diagnosis.refinement import begun
 from dvrk_gravity.diagnosis.selection import (
     EffectTrial,
     SelectedEffect,
@@ -331,7 +332,7 @@ def _prepare(motion: Motion, say: Callable[[str], None]) -> tuple[CrossValidatio
     validation = CrossValidation(FilteredData.of(motion))
     pool = [validation.candidate(one) for one in hypotheses(motion)]
     pool = [one for one in pool if np.isfinite(one.values).all() and one.acts.any()]
-    return validation, [validation.begun(one) for one in pool]
+    return validation, [begun(validation, one) for one in pool]
 
 
 def _nameless(

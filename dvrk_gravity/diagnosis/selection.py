@@ -8,12 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.candidate import Candidate, Score
-from dvrk_gravity.diagnosis.cross_validation import (
-    CrossValidation,
-    most_parsimonious,
-    parsimony,
-)
+from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious, parsimony
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.refinement import refined
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.evidence import Residual
 from dvrk_gravity.estimation import evidence
@@ -222,7 +219,7 @@ class Selection:
             seen.add(name)
             adjustable = hypothesis.refine or hypothesis.fixed_point
             if adjustable and trial.gain >= limit and len(seen) <= settings.refined:
-                again = self.tried(selected, validation.refined(trial.candidate, selected), before)
+                again = self.tried(selected, refined(validation, trial.candidate, selected), before)
                 trial = again if again.gain > trial.gain else trial
             result.append(trial)
         return sorted(result, key=lambda trial: -trial.gain)
@@ -327,9 +324,9 @@ class Selection:
                 continue
             rest = [*selected[:i], *selected[i + 1 :]]
             validation.weigh(validation.out_of_fold(selected))
-            refined = validation.refined(selected[i], rest)
-            if validation.misfit([*rest, refined]) < validation.misfit(selected):
-                selected[i] = refined
+            moved = refined(validation, selected[i], rest)
+            if validation.misfit([*rest, moved]) < validation.misfit(selected):
+                selected[i] = moved
             if len(selected) == 1:
                 continue
             without = validation.score(rest)

@@ -1,0 +1,110 @@
+"""The settings of a hypothesis that its torque is not linear in: searched for, and how sure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.effects.base.effect import Hypothesis
+
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    """How settings are searched for.
+
+    Attributes:
+        edge_step: s, of the search for an edge: about one kept sample.
+        edge_reach: s, likewise: a little more than a block that is held out, see ``BlockSettings``.
+        profile: Log-likelihood lost at the ends of a 95 % profile interval: half the 95 % point of
+            chi-squared with one degree of freedom.
+        steps: Evaluations in the search for a setting. Chosen: a bound on time.
+        fixed_points: Rounds in the search for a setting that its own fit tells: it converges
+            quadratically, and halves the way where it begins too far. Chosen: a bound on time.
+        settled: Change of such a setting, of its size, at which the search ends. Chosen.
+    """
+
+    edge_step: float = 0.03
+    edge_reach: float = 0.6
+    profile: float = 1.92
+    steps: int = 12
+    fixed_points: int = 10
+    settled: float = 1e-3
+
+
+def begun(validation: CrossValidation, candidate: Candidate) -> Candidate:
+    """Return a candidate at the setting that its own fit tells, if it fits better there."""
+    if not candidate.hypothesis.far_from_start:
+        return candidate
+    there = refined(validation, candidate, [])
+    return there if validation.misfit([there]) < validation.misfit([candidate]) else candidate
+
+
+def refined(
+    validation: CrossValidation, candidate: Candidate, others: Sequence[Candidate]
+) -> Candidate:
+    """Return a candidate with its non-linear settings at their best beside the others."""
+    settings = RefinementSettings()
+    hypothesis = candidate.hypothesis
+    for _ in range(settings.fixed_points if hypothesis.fixed_point else 0):
+        theta = validation.parameters([*others, candidate])
+        named = hypothesis.describe(theta[-candidate.size :], hypothesis.setting)
+        setting = dict(hypothesis.setting) | {n: named[n] for n in hypothesis.fixed_point}
+        moved = [abs(setting[n] - hypothesis.setting[n]) for n in hypothesis.fixed_point]
+        size = max(abs(setting[n]) for n in hypothesis.fixed_point)
+        hypothesis = replace(hypothesis, setting=setting)
+        candidate = validation.candidate(hypothesis)
+        if max(moved) <= settings.settled * size:
+            break
+    for name in hypothesis.refine:
+        if name in hypothesis.edges:
+            middle = 0.5 * sum(plateau(validation, candidate, others, name))
+            candidate = rebuilt(validation, hypothesis, name, middle)
+            hypothesis = candidate.hypothesis
+            continue
+        centre = hypothesis.setting[name]
+        low, high = hypothesis.search_range(name, validation.data.motion)
+
+        def cost(value: float, hypothesis: Hypothesis = hypothesis, name: str = name) -> float:
+            return validation.misfit([*others, rebuilt(validation, hypothesis, name, value)])
+
+        best = minimize_scalar(
+            cost, bounds=(low, high), method="bounded",
+            options={"maxiter": settings.steps, "xatol": 1e-3 * (high - low)},
+        )  # fmt: skip
+        if best.fun < cost(centre):
+            candidate = rebuilt(validation, hypothesis, name, float(best.x))
+            hypothesis = candidate.hypothesis
+    return candidate
+
+
+def plateau(
+    validation: CrossValidation, candidate: Candidate, others: Sequence[Candidate], name: str
+) -> tuple[float, float]:
+    """Return the times, s, between which an edge explains as well: its 95 % profile interval.
+
+    An edge within a block that is held out may be anywhere in it.
+    """
+    settings, hypothesis = RefinementSettings(), candidate.hypothesis
+    step, reach = settings.edge_step, settings.edge_reach
+    grid = hypothesis.setting[name] + np.arange(-reach, reach + 0.5 * step, step)
+    costs = np.array(
+        [validation.misfit([*others, rebuilt(validation, hypothesis, name, t)]) for t in grid]
+    )
+    best = int(np.argmin(costs))
+    # Only what hangs together with the best.
+    outside = np.flatnonzero(costs > costs[best] + settings.profile)
+    low = int(outside[outside < best].max(initial=-1)) + 1
+    high = int(outside[outside > best].min(initial=len(grid))) - 1
+    return float(grid[low]), float(grid[high])
+
+
+def rebuilt(
+    validation: CrossValidation, hypothesis: Hypothesis, name: str, value: float
+) -> Candidate:
+    """Return a hypothesis with one setting changed."""
+    return validation.candidate(replace(hypothesis, setting={**hypothesis.setting, name: value}))
