@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.estimation import Array
+from dvrk_gravity.estimation.series import Part, Series, compare, run_around, spread_of
 
 Labels = NDArray[np.int64]
 
@@ -31,6 +32,7 @@ class RepetitionSettings:
             fastest motion of an arm, 4 Hz; between them the shift is interpolated.
         most: Longest parts of which it is asked; others keep their own time. Chosen, for the time
             that comparing each with each takes.
+        largest: Samples of a common time that may be compared: a bound on memory.
     """
 
     tolerance: float = 0.05
@@ -91,7 +93,7 @@ def find_period(
     The least lag, up to two thirds of the length, at which the motion comes back to itself, every
     channel in units of its own spread.
     """
-    return _period(_Series.of([(0.0, position)], rate), settings or RepetitionSettings())
+    return _period(Series.of([(0.0, position)], rate), settings or RepetitionSettings())
 
 
 def find_common_time(
@@ -160,9 +162,6 @@ def find_repetition(
     return Repetition(period, max(1.0, len(position) / rate / period)), time
 
 
-Part = tuple[float, Array]  # s at which it begins, (n, m) positions
-
-
 @dataclass(frozen=True, eq=False)
 class _Group:
     """Parts that show the same motion: what is added to their times, s, by number."""
@@ -175,100 +174,19 @@ class _Group:
         return [(given[number][0] + by, given[number][1]) for number, by in self.shift.items()]
 
 
-@dataclass(frozen=True, eq=False)
-class _Series:
-    """Positions on a uniform grid, the mean of all that are there.
-
-    Attributes:
-        begin: Time of the first, s.
-        rate: Hz.
-        position: (n, m); zero where there is none.
-        there: (n,) 1 where there is some, else 0.
-    """
-
-    begin: float
-    rate: float
-    position: Array
-    there: Array
-
-    @classmethod
-    def of(cls, parts: Iterable[Part], rate: float) -> _Series:
-        """Return parts at common times on one grid."""
-        parts = list(parts)
-        begin = min(start for start, _ in parts)
-        first = [round((start - begin) * rate) for start, _ in parts]
-        length = max(at + len(position) for at, (_, position) in zip(first, parts, strict=True))
-        total, count = np.zeros((length, parts[0][1].shape[1])), np.zeros(length)
-        for at, (_, position) in zip(first, parts, strict=True):
-            total[at : at + len(position)] += position
-            count[at : at + len(position)] += 1.0
-        return cls(begin, rate, total / np.maximum(count, 1.0)[:, None], np.minimum(count, 1.0))
-
-    def scaled(self, middle: Array, spread: Array) -> _Series:
-        """Return positions in units of a spread about a middle."""
-        scaled = (self.position - middle) / spread * self.there[:, None]
-        return replace(self, position=scaled)
-
-    def thinned(self, rate: float) -> _Series:
-        """Return the series at about a rate, no less."""
-        every = max(1, int(self.rate / rate))
-        return _Series(self.begin, self.rate / every, self.position[::every], self.there[::every])
-
-    @property
-    def seen(self) -> Array:
-        """(k, m) positions that there are."""
-        return np.asarray(self.position[self.there > 0.0])
-
-
-def _compare(first: _Series, second: _Series, shifts: NDArray[np.int64]) -> tuple[Array, ...]:
-    """Return what two series differ by with the second so many samples later.
-
-    |x(t) - y(t - shift)|^2 over all shifts at once, through the Fourier transform. Positions must
-    be in units of their spread.
-
-    Returns:
-        (k,) pairs of samples, (k,) mean square of the difference of a channel, (k,) mean variance
-        of a channel of the first within the overlap.
-    """
-    from scipy.fft import irfft, next_fast_len, rfft
-
-    size = next_fast_len(len(first.there) + len(second.there), real=True)
-    there, place = rfft(first.there, size), rfft(first.position, size, axis=0)
-    power = rfft((first.position**2).sum(axis=1), size)
-    there_2, place_2 = (
-        np.conj(rfft(values, size, axis=0)) for values in (second.there, second.position)
-    )
-    power_2 = np.conj(rfft((second.position**2).sum(axis=1), size))
-
-    def at(spectrum: Array) -> Array:
-        return np.asarray(irfft(spectrum, size, axis=0)[shifts])  # from the end, if negative
-
-    pairs = np.round(at(there * there_2))
-    some, channels = np.maximum(pairs, 1.0), first.position.shape[1]
-    both = at(power * there_2 + there * power_2 - 2.0 * (place * place_2).sum(axis=1))
-    mean = at(place * there_2[:, None]) / some[:, None]
-    square = at(power * there_2) / some
-    variance = (square - (mean**2).sum(axis=1)) / channels
-    return pairs, np.maximum(both, 0.0) / (some * channels), np.maximum(variance, 0.0)
-
-
-def _spread(positions: Array) -> Array:
-    return np.asarray(np.maximum(positions.std(axis=0), 1e-3))
-
-
-def _period(series: _Series, settings: RepetitionSettings) -> float | None:
+def _period(series: Series, settings: RepetitionSettings) -> float | None:
     """Return the least lag at which a series comes back to itself, of a third of it at least."""
     seen = series.seen
     first, last = int(settings.shortest * series.rate), int(len(series.there) * 2 / 3)
     if last <= first:
         return None
-    scaled = series.scaled(seen.mean(axis=0), _spread(seen))
+    scaled = series.scaled(seen.mean(axis=0), spread_of(seen))
     lags = np.arange(first, last)
-    pairs, square, _ = _compare(scaled, scaled, lags)
+    pairs, square, _ = compare(scaled, scaled, lags)
     good = (3.0 * pairs >= len(seen)) & (np.sqrt(square) < settings.tolerance * np.sqrt(2.0))
     if not good.any():
         return None
-    run = _run(good, int(np.argmax(good)))
+    run = run_around(good, int(np.argmax(good)))
     best, count = run.start + int(np.argmin(square[run])), 1
     # Twice as many periods tell one twice as well.
     while (again := 2 * int(lags[best]) - first) + 2 < len(lags):
@@ -279,14 +197,6 @@ def _period(series: _Series, settings: RepetitionSettings) -> float | None:
     return float(lags[best] / count / series.rate)
 
 
-def _run(good: NDArray[np.bool_], inside: int) -> slice:
-    """Return the run of true values around one."""
-    wrong = np.flatnonzero(~good)
-    place = int(np.searchsorted(wrong, inside))
-    start = int(wrong[place - 1]) + 1 if place else 0
-    return slice(start, int(wrong[place]) if place < len(wrong) else len(good))
-
-
 def _of_clock(
     numbers: list[int], given: dict[int, Part], rate: float, settings: RepetitionSettings
 ) -> list[_Group]:
@@ -295,7 +205,7 @@ def _of_clock(
     A part that is in another phase than its clock says is a group by itself, too.
     """
     longest = max(numbers, key=lambda number: len(given[number][1]))
-    alone = _period(_Series.of([given[longest]], rate), settings)
+    alone = _period(Series.of([given[longest]], rate), settings)
     if len(numbers) == 1:
         return [_Group({longest: 0.0}, alone)]
     parts = [given[number] for number in numbers]
@@ -312,7 +222,7 @@ def _of_clock(
     groups = [_Group(_closed_up(sorted(same), given, rate, period), period)] if period else []
     for number in numbers:
         if number not in same:
-            alone = _period(_Series.of([given[number]], rate), settings)
+            alone = _period(Series.of([given[number]], rate), settings)
             groups.append(_Group({number: 0.0}, alone))
     return groups
 
@@ -343,7 +253,7 @@ def _common_period(
     span = max(start + len(position) / rate for start, position in parts)
     if (span - min(start for start, _ in parts)) * rate > settings.largest:
         return None
-    period = _period(_Series.of(parts, rate), settings)
+    period = _period(Series.of(parts, rate), settings)
     if known is None or period is None:
         return period
     return period if _holds(period, parts, rate, settings) else None
@@ -351,7 +261,7 @@ def _common_period(
 
 def _holds(period: float, parts: Sequence[Part], rate: float, settings: RepetitionSettings) -> bool:
     """Tell whether each of some parts goes where all do at its phases of a period."""
-    spread = _spread(np.concatenate([position for _, position in parts]))
+    spread = spread_of(np.concatenate([position for _, position in parts]))
     bins = max(1, round(period * rate))
     phase = [
         np.round((start + np.arange(len(position)) / rate) * bins / period).astype(np.int64) % bins
@@ -400,7 +310,7 @@ def _together(
 ) -> _Group | None:  # fmt: skip
     """Return two groups as one if they show the same motion."""
     shift = _shift(
-        _Series.of(first.parts(given), rate), _Series.of(second.parts(given), rate), settings
+        Series.of(first.parts(given), rate), Series.of(second.parts(given), rate), settings
     )
     if shift is None:
         return None
@@ -411,22 +321,22 @@ def _together(
     return None if known and period is None else replace(both, period=period)
 
 
-def _shift(first: _Series, second: _Series, settings: RepetitionSettings) -> float | None:
+def _shift(first: Series, second: Series, settings: RepetitionSettings) -> float | None:
     """Return how much later, s, the second is the same motion as the first, if it is.
 
     Of several such shifts, that of the longest overlap. The difference counts in units of the
     spread within the overlap: two arms at rest in one place are not two of one motion.
     """
     seen = np.concatenate([first.seen, second.seen])
-    middle, spread = seen.mean(axis=0), _spread(seen)
+    middle, spread = seen.mean(axis=0), spread_of(seen)
     a, b = (one.scaled(middle, spread).thinned(settings.search) for one in (first, second))
     shifts = np.arange(1 - len(b.there), len(a.there))
-    pairs, square, variance = _compare(a, b, shifts)
+    pairs, square, variance = compare(a, b, shifts)
     good = (pairs >= settings.overlap * a.rate) & (variance > settings.moving**2)
     good &= square < 2.0 * settings.tolerance**2 * variance
     if not good.any():
         return None
-    run = _run(good, int(np.argmax(np.where(good, pairs, 0.0))))
+    run = run_around(good, int(np.argmax(np.where(good, pairs, 0.0))))
     best = run.start + int(np.argmin(square[run]))
     offset = 0.0
     if 0 < best < len(shifts) - 1:
