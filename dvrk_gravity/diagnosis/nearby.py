@@ -74,11 +74,12 @@ class NearbyTorque:
         friction = sum(size * way for size, way in zip(self.friction, _ways(motion), strict=True))
         return np.asarray(self.inertial_torque(motion) + friction)
 
-    def inertial_torque(self, motion: Motion) -> Array:
-        """Return (N, n) torques of the links alone, N·m."""
+    def inertial_torque(self, motion: Motion, gravity: Array | None = None) -> Array:
+        """Return (N, n) torques of the links alone, N·m; (3,) gravity is the motion's by default."""
         return rigid_body.torque(
-            motion.arm, self.links, motion.true_q, motion.qd, motion.qdd, motion.gravity
-        )
+            motion.arm, self.links, motion.true_q, motion.qd, motion.qdd,
+            motion.gravity if gravity is None else gravity,
+        )  # fmt: skip
 
 
 def _ways(motion: Motion) -> tuple[Array, Array]:

@@ -21,33 +21,42 @@ class ReferenceErrorSettings:
         by_load: Standard deviation of the part of the torque by which friction grows with what a
             joint transmits. Chosen: harmonic drives lose some per cent (Taghirad and Bélanger
             1998); two joints of a UR10e 7 and 8 % (docs/own_arm.md).
+        by_inertia: Standard deviation of the part by which the inertia of what changed reads larger
+            or smaller: drives that give way swing further than their motors (of f / f0 squared, at
+            f of a drive's natural frequency f0), and efforts are not read when positions are.
+            Chosen; a PSM's weight, of which only inertia tells the mass, reads a tenth light
+            against one of two days (docs/psm.md).
         by_day: Standard deviation of the part by which all friction is another, since it falls with
             warmth. Chosen: with three times that, friction that has doubled is not told.
     """
 
     by_load: float = 0.1
+    by_inertia: float = 0.1
     by_day: float = 0.1
 
 
 def reference_columns(motion: Motion, settings: ReferenceErrorSettings | None = None) -> Array:
     """Return (N, n, d) torques by which a difference may be off, of one standard deviation each.
 
-    Of every joint that moves: friction of which the transmitted torque has grown, and friction
-    that is another one.
+    Of every joint that moves: friction of which the transmitted torque has grown, inertia of what
+    changed, and friction that is another one.
     """
     settings = settings or ReferenceErrorSettings()
     joints = np.flatnonzero(motion.moves).tolist()
     # Not the measured difference: noise in a column would explain itself.
     assert motion.reference is not None
-    load = NearbyTorque.fit(motion, motion.residual).inertial_torque(motion)
+    changed = NearbyTorque.fit(motion, motion.residual)
+    load = changed.inertial_torque(motion)
+    inertia = changed.inertial_torque(motion, np.zeros(3))
     grown = np.abs(motion.reference + load) - np.abs(motion.reference)
-    columns = np.zeros((*motion.q.shape, 3 * len(joints)))
+    columns = np.zeros((*motion.q.shape, 4 * len(joints)))
     for index, joint in enumerate(joints):
         sign, speed = motion.sign(np.eye(motion.arm.n)[joint]), motion.qd[:, joint]
-        columns[:, joint, 3 * index] = settings.by_load * grown[:, joint] * sign
+        columns[:, joint, 4 * index] = settings.by_load * grown[:, joint] * sign
+        columns[:, joint, 4 * index + 1] = settings.by_inertia * inertia[:, joint]
         # About as much as the reference's torque owes to direction and speed.
-        for place, way in enumerate((sign, speed), start=1):
+        for place, way in enumerate((sign, speed), start=2):
             moving = max(float(np.mean(way**2)), 1e-12)
             owed = abs(float(np.mean(way * motion.reference[:, joint]))) / moving
-            columns[:, joint, 3 * index + place] = settings.by_day * owed * way
+            columns[:, joint, 4 * index + place] = settings.by_day * owed * way
     return columns
