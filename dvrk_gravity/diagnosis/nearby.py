@@ -75,7 +75,7 @@ class NearbyTorque:
         return np.asarray(self.inertial_torque(motion) + friction)
 
     def inertial_torque(self, motion: Motion, gravity: Array | None = None) -> Array:
-        """Return (N, n) torques of the links alone, N·m; gravity (3,) is the motion's unless given."""
+        """Return (N, n) torques of the links alone, N·m; by default in the motion's gravity."""
         return rigid_body.torque(
             motion.arm, self.links, motion.true_q, motion.qd, motion.qdd,
             motion.gravity if gravity is None else gravity,
