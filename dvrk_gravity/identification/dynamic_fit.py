@@ -19,6 +19,7 @@ from dvrk_gravity.identification.identifiability import describe
 from dvrk_gravity.identification.kinematic_search import around_calibration
 from dvrk_gravity.identification.model_uncertainty import (
     KnownError,
+    held_by_terms,
     known_error,
     model_uncertainty,
     stood_in_for,
@@ -121,7 +122,7 @@ def fit_dynamic(
     theta = np.zeros(len(columns.columns))
     theta[list(chosen)] = found.solution.theta
     uncertainty = model_uncertainty(
-        columns, theta, *_posterior(problem, chosen, found), error, model
+        columns, theta, *_posterior(problem, chosen, theta, found), error, model
     )
     return Fit(
         model=replace(model, verdict=verdict.level, reason=verdict.reason, uncertainty=uncertainty),
@@ -182,7 +183,7 @@ def _spread(
 
 
 def _posterior(
-    problem: Problem, chosen: Sequence[int], found: Estimate
+    problem: Problem, chosen: Sequence[int], theta: Array, found: Estimate
 ) -> tuple[list[int], Uncertainty]:
     """Return columns, and the covariance of their coefficients, that a model is not sure of.
 
@@ -190,7 +191,8 @@ def _posterior(
     :func:`stood_in_for`: that those are not there is no more certain than that they are.
     """
     design, weighting = problem.design, problem.weighting
-    index = sorted({*chosen, *stood_in_for(problem, chosen, found.solution.theta)})
+    wanted = sorted({*chosen, *stood_in_for(problem, chosen)})
+    index = held_by_terms(design.columns, theta, wanted)
     fit_of_all = solved(problem, index)
     free = np.ones(len(index), dtype=bool)  # a sign that is held at zero is no certainty either
     fitted, unseen = (

@@ -66,14 +66,13 @@ def known_error(design: Design, blind: Array, band: float) -> KnownError:
 
 
 def stood_in_for(
-    problem: Problem, chosen: Sequence[int], theta: Array, settings: PosteriorSettings | None = None
+    problem: Problem, chosen: Sequence[int], settings: PosteriorSettings | None = None
 ) -> list[int]:
-    """Return the columns that the chosen ones stand in for, and that the model's terms could have.
+    """Return the columns that the chosen ones stand in for.
 
     Args:
         problem: The problem.
         chosen: Columns of the fit.
-        theta: (p,) their coefficients.
         settings: When one stands in for another.
     """
     settings = settings or PosteriorSettings()
@@ -89,14 +88,25 @@ def stood_in_for(
     twins = np.asarray(np.triu(alike, 1).any(axis=0))
     new = ~twins[others] & ~np.asarray(alike[np.ix_(index, others)].any(axis=0))
     found = others[new & (reproduced > settings.overlap * own[others])]
-    centre = np.zeros(len(columns.columns))
-    centre[index] = theta
-    here = _layout(columns, centre)
+    return [column for column in found.tolist() if columns.offers(columns.columns[column])]
+
+
+def held_by_terms(columns: Columns, theta: Array, wanted: Sequence[int]) -> list[int]:
+    """Return which of some columns the terms of a model can hold.
+
+    A term may have room for what it is made of alone: the coefficient of an element that it does
+    not have, zero in the model, is no parameter of it.
+
+    Args:
+        columns: All columns.
+        theta: (p,) the model's coefficients of all of them.
+        wanted: The columns that are asked about.
+    """
+    here, unit = _layout(columns, theta), np.diag(columns.scale)
     return [
         column
-        for column in found.tolist()
-        if columns.offers(columns.columns[column])
-        and _layout(columns, centre + columns.scale[column] * np.eye(len(centre))[column]) == here
+        for column in wanted
+        if theta[column] != 0.0 or _layout(columns, theta + unit[column]) == here
     ]
 
 
