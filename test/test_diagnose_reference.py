@@ -124,6 +124,11 @@ def test_another_motion_is_refused(world, bare):
         diagnose(record(world, 2, 12), arm=UR5, reference=bare)
 
 
+def test_what_is_diagnosed_is_no_reference_of_itself(bare):
+    with pytest.raises(RecordingError, match="is what is diagnosed, too"):
+        diagnose(bare, arm=UR5, reference=bare)
+
+
 def test_poses_are_refused(bare):
     poses = replace(bare, time=None, velocity=None)
     with pytest.raises(RecordingError, match="static poses"):

@@ -33,12 +33,14 @@ from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.unknown import nameless
+from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation.selection import eliminate_backward
 from dvrk_gravity.identification.effort_unit import in_their_unit
 from dvrk_gravity.identification.motion import known_still
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Given, Recording, RecordingFile, opened
 from dvrk_gravity.recording.data import Coordinates
+from dvrk_gravity.recording.read_before import counted_once
 
 Array = NDArray[np.float64]
 
@@ -179,6 +181,8 @@ def _beside_reference(
     for one in (*recordings, other):
         require_moving(one)
     heads = [one.head if isinstance(one, RecordingFile) else one for one in (recordings[0], other)]
+    if len(counted_once([*recordings, other])[0]) <= len(counted_once(recordings)[0]):
+        raise RecordingError(heads[1].source, "is what is diagnosed, too: expected another one")
     sure = replace(model, uncertainty=None)  # what it does not know, it does not know in either
     loaded = replace(loaded, motion=replace(loaded.motion, model=sure))
     return compared(
