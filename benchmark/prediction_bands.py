@@ -1,0 +1,82 @@
+"""How often a torque that an identified model has not seen lies within the band that it predicts.
+
+    python benchmark/prediction_bands.py --seeds 0 5
+
+Every seed draws an arm of MuJoCo's (testing/mujoco_world.py), records a calibration motion,
+identifies it, and then records other motions of the same arm with nothing hidden. A model says of
+every sample how far off it may be: its parameters' posterior, what it says outside the range that
+it was identified on, and its known error; the band is 1.96 of their joint standard deviation.
+Counted is the share of the usable samples within it, below 8 Hz, by joint; of motions within the
+range and of others apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.estimation.covariance import NORMAL_95
+from dvrk_gravity.identification import identify
+from testing.hidden_parts import Hidden
+from testing.lab_motion import draw_calibration, draw_other
+from testing.mujoco_world import NAMES, MujocoWorld
+from testing.score import OUTSIDE, outside
+
+MOTIONS = 3  # a seed
+
+
+def shares(name: str, seed: int) -> list[tuple[bool, list[float]]]:
+    """Return of each motion whether it goes outside, and the share within the band by joint."""
+    world = MujocoWorld.draw(name, seed)
+    calibration = draw_calibration(world.arm, seed)
+    model = identify(world.record(world.truth(calibration), seed), world.arm).model
+    random, found = np.random.default_rng([seed, 0]), []
+    for _ in range(MOTIONS):
+        drawn, noise = (int(one) for one in random.integers(1 << 30, size=2))
+        recording = world.record(world.truth(draw_other(world.arm, drawn, calibration)), noise)
+        data = FilteredData.of(load([recording], model).motion)
+        variance = np.sum(data.model_columns**2, axis=2) + data.known_error**2
+        within = np.abs(data.residual) <= NORMAL_95 * np.sqrt(variance)
+        share = [float(np.mean(one[use])) for one, use in zip(within.T, data.usable.T, strict=True)]
+        beyond = outside(recording, Hidden("nothing", (), {}), model)
+        found.append((beyond >= OUTSIDE, share))
+    return found
+
+
+def main(given: Sequence[str] | None = None) -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 5), metavar=("FIRST", "END"))
+    parser.add_argument("--arms", default=",".join(NAMES), help="one a seed in turn")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    args = parser.parse_args(given)
+    arms, seeds = args.arms.split(","), range(*args.seeds)
+    names = [arms[seed % len(arms)] for seed in seeds]
+    groups: dict[bool, list[float]] = {False: [], True: []}
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for name, seed, motions in zip(names, seeds, pool.map(shares, names, seeds), strict=True):
+            for beyond, share in motions:
+                groups[beyond] += share
+                told = " ".join(f"{100 * one:.0f}" for one in share)
+                where = "outside the range" if beyond else "within the range"
+                print(f"{name} {seed}, {where}: {told} % by joint", flush=True)
+    for beyond, share in groups.items():
+        if share:
+            where = "outside" if beyond else "within"
+            low, high = 100 * np.percentile(share, [5, 95])
+            print(
+                f"motions {where} the calibrated range: {100 * np.mean(share):.1f} % of samples "
+                f"within the 95 % band ({len(share)} joints; 5 % of them below {low:.0f} %, "
+                f"5 % above {high:.0f} %)"
+            )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
