@@ -165,8 +165,12 @@ def in_amperes() -> Figures:
     lab = Lab.set_up()
     currents = [replace(one, effort=one.effort / GAINS, arm=None) for one in (lab.bare, lab.loaded)]
     fit = identify(currents, lab.world.arm, known_payload=LOAD)
-    gains = fit.model.arm.drive_gains
-    return {"verdict": fit.verdict.level} | {f"gain {j}": float(g) for j, g in enumerate(gains)}
+    arm, figures = fit.model.arm, Figures(verdict=fit.verdict.level)
+    assert arm.drive_gains is not None
+    assert arm.drive_gain_error is not None
+    for j, (gain, error) in enumerate(zip(arm.drive_gains, arm.drive_gain_error, strict=True)):
+        figures |= {f"gain {j}": float(gain), f"error of gain {j}": float(error)}
+    return figures
 
 
 def _told(name: str, diagnosis: Diagnosis) -> Figures:
@@ -174,6 +178,8 @@ def _told(name: str, diagnosis: Diagnosis) -> Figures:
         f"{name}: findings": [f"{one.effect} {' '.join(one.joints)}" for one in diagnosis.findings],
         f"{name}: known": [f"{one.effect} {' '.join(one.joints)}" for one in diagnosis.known],
     }
+    for joint, floor in diagnosis.floor.items():
+        figures[f"{name}: floor of {joint}"] = floor
     for one in diagnosis.findings[:1]:
         for parameter, estimate in one.parameters.items():
             figures[f"{name}: {parameter}"] = estimate.value
@@ -243,6 +249,8 @@ def _errors(fit: Fit, other: Evaluation) -> Figures:
         name: float(np.mean([error.nrmse for error in joints.values()]))
         for name, joints in (("held-out", fit.held_out), ("another recording", other.joints))
     }
+    known = fit.model.uncertainty
+    assert known is not None
     wide = [0.5 * (p.ci95[1] - p.ci95[0]) for p in fit.parameters if p.identifiable]
     return {
         **{f"|e|/|tau|, {name}": value for name, value in mean.items()},
@@ -251,6 +259,8 @@ def _errors(fit: Fit, other: Evaluation) -> Figures:
         "statements": len(fit.identifiability.statements),
         "warnings": sorted(str(warning) for warning in fit.warnings),
         "parameters called identifiable": len(wide),
+        "uncertain directions": known.size,
+        "known error": float(np.mean(known.error)),
         "mean logarithm of interval widths": float(np.mean(np.log(wide))),
     }
 
