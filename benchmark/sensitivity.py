@@ -74,6 +74,7 @@ from dvrk_gravity.identification.static_report import PoseReportSettings
 from dvrk_gravity.identification.static_selection import PoseSelectionSettings
 from dvrk_gravity.identification.static_solver import PoseSettings
 from dvrk_gravity.identification.verdict import VerdictSettings
+from dvrk_gravity.planning import MotionLimits
 from dvrk_gravity.recording import Recording, prepare
 from dvrk_gravity.recording.checks import CheckSettings
 from dvrk_gravity.recording.gaps import LossSettings
@@ -85,7 +86,7 @@ from dvrk_gravity.recording.sample_times import RetimingSettings
 from dvrk_gravity.recording.signal_checks import SignalSettings
 from dvrk_gravity.recording.velocity import ComparisonSettings
 from testing.lab_effects import Setting, hide
-from testing.lab_motion import draw_calibration, draw_other
+from testing.lab_motion import draw_calibration, draw_other, fourier
 from testing.mujoco_world import MujocoWorld
 from testing.world import World
 
@@ -93,6 +94,7 @@ LAB = ("chain", 3)  # arm and seed of testing/mujoco_world.py
 HIDDEN = ("nothing", "coulomb_friction", "rotor_inertia", "joint_offset", "cogging", "time_delay")
 SIZES = (0.7, 1.4)  # times what the identified model leaves
 LOAD = 0.5  # kg, in the largest links' frame
+BASE = 0.12  # Hz, of the motion with and without it
 GAINS = np.array([14.0, 12.0, 9.0, 11.0])  # N·m/A
 POSED = 7  # seed of the arm whose static poses are identified
 MOVES = 0.01  # of a figure: less is not shown
@@ -137,7 +139,9 @@ class Lab:
             size = world.sizes
             setting = Setting(truth, world.engine, residual, size.payload, size.reach)
             hidden[effect] = world.record(hide(setting, effect, random, sizes=SIZES).truth, noise)
-        bare = world.truth(motion)
+        # This one repeats, as a laboratory's exciting motions do.
+        again = fourier(MotionLimits.of(world.arm), BASE, np.random.default_rng(seed))
+        bare = world.truth(again)
         added = world.engine.added(bare.motion, world.arm.n - 1, LOAD, np.array([0.0, 0.05, 0.05]))
         loaded = replace(bare, effort=bare.effort + added)
         return cls(
