@@ -23,7 +23,6 @@ from dvrk_gravity.recording import Recording
 from testing import hide as ours
 from testing import lab_effects
 from testing.hidden_parts import Hidden
-from testing.lab_effects import Setting
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import NAMES, MujocoWorld
 from testing.session import Laboratory, Session, Trial, hold, hold_all, save, table
@@ -58,8 +57,7 @@ def _mujoco(
         def make(effect: str, random: np.random.Generator) -> tuple[Recording, Hidden, float]:
             motion, noise = (int(one) for one in random.integers(1 << 30, size=2))
             truth = world.truth(draw_other(world.arm, motion, calibration))
-            setting = Setting(truth, world.engine, residual, world.sizes.payload, world.sizes.reach)
-            hiding = lab_effects.hide(setting, effect, random, sizes=sizes)
+            hiding = lab_effects.hide(world.setting(truth, residual), effect, random, sizes=sizes)
             return world.record(hiding.truth, noise), hiding.hidden, hiding.ratio
 
         return _each(seed, effects, make)

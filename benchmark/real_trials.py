@@ -207,7 +207,8 @@ def trials(
     truth = truth_of(case.other, case.arm)
     left = evaluate(model, [in_joints(case.other, case.arm)], "joint").joints
     residual = np.array([one.rmse for one in left.values()])
-    setting = Setting(truth, ModelBodies(model), residual, case.masses, case.reach)
+    at_frames = np.zeros((case.arm.n, 3))
+    setting = Setting(truth, ModelBodies(model), residual, case.masses, case.reach, at_frames)
 
     def hidden(hiding: Hiding) -> tuple[Recording, Hidden, float]:
         return with_hidden(case.other, truth, hiding.truth), hiding.hidden, hiding.ratio

@@ -35,7 +35,7 @@ def world() -> MujocoWorld:
 def setting(world) -> Setting:
     truth = world.truth(draw_calibration(world.arm, 2), SECONDS)
     residual = 0.02 * truth.effort.std(axis=0)
-    return Setting(truth, world.engine, residual, world.sizes.payload, world.sizes.reach)
+    return world.setting(truth, residual)
 
 
 @pytest.mark.parametrize("name", ["ur5", "ur10", "kinova", "panda", "panda_gripper"])

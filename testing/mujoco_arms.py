@@ -55,6 +55,13 @@ class MujocoArm:
     bodies: Array
     frames: Array
 
+    @property
+    def centres(self) -> Array:
+        """(n, 3) centres of mass of the links, in their own frames, m."""
+        centres = self.model.body_ipos[self.bodies]
+        turned = np.linalg.inv(self.frames)
+        return np.einsum("nij,nj->ni", turned[:, :3, :3], centres) + turned[:, :3, 3]
+
     def torque(self, q: Array, qd: Array, qdd: Array, gravity: ArrayLike | None = None) -> Array:
         """Return (N, n) efforts of a motion (N, n) by ``mj_inverse``, N·m or N.
 

@@ -12,6 +12,7 @@ from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.plant_file import PlantFile
 from testing import mujoco_arms
+from testing.lab_effects import Setting
 from testing.lab_motion import Sines
 from testing.lab_physics import AFTER, Cable, Friction, LabSensors, Spring, Truth
 from testing.mujoco_arms import MujocoArm
@@ -43,7 +44,7 @@ class Sizes:
         effort_noise: At the motors, N·m or N.
         spring: Joint that has a spring, and its torque, N·m.
         payload: Least and greatest mass that somebody would fasten to it, kg.
-        reach: How far from a link's frame that would be, m.
+        reach: How far from a link's centre of mass that would be along each axis, m.
     """
 
     friction: Array
@@ -189,6 +190,16 @@ class MujocoWorld:
             + self.spring.at(q)
         )
         return Truth(arm, time, q, qd, qdd, effort)
+
+    def setting(self, truth: Truth, residual: Array) -> Setting:
+        """Return where effects are hidden.
+
+        Args:
+            truth: The motion without them.
+            residual: (n,) what the identified model leaves, RMS, N·m or N.
+        """
+        sizes, engine = self.sizes, self.engine
+        return Setting(truth, engine, residual, sizes.payload, sizes.reach, engine.centres)
 
     def record(self, truth: Truth, noise: int) -> Recording:
         """Return what the sensors say of it; the seed is the noise's."""
