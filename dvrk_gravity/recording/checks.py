@@ -11,7 +11,13 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
 from dvrk_gravity.recording.grid import TimingSettings
-from dvrk_gravity.recording.signal_checks import quantisation, ripple, sampling, saturation
+from dvrk_gravity.recording.signal_checks import (
+    position_unit,
+    quantisation,
+    ripple,
+    sampling,
+    saturation,
+)
 from dvrk_gravity.recording.velocity import compare_velocity
 
 UNITS: tuple[Kind, ...] = ("position_unit", "effort_unit", "time_unit")
@@ -105,12 +111,13 @@ def check_motion(recording: Recording, ranges: Array) -> list[DataWarning]:
     still = ranges < CheckSettings().still * recording.scale
     if np.all(still):
         furthest = recording.joints[int(np.argmax(ranges))]
+        unit = position_unit(recording, furthest)
         return [
             DataWarning(
                 "nothing_moves",
                 None,
-                {f"range_{_unit(recording, furthest)}": float(ranges.max())},
-                f"no joint moves by more than {ranges.max():.2g} {_unit(recording, furthest)}",
+                {f"range_{unit}": float(ranges.max())},
+                f"no joint moves by more than {ranges.max():.2g} {unit}",
                 unusable=True,
             )
         ]
@@ -118,18 +125,12 @@ def check_motion(recording: Recording, ranges: Array) -> list[DataWarning]:
         DataWarning(
             "no_motion",
             joint,
-            {f"range_{_unit(recording, joint)}": float(ranges[k])},
-            f"moves by {ranges[k]:.2g} {_unit(recording, joint)} only",
+            {f"range_{position_unit(recording, joint)}": float(ranges[k])},
+            f"moves by {ranges[k]:.2g} {position_unit(recording, joint)} only",
         )
         for k, joint in enumerate(recording.joints)
         if still[k]
     ]
-
-
-def _unit(recording: Recording, joint: str) -> str:
-    """Return the unit of a joint's position; where the arm is not known, it is taken to turn."""
-    arm = recording.arm
-    return "rad" if arm is None else arm.joints[arm.joint_names.index(joint)].unit
 
 
 def _units(recording: Recording) -> list[DataWarning]:

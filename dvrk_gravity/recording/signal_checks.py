@@ -208,6 +208,7 @@ def quantisation(recording: Recording) -> list[DataWarning]:
     rate = recording.rate
     rough = speed(recording) if rate is not None and len(recording) >= 100 else None
     for column, joint in enumerate(recording.joints):
+        measured_in = position_unit(recording, joint)
         if rough is not None and rate is not None:
             typical = float(np.sqrt(np.mean(rough[:, column] ** 2)))
             step = quantum(recording.position[:, column])
@@ -216,13 +217,17 @@ def quantisation(recording: Recording) -> list[DataWarning]:
                     DataWarning(
                         "position_quantisation",
                         joint,
-                        {"step_rad": step, "velocity_step": step * rate, "velocity_rms": typical},
-                        f"position has steps of {step:.3g} rad: one a sample is "
-                        f"{step * rate:.2g} rad/s, the joint moves at {typical:.2g}",
+                        {
+                            f"step_{measured_in}": step,
+                            "velocity_step": step * rate,
+                            "velocity_rms": typical,
+                        },
+                        f"position has steps of {step:.3g} {measured_in}: one a sample is "
+                        f"{step * rate:.2g} {measured_in}/s, the joint moves at {typical:.2g}",
                     )
                 )
         signals: tuple[tuple[Kind, Array | None, str], ...] = (
-            ("velocity_quantisation", recording.velocity, "rad/s"),
+            ("velocity_quantisation", recording.velocity, f"{measured_in}/s"),
             ("effort_quantisation", recording.effort, _effort_unit(recording, joint)),
         )
         for kind, values, unit in signals:
@@ -240,6 +245,12 @@ def quantisation(recording: Recording) -> list[DataWarning]:
                     )
                 )
     return findings
+
+
+def position_unit(recording: Recording, joint: str) -> str:
+    """Return the unit of a joint's position; where the arm is not known, it is taken to turn."""
+    arm = recording.arm
+    return "rad" if arm is None else arm.units[arm.joint_names.index(joint)]
 
 
 def _effort_unit(recording: Recording, joint: str) -> str:
