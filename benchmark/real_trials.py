@@ -12,14 +12,11 @@ not know, is left out, saying so.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
-import time
-import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,14 +28,14 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.effects.base.links import links_of_joints
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification import evaluate
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing import lab_effects
 from testing.hidden_parts import Hidden
 from testing.lab_effects import Hiding, Setting
 from testing.lab_physics import Truth
-from testing.score import Outcome, report, tried
+from testing.session import Laboratory, Session, Trial, hold, hold_all, save, table
 
 Array = NDArray[np.float64]
 
@@ -73,23 +70,6 @@ class Case:
     masses: tuple[float, float]
     reach: float
     loads: tuple[tuple[str, Recording, Hidden], ...] = ()
-
-
-@dataclass
-class Session:
-    """What came of one case.
-
-    Attributes:
-        case: Its name.
-        identify: Seconds of the identification.
-        outcomes: Of the trials.
-        failure: Why there are none.
-    """
-
-    case: str
-    identify: float = 0.0
-    outcomes: list[Outcome] = field(default_factory=list)
-    failure: str = ""
 
 
 class ModelBodies:
@@ -219,14 +199,16 @@ def with_hidden(recording: Recording, before: Truth, after: Truth) -> Recording:
     return replace(recording, position=recording.position + moved, effort=recording.effort + added)
 
 
-def trials(case: Case, model: TorqueModel, effects: Sequence[str], places: int) -> Iterator[
-    tuple[str, int, Callable[[], tuple[Recording, Hidden, float]]]
-]:  # fmt: skip
+def trials(
+    case: Case, effects: Sequence[str], places: int, model: TorqueModel, session: Session
+) -> Iterator[Trial]:
     """Yield effect, number and recording of every trial."""
+    del session
     truth = truth_of(case.other, case.arm)
     left = evaluate(model, [in_joints(case.other, case.arm)], "joint").joints
     residual = np.array([one.rmse for one in left.values()])
-    setting = Setting(truth, ModelBodies(model), residual, case.masses, case.reach)
+    at_frames = np.zeros((case.arm.n, 3))
+    setting = Setting(truth, ModelBodies(model), residual, case.masses, case.reach, at_frames)
 
     def hidden(hiding: Hiding) -> tuple[Recording, Hidden, float]:
         return with_hidden(case.other, truth, hiding.truth), hiding.hidden, hiding.ratio
@@ -277,29 +259,14 @@ def in_joints(recording: Recording, arm: Arm) -> Recording:
 
 def run(name: str, effects: Sequence[str], places: int) -> Session:
     """Identify and try every effect in one case."""
-    session = Session(name)
-    try:
+
+    def prepare() -> Laboratory:
         case = CASES[name]()
-        start = time.monotonic()
-        fit = identify(case.calibration, case.arm, case.calibration.coordinates)
-        session.identify = time.monotonic() - start
-        shares = " ".join(f"{100 * one.nrmse:.1f}" for one in fit.held_out.values())
-        _say(f"{name}: identified in {session.identify:.1f} s, leaves {shares} % of the torques")
-        for effect, seed, make in trials(case, fit.model, effects, places):
-            outcome = tried(Outcome("real", name, seed, effect), make, fit.model)
-            session.outcomes.append(outcome)
-            _say(str(outcome))
-    except ConfigError as error:
-        session.failure = f"{name}: left out: {error}"
-        _say(session.failure)
-    except Exception:
-        session.failure = f"{name}: left out: {traceback.format_exc(limit=3)}"
-        _say(session.failure)
-    return session
+        recording = case.calibration
+        each = partial(trials, case, effects, places)
+        return Laboratory(case.arm, recording, each, recording.coordinates)
 
-
-def _say(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
+    return hold(Session("real", name, 0), prepare)
 
 
 def main() -> int:
@@ -320,18 +287,10 @@ def main() -> int:
     known = [one for one in lab_effects.HIDERS if one != "nothing"]
     effects = [one for one in known if args.effects is None or one in args.effects]
     todo = [(case, effects, args.places) for case in args.cases]
-    if args.jobs > 1:
-        with ProcessPoolExecutor(args.jobs) as pool:
-            sessions = list(pool.map(run, *zip(*todo, strict=True)))
-    else:
-        sessions = [run(*one) for one in todo]
+    sessions = hold_all(run, todo, args.jobs)
     if args.json:
-        with open(args.json, "w", encoding="utf-8") as stream:
-            json.dump([asdict(one) for one in sessions], stream, indent=1, default=float)
-    print(*(one.failure for one in sessions if one.failure), sep="\n")
-    outcomes = [outcome for one in sessions for outcome in one.outcomes]
-    seconds = {one.case: one.identify for one in sessions if one.identify}
-    print(report("real recordings", outcomes, seconds))
+        save(sessions, args.json)
+    print(table("real recordings", sessions))
     return 0
 
 

@@ -24,6 +24,7 @@ from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.estimation.splits import FoldSettings, make_folds
 from dvrk_gravity.identification import evaluate, identify, problem
+from dvrk_gravity.identification.columns import identified
 from dvrk_gravity.identification.dynamic_fit import estimate
 from dvrk_gravity.identification.motion import read_motions
 from dvrk_gravity.identification.moves import start_columns
@@ -33,6 +34,7 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.processes import NodeProcess
 from dvrk_gravity.recording import BagReader, Recording
 from dvrk_gravity.simulate import PlantFile
+from testing.mujoco_arms import KINOVA
 from testing.plain_world import NOISE, PlainWorld
 
 MASS, PLACE = 0.3, (0.02, -0.01, 0.05)  # kg, m in the last link's frame
@@ -159,6 +161,12 @@ def test_a_model_of_any_arm_moves_in_the_simulator_and_balances(known):
     for _ in range(200):
         plant.step(np.zeros(known.arm.n), dt=1e-3)
     assert np.abs(plant.q - start).max() > 0.01
+
+
+def test_joints_that_turn_without_an_end_are_fitted_with_the_same_effects():
+    endless = Arm.load(KINOVA)
+    assert np.isinf(endless.upper).any()
+    assert identified(endless) == identified(Arm.load(UR5))
 
 
 def test_links_that_can_exist_are_found_when_they_are_asked_for(tmp_path, monkeypatch):

@@ -189,6 +189,13 @@ def test_a_continuous_joint_has_no_end_and_fixed_ones_are_merged(tmp_path):
     np.testing.assert_array_equal(arm.inertial_parameters[:, 0], [2, 1])
 
 
+def test_what_a_file_says_of_the_axis_of_a_joint_that_does_not_move_is_not_asked_for(tmp_path):
+    """A Kinova's file has no direction there."""
+    glued = a_joint("glue", "a", "b", "fixed", axis="0 0 0")
+    arm = Arm.from_urdf(urdf(tmp_path, glued, a_joint("one", "b", "c"), links="abc"))
+    assert arm.joint_names == ("one",)
+
+
 def test_a_mimic_of_a_mimic_follows_by_the_product_and_the_offset_moves_its_zero(tmp_path):
     path = urdf(
         tmp_path,

@@ -10,7 +10,6 @@ import pytest
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from dvrk_gravity.identification import identify
 from testing import lab_effects
-from testing.lab_effects import Setting
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
 from testing.score import Outcome, compare
@@ -32,7 +31,7 @@ def tried(name: str, effect: str, seed: int) -> tuple[Diagnosis, Outcome]:
     world, model, left = calibrated(name)
     random = np.random.default_rng(seed)
     truth = world.truth(draw_other(world.arm, int(random.integers(1 << 30))))
-    setting = Setting(truth, world.engine, left, world.sizes.payload, world.sizes.reach)
+    setting = world.setting(truth, left)
     hiding = lab_effects.hide(setting, effect, random)
     diagnosis = diagnose(world.record(hiding.truth, seed), model)
     outcome = Outcome("mujoco", name, ARMS[name], effect, ratio=hiding.ratio)
@@ -77,8 +76,6 @@ def test_the_extended_model_knows_how_sure_it_is_and_finds_nothing_more(tmp_path
     world, _, _ = calibrated("chain")
     random = np.random.default_rng(2)
     truth = world.truth(draw_other(world.arm, int(random.integers(1 << 30))))
-    setting = Setting(
-        truth, world.engine, calibrated("chain")[2], world.sizes.payload, world.sizes.reach
-    )
+    setting = world.setting(truth, calibrated("chain")[2])
     hiding = lab_effects.hide(setting, "payload", random)
     assert diagnose(world.record(hiding.truth, 2), again).findings == ()

@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import Gain
 from dvrk_gravity.diagnosis.held_out import HeldOut, JudgementSettings, Unconfirmed
+from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.selection import Selection, SelectionSettings
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.torque_offset import OffsetHypothesis
+from dvrk_gravity.recording import Recording
+from testing.world import World
 
 ARM = Arm.load("mtmr")
 
@@ -62,6 +68,29 @@ def test_what_is_searched_among_many_needs_as_much_to_stay_as_to_come(searched, 
     assert coming.p_value == pytest.approx(min(1.0, 100 * searched * p_value))
     assert coming.passes == enough
     assert selection.eliminate_backward([mine]) == ([mine] if enough else [])
+
+
+def test_what_could_not_be_accepted_takes_no_place_from_what_could():
+    """An offset of a tenth of a mN·m on a silent joint fits best, and is of no consequence."""
+    model, random = World.draw(1).model(), np.random.default_rng(1)
+    time = np.arange(0.0, 20.0, 0.01)
+    q = 0.3 * np.sin(time[:, None] * (0.5 + 0.37 * np.arange(7)))
+    qd = np.gradient(q, time, axis=0)
+    effort = model.torque(q, qd) + np.array([0.1, *[1e-5] * 6]) * random.normal(size=q.shape)
+    effort[:, 0] += 0.05
+    effort[:, 6] += 1e-4
+    recording = Recording(JOINT_NAMES, time, q, qd, effort)
+    validation = CrossValidation(FilteredData.of(load([recording], model).motion))
+    offsets = [
+        validation.candidate(OffsetHypothesis(arm=ARM, site=site.joint(i), joints=(i,)))
+        for i in (0, 6)
+    ]
+
+    def first(least: float) -> list[tuple[int, ...]]:
+        return [one.hypothesis.joints for one in validation.screen([], offsets, 1, least)]
+
+    assert first(0.0) == [(6,)]
+    assert first(1e-3) == [(0,)]
 
 
 def test_held_out_blocks_ask_for_the_level_of_the_choice_and_for_all_that_is_named(monkeypatch):

@@ -12,6 +12,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree, nominal_inertias
 from dvrk_gravity.effects import named
 from dvrk_gravity.effects.base import meaning
+from dvrk_gravity.effects.base.links import links_of_joints
 from dvrk_gravity.planning import MotionLimits
 from testing import lab_effects, mujoco_arms
 from testing.hidden_parts import Hidden
@@ -34,10 +35,10 @@ def world() -> MujocoWorld:
 def setting(world) -> Setting:
     truth = world.truth(draw_calibration(world.arm, 2), SECONDS)
     residual = 0.02 * truth.effort.std(axis=0)
-    return Setting(truth, world.engine, residual, world.sizes.payload, world.sizes.reach)
+    return world.setting(truth, residual)
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda"])
+@pytest.mark.parametrize("name", ["ur5", "ur10", "kinova", "panda", "panda_gripper"])
 def test_mujoco_and_pinocchio_agree_about_a_urdf_and_about_what_is_fastened_to_its_link(name):
     arm = mujoco_arms.arm_of(name)
     links = nominal_inertias(arm)
@@ -45,7 +46,7 @@ def test_mujoco_and_pinocchio_agree_about_a_urdf_and_about_what_is_fastened_to_i
     random = np.random.default_rng(1)
     motion = tuple(size * random.standard_normal((20, arm.n)) for size in (1.0, 2.0, 5.0))
     place = np.array([0.02, 0.03, 0.05])
-    last = arm.body_names[-1]
+    last = arm.body_names[links_of_joints(arm)[-1]]
     loaded = {**links, last: links[last] + pin.Inertia(0.5, place, 1e-3 * np.eye(3))}
     bare, with_it = (
         np.array([tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)])
@@ -57,16 +58,18 @@ def test_mujoco_and_pinocchio_agree_about_a_urdf_and_about_what_is_fastened_to_i
     np.testing.assert_allclose(engine.torque(*motion), bare, atol=1e-9)  # and it is off again
 
 
-def test_what_is_fastened_to_the_chain_that_slides_weighs_as_pinocchio_says(world):
-    tree = build_tree(
-        world.arm, {"link3": pin.Inertia(0.4, np.array([0.1, 0.0, 0.02]), np.zeros((3, 3)))},
-        world.arm.gravity,
-    )  # fmt: skip
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_fastened_to_any_link_of_any_arm_weighs_as_pinocchio_says(name):
+    drawn = MujocoWorld.draw(name, 1)
+    arm, place = drawn.arm, np.array([0.1, 0.0, 0.02])
     random = np.random.default_rng(2)
-    motion = tuple(size * random.standard_normal((20, 4)) for size in (0.3, 2.0, 5.0))
-    expected = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
-    added = world.engine.added(motion, 2, 0.4, [0.1, 0.0, 0.02])
-    np.testing.assert_allclose(added, expected, atol=1e-9)
+    motion = tuple(size * random.standard_normal((10, arm.n)) for size in (0.3, 2.0, 5.0))
+    for joint, body in enumerate(links_of_joints(arm)):
+        point = {arm.body_names[body]: pin.Inertia(0.4, place, np.zeros((3, 3)))}
+        tree = build_tree(arm, point, arm.gravity)
+        expected = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
+        added = drawn.engine.added(motion, joint, 0.4, place)
+        np.testing.assert_allclose(added, expected, atol=1e-9)
 
 
 def test_friction_takes_energy_and_cables_give_it_back_but_for_their_lag(world, setting):
@@ -93,7 +96,7 @@ def test_motions_keep_the_limits_that_a_program_has(name):
             q, qd, qdd = motion.at(time)
             assert (q > limits.lower - 1e-6).all()
             assert (q < limits.upper + 1e-6).all()
-            assert np.ptp(q, axis=0).min() > 0.02
+            assert (np.ptp(q, axis=0) > np.minimum(0.02, 0.3 * (limits.upper - limits.lower))).all()
             slope = np.gradient(q, time, axis=0)[1:-1], np.gradient(qd, time, axis=0)[1:-1]
             np.testing.assert_allclose(slope[0], qd[1:-1], atol=1e-2)
             np.testing.assert_allclose(slope[1], qdd[1:-1], atol=3e-2)

@@ -15,6 +15,7 @@ from made_up_arm import random_inertias, random_motion
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.effects.base.links import joint_of_link, links_told_apart
+from testing import mujoco_arms
 
 TILTED = np.array([1.3, -2.1, -9.4])
 PINNED = {"yaw": "link1", "pitch": "back", "insertion": "link3", "roll": "link4",
@@ -214,10 +215,13 @@ class LoopedPsm:
 def test_dynamics_of_the_psm_are_those_of_the_mechanism_with_its_loops_in_mujoco(psm, seed):
     inertias = random_inertias(psm, seed)
     looped, tree = LoopedPsm(psm, inertias), build_tree(psm, inertias, TILTED)
-    for q, qd, qdd in zip(*random_motion(psm, 6, seed), strict=True):
+    motion = random_motion(psm, 6, seed)
+    of_trials = mujoco_arms.table("psm", inertias, TILTED).torque(*motion)
+    for q, qd, qdd, too in zip(*motion, of_trials, strict=True):
         expected = looped.effort(q, qd, qdd)
         found = tree.inverse_dynamics(q, qd, qdd)
         np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+        np.testing.assert_allclose(too, expected, atol=1e-7 * np.abs(expected).max())
 
 
 def test_of_links_that_turn_alike_only_one_is_weighed(psm):

@@ -12,6 +12,7 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, check, prepare
 from dvrk_gravity.recording.grid import resample, stale
 from dvrk_gravity.recording.quantization import quantum
+from dvrk_gravity.recording.signal_checks import quantisation
 from dvrk_gravity.recording.velocity import compare_velocity
 
 CLEAN = wave(6000)
@@ -428,13 +429,13 @@ def test_numbers_on_the_measured_trajectory():
     )
 
 
-def test_steps_of_what_slides_are_told_in_its_units():
-    time = np.arange(0.0, 10.0, 0.005)
-    turns, slides = 0.3 * np.sin(time), np.round(0.1 * np.sin(time), 2)
-    arm = Arm.load("psm")
-    (told,) = [
-        one
-        for one in check(Recording(("yaw", "insertion"), time, np.c_[turns, slides], arm=arm))
-        if one.kind == "position_quantisation"
-    ]
-    assert "insertion: position has steps of 0.01 m: one a sample is 2 m/s" in str(told)
+def test_coarse_positions_are_told_in_the_unit_of_the_joint():
+    arm = Arm.load("ecm")
+    time = np.arange(0.0, 20.0, 0.005)
+    smooth = 0.1 + 0.02 * np.sin(np.outer(time, [1.0, 1.1, 0.9, 1.2]))
+    coarse = np.where(np.arange(4) >= 2, np.rint(smooth / 1e-3) * 1e-3, smooth)
+    found = quantisation(Recording(arm.joint_names, time, coarse).of(arm))
+    words = {one.joint: one.text for one in found}
+    assert set(words) == {"insertion", "roll"}
+    assert "steps of 0.001 m: one a sample is 0.2 m/s" in words["insertion"]
+    assert "steps of 0.001 rad: one a sample is 0.2 rad/s" in words["roll"]

@@ -50,7 +50,8 @@ class Setting:
         bodies: The arm's masses.
         residual: (n,) what the identified model leaves, RMS, N·m or N.
         payload: Least and greatest mass that somebody would fasten to the arm, kg.
-        reach: How far from a link's frame it may be, m.
+        reach: How far from a link's centre it may be along each axis, m.
+        centres: (n, 3) about where in its own frame each joint's link is, m.
     """
 
     truth: Truth
@@ -58,6 +59,7 @@ class Setting:
     residual: Array
     payload: tuple[float, float]
     reach: float
+    centres: Array
 
     @property
     def n(self) -> int:
@@ -228,7 +230,7 @@ def _mass(setting: Setting, joint: int, mass: float, place: Array) -> Hidden:
 def _payload(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
     # Things are fastened to what is far out, mostly.
     joint = setting.n - 1 if random.random() < 0.4 else max(joint, 1)
-    place = setting.reach * random.uniform(-1.0, 1.0, 3)
+    place = setting.centres[joint] + setting.reach * random.uniform(-1.0, 1.0, 3)
     unit = setting.bodies.added(setting.truth.motion, joint, 1.0, place)
     mass, ratio = _scaled(setting, unit, *setting.payload, target)
     return _with(setting, mass * unit, ratio, _mass(setting, joint, mass, place))

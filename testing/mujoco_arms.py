@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -24,11 +25,18 @@ Array = NDArray[np.float64]
 SIDE = 0.1  # m, the short side of the master arms' parallelogram
 CRANK_FRAME = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # in frame 3
 ROBOTS = Path(pin.__file__).parents[4] / "share" / "example-robot-data" / "robots"
-UR5 = ROBOTS / "ur_description" / "urdf" / "ur5_robot.urdf"
+UR = ROBOTS / "ur_description" / "urdf"
 PANDA = ROBOTS / "panda_description" / "urdf" / "panda.urdf"
-FILES = {"ur5": f"{UR5}", "panda": f"{PANDA}#panda_hand"}  # the Panda's fingers are held
-CHAIN = Path(__file__).with_name("chain.yaml")  # turns, turns, slides, turns
-SLIDES = 2
+KINOVA = ROBOTS / "kinova_description" / "robots" / "kinova.urdf"
+FILES = {
+    "chain": f"{Path(__file__).with_name('chain.yaml')}",  # turns, turns, slides, turns
+    "ur5": f"{UR / 'ur5_robot.urdf'}",
+    "ur10": f"{UR / 'ur10_robot.urdf'}",
+    "panda": f"{PANDA}#panda_hand",  # its fingers are held
+    "panda_gripper": f"{PANDA}",  # one finger slides, the other follows
+    "kinova": f"{KINOVA}",  # three joints turn without an end
+}
+"""What is not shipped with the package."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +54,13 @@ class MujocoArm:
     expand: Array
     bodies: Array
     frames: Array
+
+    @property
+    def centres(self) -> Array:
+        """(n, 3) centres of mass of the links, in their own frames, m."""
+        centres = self.model.body_ipos[self.bodies]
+        turned = np.linalg.inv(self.frames)
+        return np.einsum("nij,nj->ni", turned[:, :3, :3], centres) + turned[:, :3, 3]
 
     def torque(self, q: Array, qd: Array, qdd: Array, gravity: ArrayLike | None = None) -> Array:
         """Return (N, n) efforts of a motion (N, n) by ``mj_inverse``, N·m or N.
@@ -101,8 +116,8 @@ class MujocoArm:
 
 
 def arm_of(name: str) -> Arm:
-    """Return an arm: ``mtml``, ``mtmr``, ``ur5``, ``panda``, or ``chain``, the made-up one."""
-    return Arm.load(str(CHAIN) if name == "chain" else FILES.get(name, name))
+    """Return an arm by its name: one of ``FILES``, or one that the package has."""
+    return Arm.load(FILES.get(name, name))
 
 
 def mtm(name: str, inertias: Mapping[str, pin.Inertia], gravity: ArrayLike) -> MujocoArm:
@@ -139,26 +154,61 @@ def mtm(name: str, inertias: Mapping[str, pin.Inertia], gravity: ArrayLike) -> M
     return MujocoArm(model, expand, bodies, np.array(fixed))
 
 
-def chain(inertias: Sequence[pin.Inertia], gravity: ArrayLike) -> MujocoArm:
-    """Return the made-up chain from its table.
+def table(name: str, inertias: Mapping[str, pin.Inertia], gravity: ArrayLike) -> MujocoArm:
+    """Return a chain from the DH table of its file, with the links that follow it.
 
     Args:
-        inertias: Of its links, in their frames.
+        name: One of ``FILES`` or of the package's arms.
+        inertias: Of its bodies, in their frames.
         gravity: (3,) in the base frame, m/s^2.
     """
-    fixed = [fixed_part(row) for row in dh_table(str(CHAIN))]
-    whole = ""
-    for i in reversed(range(len(fixed))):
-        before = fixed[i - 1] if i else np.eye(4)
-        kind = "slide" if i == SLIDES else "hinge"
-        whole = body_xml(f"link{i + 1}", before, fixed[i], inertias[i], whole, kind)
-    model = _compiled(whole, gravity)
-    bodies = np.array([model.body(f"link{i + 1}").id for i in range(len(fixed))])
-    return MujocoArm(model, np.eye(len(fixed)), bodies, np.array(fixed))
+    content = _content(name)
+    joints = content["joints"]
+    rows, n = dh_table(name), len(joints)
+    modified = content.get("convention") == "modified"
+    fixed = [along(row) if modified else fixed_part(row) for row in rows]
+    follow: dict[str, dict[str, float]] = {}
+    links = [f"link{i + 1}" for i in range(n)]
+    inner: dict[str, str] = {}  # what hangs on a body beside the chain
+    # The last one first, for what it carries is part of what it hangs on.
+    for link in reversed(content.get("followers", [])):
+        body, parent = link["name"], link["parent"]
+        place = np.eye(4)
+        place[:3, :3] = Rotation.from_euler("xyz", link.get("rpy", [0, 0, 0]), True).as_matrix()
+        place[:3, 3] = link.get("xyz", [0, 0, 0])
+        if parent in links:
+            place = fixed[links.index(parent)] @ place
+        carried = inner.pop(body, "")
+        xml = body_xml(body, place, np.eye(4), inertias[body], carried, _motion(link))
+        inner[parent] = xml + inner.get(parent, "")
+        follow[body] = link["follows"]
+    chain = ""
+    for i, body in reversed(list(enumerate(links))):
+        place = fixed[i - 1] if i else np.eye(4)
+        if modified:
+            place = place @ about(rows[i])
+        carried = inner.get(body, "") + chain
+        chain = body_xml(body, place, fixed[i], inertias[body], carried, _motion(joints[i]))
+        follow[body] = {joints[i]["name"]: 1.0, **joints[i].get("follows", {})}
+    model = _compiled(inner.get("base", "") + chain, gravity)
+    names = [joint["name"] for joint in joints]
+    expand = np.zeros((model.nv, n))
+    for body, factors in follow.items():
+        for joint, factor in factors.items():
+            expand[model.joint(body).dofadr[0], names.index(joint)] = factor
+    bodies = np.array([model.body(link).id for link in links])
+    return MujocoArm(model, expand, bodies, np.array(fixed))
+
+
+def _motion(joint: Mapping[str, Any]) -> str:
+    return "slide" if joint.get("type") == "prismatic" else "hinge"
 
 
 def urdf(arm: Arm, factors: Sequence[float]) -> MujocoArm:
-    """Return an arm as MuJoCo reads its URDF; joints that are not the arm's are held at zero.
+    """Return an arm as MuJoCo reads its URDF.
+
+    Joints that are not the arm's are held at zero, but for those that mimic one of them by a factor
+    alone.
 
     Args:
         arm: The arm, loaded from that URDF.
@@ -168,19 +218,24 @@ def urdf(arm: Arm, factors: Sequence[float]) -> MujocoArm:
     for link in robot.findall("link"):  # without the meshes, which MuJoCo would want to open
         for part in (*link.findall("visual"), *link.findall("collision")):
             link.remove(part)
+    follow = {name: (name, 1.0) for name in arm.joint_names}
     for joint in robot.findall("joint"):
-        if joint.get("name") not in arm.joint_names:
+        for part in joint.findall("mimic"):
+            joint.remove(part)
+            if part.get("joint") in arm.joint_names:
+                factor = float(part.get("multiplier", 1.0))
+                follow[str(joint.get("name"))] = str(part.get("joint")), factor
+        if joint.get("name") not in follow:
             joint.set("type", "fixed")
-            for part in joint.findall("mimic"):
-                joint.remove(part)
     model = mujoco.MjModel.from_xml_string(ElementTree.tostring(robot, encoding="unicode"))
     model.opt.gravity[:] = arm.gravity
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
     model.dof_damping[:] = model.dof_frictionloss[:] = 0.0
     model.jnt_limited[:] = 0
     expand, bodies = np.zeros((model.nv, arm.n)), np.zeros(arm.n, dtype=int)
+    for name, (leader, factor) in follow.items():
+        expand[model.joint(name).dofadr[0], arm.joint_names.index(leader)] = factor
     for i, name in enumerate(arm.joint_names):
-        expand[model.joint(name).dofadr[0], i] = 1.0
         bodies[i] = model.jnt_bodyid[model.joint(name).id]
     for body, factor in zip(bodies, factors, strict=False):
         model.body_mass[body] *= factor
@@ -190,12 +245,16 @@ def urdf(arm: Arm, factors: Sequence[float]) -> MujocoArm:
 
 
 def dh_table(name: str) -> list[DHRow]:
-    """Return the rows of an arm's file, given by its path or a shipped arm's name, in rad and m."""
-    path = Path(name) if name.endswith(".yaml") else config_path(f"arms/{name}.yaml")
+    """Return the rows of an arm's file, given by its path or an arm's name, in rad and m."""
     return [
         DHRow(math.radians(row["alpha"]), row["a"], row["d"], math.radians(row["offset"]))
-        for row in yaml_file.load(path)["joints"]
+        for row in _content(name)["joints"]
     ]
+
+
+def _content(name: str) -> dict[str, Any]:
+    path = FILES.get(name, name)
+    return yaml_file.load(path if path.endswith(".yaml") else config_path(f"arms/{path}.yaml"))
 
 
 def turn(axis: str, angle: float) -> Array:
@@ -217,8 +276,17 @@ def fixed_part(row: DHRow) -> Array:
 
     It is what DH puts after a rotation, or after a slide along the same axis.
     """
-    place: Array = turn("z", row.offset) @ shift(row.a, 0, row.d) @ turn("x", row.alpha)
-    return place
+    return along(row) @ about(row)
+
+
+def along(row: DHRow) -> Array:
+    """Return what DH puts about and along the joint's axis; of a modified table that is all."""
+    return turn("z", row.offset) @ shift(0, 0, row.d)
+
+
+def about(row: DHRow) -> Array:
+    """Return what DH puts along and about x, which a modified table has before the joint."""
+    return shift(row.a, 0, 0) @ turn("x", row.alpha)
 
 
 def body_xml(

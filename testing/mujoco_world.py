@@ -12,6 +12,7 @@ from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.plant_file import PlantFile
 from testing import mujoco_arms
+from testing.lab_effects import Setting
 from testing.lab_motion import Sines
 from testing.lab_physics import AFTER, Cable, Friction, LabSensors, Spring, Truth
 from testing.mujoco_arms import MujocoArm
@@ -19,7 +20,12 @@ from testing.mujoco_arms import MujocoArm
 Array = NDArray[np.float64]
 Random = np.random.Generator
 
-NAMES = ("mtmr", "mtml", "ur5", "panda", "chain")
+NAMES = (
+    "mtmr", "mtml", "ur5", "panda", "chain", "ur10", "kinova", "panda_gripper", "psm", "ecm",
+)  # fmt: skip
+PLANTS = {"mtmr": "mtmr_28002", "mtml": "mtmr_28002", "psm": "psm", "ecm": "ecm"}
+# kg, m: what is fastened to them, where; an endoscope is 0.8 to 2.5 kg.
+LOADS = {"psm": ((0.01, 0.15), 0.03), "ecm": ((0.05, 1.0), 0.05)}
 STEP = 1e-3  # s, of the grid on which friction goes on
 BEFORE = 1.0  # s, of motion before a recording
 DURATION = 30.0  # s
@@ -38,7 +44,7 @@ class Sizes:
         effort_noise: At the motors, N·m or N.
         spring: Joint that has a spring, and its torque, N·m.
         payload: Least and greatest mass that somebody would fasten to it, kg.
-        reach: How far from a link's frame that would be, m.
+        reach: How far from a link's centre of mass that would be along each axis, m.
     """
 
     friction: Array
@@ -55,24 +61,41 @@ class Sizes:
     def of(cls, arm: Arm) -> Sizes:
         """Return those of an arm.
 
-        Of a master arm: of its plant file, and as seen on real ones. Of others friction and noise
-        are a part of the largest efforts, as in ``plain_world``.
+        Of a da Vinci's arm: of its plant file, and as seen on real ones. Of others friction and
+        noise are a part of the largest efforts, as in ``plain_world``.
         """
         if mtm.is_mtm(arm):
-            plant = PlantFile.load("mtmr_28002")
-            step, noise = plant.sensors.position_step, plant.sensors.effort_noise
-            assert step is not None
-            assert noise is not None
+            plant, position_step, effort_noise = _plant(arm.name)
             return cls(
                 friction=np.array([0.02, 0.03, 0.02, 0.02, 0.004, 0.003, 0.001]),
                 motor_friction=np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.0]),
                 cable=np.array([0.02, 0.02, 0.02, 0.02, 0.007, 0.004, 0.001]),
                 rotors=plant.rotor_inertia,
-                position_step=step,
-                effort_noise=noise,
+                position_step=position_step,
+                effort_noise=effort_noise,
                 spring=(4, 0.01),
                 payload=(0.02, 0.1),
                 reach=0.03,
+            )
+        if arm.name in PLANTS:
+            plant, position_step, effort_noise = _plant(arm.name)
+            known = plant.model.parameters()
+            none = np.zeros(arm.n)
+            friction, motors = (
+                np.asarray(known.get(f"coulomb_friction.{where}_positive", none))
+                for where in ("joint", "motor")
+            )
+            payload, reach = LOADS[arm.name]
+            return cls(
+                friction=friction,
+                motor_friction=motors,
+                cable=0.35 * (friction + motors),  # to friction as below
+                rotors=plant.rotor_inertia,
+                position_step=position_step,
+                effort_noise=effort_noise,
+                spring=(1, float(friction[1])),
+                payload=payload,
+                reach=reach,
             )
         effort, motor = arm.effort_limit, arm.actuator_effort_limit
         moved = np.abs(arm.actuator_to_joint - np.diag(np.diag(arm.actuator_to_joint))).sum(axis=0)
@@ -168,26 +191,46 @@ class MujocoWorld:
         )
         return Truth(arm, time, q, qd, qdd, effort)
 
+    def setting(self, truth: Truth, residual: Array) -> Setting:
+        """Return where effects are hidden.
+
+        Args:
+            truth: The motion without them.
+            residual: (n,) what the identified model leaves, RMS, N·m or N.
+        """
+        sizes, engine = self.sizes, self.engine
+        return Setting(truth, engine, residual, sizes.payload, sizes.reach, engine.centres)
+
     def record(self, truth: Truth, noise: int) -> Recording:
         """Return what the sensors say of it; the seed is the noise's."""
         return self.sensors.read(truth, noise, f"MuJoCo's {self.arm.name}")
 
 
 def _engine(name: str, arm: Arm, random: Random) -> MujocoArm:
-    if mtm.is_mtm(arm):
-        plant = PlantFile.load("mtmr_28002")
-        links = {
+    if name in PLANTS:
+        links = PlantFile.load(PLANTS[name]).links
+        drawn = {
             body: pin.Inertia(one.mass * factor, one.lever, one.inertia * factor)
             for (body, one), factor in zip(
-                plant.links.items(), random.uniform(0.7, 1.4, len(plant.links)), strict=True
+                links.items(), random.uniform(0.7, 1.4, len(links)), strict=True
             )
         }
-        return mujoco_arms.mtm(name, links, arm.gravity)
+        build = mujoco_arms.mtm if mtm.is_mtm(arm) else mujoco_arms.table
+        return build(name, drawn, arm.gravity)
     if name == "chain":
-        return mujoco_arms.chain(
-            [_link(random, size) for size in (2.0, 1.5, 0.8, 0.3)], arm.gravity
-        )
+        sizes = (2.0, 1.5, 0.8, 0.3)
+        drawn = {f"link{i}": _link(random, size) for i, size in enumerate(sizes, start=1)}
+        return mujoco_arms.table(name, drawn, arm.gravity)
     return mujoco_arms.urdf(arm, random.uniform(0.7, 1.4, arm.n).tolist())
+
+
+def _plant(name: str) -> tuple[PlantFile, Array, Array]:
+    """Return an arm's plant, the steps of its encoders and the noise of its efforts."""
+    plant = PlantFile.load(PLANTS[name])
+    step, noise = plant.sensors.position_step, plant.sensors.effort_noise
+    assert step is not None
+    assert noise is not None
+    return plant, step, noise
 
 
 def _link(random: Random, mass: float) -> pin.Inertia:

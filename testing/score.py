@@ -230,13 +230,14 @@ def report(title: str, outcomes: Sequence[Outcome], identified: Mapping[str, flo
     for effect in dict.fromkeys(one.effect for one in hidden):
         lines.append(_row(effect, [one for one in hidden if one.effect == effect]))
     lines.append(_row("all", hidden))
-    lines += _by_arm(hidden)
+    lines += _by_arm(hidden, clean)
     for name, inside in (("within the range", True), ("elsewhere", False)):
-        these = [one for one in hidden if (one.outside < OUTSIDE) == inside]
-        quiet = [one for one in clean if (one.outside < OUTSIDE) == inside]
         lines.append(
-            f"{_row(name, these)}; false alarms {sum(bool(one.found) for one in quiet)} of "
-            f"{len(quiet)} clean"
+            _beside_clean(
+                name,
+                [one for one in hidden if (one.outside < OUTSIDE) == inside],
+                [one for one in clean if (one.outside < OUTSIDE) == inside],
+            )
         )
     alarms = [one for one in clean if one.found]
     named = [one for one in clean if any(not name.startswith("unknown") for name in one.found)]
@@ -261,12 +262,24 @@ def report(title: str, outcomes: Sequence[Outcome], identified: Mapping[str, flo
     return "\n".join(lines)
 
 
-def _by_arm(hidden: Sequence[Outcome]) -> list[str]:
+def _by_arm(hidden: Sequence[Outcome], clean: Sequence[Outcome]) -> list[str]:
     """Return a row an arm, where there are several."""
     arms = list(dict.fromkeys(one.arm for one in hidden))
     if len(arms) < 2:
         return []
-    return [_row(f"all of {arm}", [one for one in hidden if one.arm == arm]) for arm in arms]
+    return [
+        _beside_clean(
+            f"all of {arm}",
+            [one for one in hidden if one.arm == arm],
+            [one for one in clean if one.arm == arm],
+        )
+        for arm in arms
+    ]
+
+
+def _beside_clean(name: str, rows: Sequence[Outcome], clean: Sequence[Outcome]) -> str:
+    alarms = sum(bool(one.found) for one in clean)
+    return f"{_row(name, rows)}; false alarms {alarms} of {len(clean)} clean"
 
 
 def _band(number: int) -> str:

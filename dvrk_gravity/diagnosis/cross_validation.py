@@ -276,9 +276,21 @@ class CrossValidation:
         return max(1.0, float(np.max(length / self.data.redundancy[looked])))
 
     def screen(
-        self, selected: Sequence[Candidate], pool: Iterable[Candidate], keep: int
+        self,
+        selected: Sequence[Candidate],
+        pool: Iterable[Candidate],
+        keep: int,
+        least: Array | float = 0.0,
     ) -> list[Candidate]:
-        """Return the candidates of the pool that fit best beside the selected ones, best first."""
+        """Return the candidates of the pool that fit best beside the selected ones, best first.
+
+        Args:
+            selected: The selected ones.
+            pool: Where they come from.
+            keep: How many at most.
+            least: (n,) RMS torque that one must have on some joint: what could not be accepted,
+                however well it fits, takes no place from what could.
+        """
         base = self._regression(selected)
         theta = base.coefficients(self._target)
         target = self._target - base.design @ theta
@@ -290,6 +302,8 @@ class CrossValidation:
             columns = raw - base.design @ beside
             gram = raw.T @ columns + self._ridge([candidate])
             own = solve(gram, raw.T @ target, self.settings.trace)
+            if not np.any(self.size(candidate, own) > least):
+                continue
             error = target - columns @ own
             spared = self._improbable(theta) - self._improbable(theta - beside @ own)
             left = (error**2).reshape(-1, self.joints).sum(axis=0)

@@ -25,7 +25,8 @@ class ExtrapolationSettings:
         growth: Standard deviation of each of the functions below where a joint is as far outside as
             the range is wide, in units of the joint's known error. Chosen: simulated cables and
             springs of other shapes than the model's were off by four times that at a tenth of the
-            range outside and by thirteen half of it (benchmark/lab_trials.py, seeds 0 to 8).
+            range outside and by thirteen half of it (benchmark/lab_trials.py, seeds 0 to 8 of mtmr,
+            mtml, ur5, panda and chain).
         powers: Powers of the distance from the range's edge: with three, cables of any smooth
             course are within reach. Chosen.
         faster: Standard deviation likewise where a joint is twice as fast as ever before. Chosen.

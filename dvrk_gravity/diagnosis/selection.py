@@ -204,7 +204,7 @@ class Selection:
         self.count = max(self.count, len(pool))
         known = {candidate.hypothesis.key for candidate in selected} | self._excluded
         pool = [candidate for candidate in pool if candidate.hypothesis.key not in known]
-        screened = validation.screen(selected, pool, settings.screened)
+        screened = validation.screen(selected, pool, settings.screened, self._least)
         trials = [self.tried(selected, candidate, before) for candidate in screened]
         if not trials:
             return []
@@ -254,11 +254,15 @@ class Selection:
             removed = np.fmax(removed, 1.0 - after.rms / both)
         most = float(np.max(removed[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
-        known = settings.consequence * self.validation.known_error
-        matters = bool(np.any((size > known)[used]))
+        matters = bool(np.any((size > self._least)[used]))
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
         passes = passes and matters
         return EffectTrial(candidate, gain, passes and possible, after, p_value, most, possible)
+
+    @property
+    def _least(self) -> Array:
+        """(n,) RMS torque from which on a finding is of consequence, N·m."""
+        return self.settings.consequence * self.validation.known_error
 
     def _without(
         self, selected: Sequence[Candidate], looked_at: Iterable[Candidate]

@@ -26,7 +26,7 @@ from dvrk_gravity.recording.data import Array
 
 def identified(arm: Arm) -> tuple[str, ...]:
     """Return the names of the effects that trajectories of an arm are fitted with."""
-    found = (one.term.NAME for one in _unknowns(arm, Range(arm.lower, arm.upper)))
+    found = (one.term.NAME for one in _unknowns(arm, Range(*arm.range)))
     return tuple(sorted({*RIGID, *KINEMATIC, *found}))
 
 

@@ -110,7 +110,8 @@ def check_motion(recording: Recording, ranges: Array) -> list[DataWarning]:
     """Return findings about joints that do not move; ``ranges`` (n,) rad or m."""
     still = ranges < CheckSettings().still * recording.scale
     if np.all(still):
-        unit = position_unit(recording, recording.joints[int(np.argmax(ranges))])
+        furthest = recording.joints[int(np.argmax(ranges))]
+        unit = position_unit(recording, furthest)
         return [
             DataWarning(
                 "nothing_moves",

@@ -208,21 +208,26 @@ def quantisation(recording: Recording) -> list[DataWarning]:
     rate = recording.rate
     rough = speed(recording) if rate is not None and len(recording) >= 100 else None
     for column, joint in enumerate(recording.joints):
+        measured_in = position_unit(recording, joint)
         if rough is not None and rate is not None:
             typical = float(np.sqrt(np.mean(rough[:, column] ** 2)))
-            step, unit = quantum(recording.position[:, column]), position_unit(recording, joint)
+            step = quantum(recording.position[:, column])
             if typical > 0.0 and step * rate > settings.coarse_position * typical:
                 findings.append(
                     DataWarning(
                         "position_quantisation",
                         joint,
-                        {"step_rad": step, "velocity_step": step * rate, "velocity_rms": typical},
-                        f"position has steps of {step:.3g} {unit}: one a sample is "
-                        f"{step * rate:.2g} {unit}/s, the joint moves at {typical:.2g}",
+                        {
+                            f"step_{measured_in}": step,
+                            "velocity_step": step * rate,
+                            "velocity_rms": typical,
+                        },
+                        f"position has steps of {step:.3g} {measured_in}: one a sample is "
+                        f"{step * rate:.2g} {measured_in}/s, the joint moves at {typical:.2g}",
                     )
                 )
         signals: tuple[tuple[Kind, Array | None, str], ...] = (
-            ("velocity_quantisation", recording.velocity, f"{position_unit(recording, joint)}/s"),
+            ("velocity_quantisation", recording.velocity, f"{measured_in}/s"),
             ("effort_quantisation", recording.effort, _effort_unit(recording, joint)),
         )
         for kind, values, unit in signals:
@@ -245,7 +250,7 @@ def quantisation(recording: Recording) -> list[DataWarning]:
 def position_unit(recording: Recording, joint: str) -> str:
     """Return the unit of a joint's position; where the arm is not known, it is taken to turn."""
     arm = recording.arm
-    return "rad" if arm is None else arm.joints[arm.joint_names.index(joint)].unit
+    return "rad" if arm is None else arm.units[arm.joint_names.index(joint)]
 
 
 def _effort_unit(recording: Recording, joint: str) -> str:
