@@ -286,7 +286,7 @@ def _validated(fit: Fit, recordings: Sequence[Recording | RecordingFile]) -> Fit
     names = ", ".join(head(recording).source for recording in recordings)
     verdict = judge(
         result.joints, fit.training, fit.holding, fit.model.arm, fit.coordinates,
-        static=all_static(recordings),
+        static=all_static(recordings), with_friction=result.with_friction,
     )  # fmt: skip
     return replace(
         fit,

@@ -74,6 +74,7 @@ def fit_static(
         joint_errors(arm.joint_names, measured[held_out][unseen], shown(predicted)[unseen]),
         joint_errors(arm.joint_names, measured[used], shown(fitted)[used]),
         held, arm, coordinates, static=True,
+        with_friction=[arm.joint_names[joint] for joint in poses.undirected],
     )  # fmt: skip
     error = (poses.effort[held_out] - predicted)[unseen]
     uncertainty = uncertainty_of_poses(model, np.sqrt(np.mean(error**2, axis=0)), poses.q)

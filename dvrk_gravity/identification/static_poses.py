@@ -90,6 +90,11 @@ class Poses:
         least = self.settings.posed * self.scale
         return tuple(np.flatnonzero(self.upper - self.lower > least).tolist())
 
+    @property
+    def undirected(self) -> tuple[int, ...]:
+        """Joints whose friction the poses do not tell apart."""
+        return tuple(joint for joint, told in enumerate(self.directed) if not told)
+
     @cached_property
     def directed(self) -> tuple[bool, ...]:
         """(n,) whether friction can be told from cable: both directions occur often enough."""

@@ -107,12 +107,13 @@ def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> It
                 f"{one.name} was posed at {one.shown(float(poses.q[:, joint].mean()))} only: a "
                 "constant is all of its torque that is identifiable"
             )
-        if not poses.directed[joint]:
-            yield (
-                f"{one.name} was approached from one direction only, or from unknown ones: its "
-                "friction and its cable torque cannot be separated; approach every pose from both "
-                "directions"
-            )
+    if undirected := [joints[joint].name for joint in poses.undirected]:
+        whose = "its" if len(undirected) == 1 else "their"
+        yield (
+            f"{', '.join(undirected)}: approached from one direction only, or from unknown ones: "
+            f"{whose} friction and {whose} cable torque cannot be separated, and what friction "
+            "held is in the errors; approach every pose from both directions"
+        )
     quantities = {name: direction for name, _, direction in _quantities(table, solution)}
     for first, _, of_first in _of_gravity(table, solution):
         for joint, power in product(poses.moving, (0, 1)):
