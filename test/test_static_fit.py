@@ -253,9 +253,7 @@ def test_one_direction_gives_no_friction_and_says_so():
     up = fit.model.torque(q, direction=np.ones(q.shape))
     down = fit.model.torque(q, direction=-np.ones(q.shape))
     np.testing.assert_allclose(up, down, atol=1e-12)
-    assert any(
-        "was approached from one direction only" in s for s in fit.identifiability.statements
-    )
+    assert any("approached from one direction only" in s for s in fit.identifiability.statements)
 
 
 def test_too_few_poses_are_refused():

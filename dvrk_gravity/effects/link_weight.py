@@ -43,7 +43,6 @@ class LinkWeight(LinearTerm):
 
     NAME = "link_weight"
     WEIGHT_OF_ARM = True
-    AT_POSES = True
 
     arm: Arm
     links: Array

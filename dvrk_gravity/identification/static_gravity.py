@@ -50,6 +50,11 @@ class GravityColumns(ABC):
     def sprung(self) -> tuple[str, ...]:
         """Joints whose spring or counterweight pulls as a weight does, and is none of theirs."""
 
+    @property
+    @abstractmethod
+    def bounded(self) -> bool:
+        """Whether no prediction is to pass what poses showed of a joint, wherever the arm is."""
+
     @abstractmethod
     def at(self, q: Array) -> Array:
         """Return (N, n, k) joint torques of the coefficients at (N, n) positions."""
@@ -80,6 +85,11 @@ class BetaColumns(GravityColumns):
     def sprung(self) -> tuple[str, ...]:
         """See :meth:`GravityColumns.sprung`."""
         return ("wrist_pitch",)
+
+    @property
+    def bounded(self) -> bool:
+        """See :meth:`GravityColumns.bounded`: beta makes up for cables, and is no link's weight."""
+        return True
 
     def at(self, q: Array) -> Array:
         """See :meth:`GravityColumns.at`."""
@@ -115,6 +125,11 @@ class LinkColumns(GravityColumns):
     def sprung(self) -> tuple[str, ...]:
         """See :meth:`GravityColumns.sprung`: none that is known."""
         return ()
+
+    @property
+    def bounded(self) -> bool:
+        """See :meth:`GravityColumns.bounded`: links weigh elsewhere what they plausibly weigh."""
+        return False
 
     def at(self, q: Array) -> Array:
         """See :meth:`GravityColumns.at`."""

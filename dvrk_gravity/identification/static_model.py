@@ -55,7 +55,8 @@ def fit_poses(
     values |= table.gravity_columns.parameters(solution.gravity)
     values |= _cables(table, solution)
     values |= _held(table, solution)
-    values |= _shown(table, scale, weight)
+    if table.gravity_columns.bounded:
+        values |= _shown(table, scale, weight)
     return TorqueModel.from_parameters(values, arm), solution, scale, weight
 
 

@@ -207,10 +207,12 @@ def _of_error(
         # Friction is in both errors alike; what is held out adds what the fit does not know.
         added = sqrt(max(1.0 - (training.nrmse / error.nrmse) ** 2, 0.0))
         unknown = JointError(added * error.rmse, added * error.nrmse, error.r2)
-        if _level(joint.name, unknown, limit, settings, with_friction=False) == GOOD:
-            reason += f", hardly less on what was fitted ({fitted}): friction, which poses do not "
-            reason += "tell apart that were approached from unknown directions, or what else acts"
-            return JointVerdict(USABLE, reason, BOTH_WAYS)
+        if _level(joint.name, unknown, limit, settings, with_friction=False) == POOR:
+            reason += f", {fitted} on what was fitted, both with friction: too little was recorded"
+            return JointVerdict(POOR, reason, MORE[static])
+        reason += f", hardly less on what was fitted ({fitted}): friction, which poses approached "
+        reason += "from unknown directions do not tell apart, or what else acts"
+        return JointVerdict(USABLE, reason, BOTH_WAYS)
     if VERDICTS.index(settings.level(joint.name, training.nrmse)) >= VERDICTS.index(level):
         reason += f", hardly less on what was fitted ({fitted}): something acts that no term is for"
         return JointVerdict(level, reason, CLEAN[static])
