@@ -28,9 +28,9 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.effects import LinkInertia, State
 from dvrk_gravity.gravity import BETA_NAMES
+from dvrk_gravity.identification.base_parameters import base_parameters
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.dynamic_fit import estimate
-from dvrk_gravity.identification.identifiability import base_parameters
 from dvrk_gravity.identification.motion import read_motions
 from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.problem import Problem, choose, pose, reweighed

@@ -183,17 +183,6 @@ def test_links_that_can_exist_are_found_when_they_are_asked_for(tmp_path, monkey
     assert min(eigenvalues.values()) > 0.0
 
 
-def test_static_poses_of_an_arm_that_is_no_mtm_are_refused_in_one_line(tmp_path):
-    world, _ = of_chain(tmp_path)
-    middle = np.mean(world.arm.range, axis=0)
-    poses = Recording(
-        world.arm.joint_names, None, np.tile(middle, (60, 1)), effort=np.ones((60, 4)),
-        source="poses.csv",
-    )  # fmt: skip
-    with pytest.raises(ConfigError, match=r"^arm: got 'made_up', expected mtml or mtmr with stat"):
-        identify(poses, world.arm)
-
-
 LITTLE = 0.1  # of the arm's friction: with all of it, even a wrong model would hold
 SECONDS, RATE = 2.0, 200.0
 FALLEN = 0.6  # of what counts as much as a rad

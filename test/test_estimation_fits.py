@@ -146,6 +146,12 @@ def test_a_third_of_the_blocks_is_held_out_and_the_others_are_dealt_into_folds(p
         assert not set(phase[blocks.held_out]) & set(phase[blocks.fold >= 0])
 
 
+@pytest.mark.parametrize("count", [40, 80, 1000])
+def test_no_pose_is_left_out_between_blocks(count):
+    blocks = make_blocks(CommonTime.one(np.arange(float(count))), None)
+    assert (blocks.held_out | (blocks.fold >= 0)).all()
+
+
 def test_levels_of_a_grid_are_slabs_and_scattered_positions_are_cut_into_five():
     random = np.random.default_rng(7)
     grid = np.repeat(np.linspace(-1.0, 1.0, 5), 20) + 0.001 * random.normal(size=100)

@@ -12,9 +12,9 @@ from dvrk_gravity.effects.base.link_prior import base_directions, beta_map
 from dvrk_gravity.estimation.covariance import autocorrelated_scores, sandwich
 from dvrk_gravity.estimation.normal_equations import NormalEquations, fit
 from dvrk_gravity.gravity import regressor as gravity_regressor
+from dvrk_gravity.identification.base_parameters import base_parameters
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.errors import joint_errors
-from dvrk_gravity.identification.identifiability import base_parameters
 from dvrk_gravity.identification.problem import Weighting
 
 ARM = Arm.load("mtmr")

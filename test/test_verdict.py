@@ -78,6 +78,31 @@ def test_gravity_that_the_data_leave_open_is_not_compensated():
     assert of("shoulder_pitch", torque=0.0, error=0.1).level == "do_not_compensate"
 
 
+def test_friction_that_poses_do_not_tell_apart_costs_no_more_than_good():
+    joint, limit = "wrist_platform", ARM.effort_limit[3]
+    friction = 0.09 * limit  # as a real one has
+
+    def verdict(share: float, training: float, rmse: float = friction, told: bool = False):
+        errors = dict.fromkeys(JOINT_NAMES, JointError(0.5, 0.05, 0.99))
+        fitted = errors | {joint: JointError(rmse, training, 0.0)}
+        held_out = errors | {joint: JointError(rmse, share, 0.0)}
+        rubs = () if told else (joint,)
+        known = dict.fromkeys(JOINT_NAMES, KNOWN)
+        return judge(held_out, fitted, known, ARM, "joint", static=True, with_friction=rubs)
+
+    rubbing = verdict(0.9, 0.88)
+    assert rubbing.level == "usable"
+    assert "friction" in rubbing.reason
+    assert "approached from both directions" in rubbing.record
+    assert verdict(0.9, 0.88, told=True).level == "do_not_compensate"
+    # More than friction is, or more than it is on what was fitted: it is something else.
+    assert verdict(0.9, 0.88, rmse=0.11 * limit).level == "do_not_compensate"
+    few = verdict(0.9, 0.5)
+    assert few.level == "do_not_compensate"
+    assert "more poses" in few.record
+    assert verdict(0.2, 0.2).level == "good"
+
+
 def test_a_range_that_was_not_recorded_costs_no_more_than_good():
     beyond = of("elbow_pitch", error_anywhere=10.0)
     assert beyond.level == "usable"
@@ -118,6 +143,16 @@ def test_an_evaluation_is_compared_with_what_the_model_claims(claimed, share, li
     errors = {name: JointError(0.5, 0.05, 0.99) for name in JOINT_NAMES}
     errors["wrist_yaw"] = JointError(0.5, share, 0.0)
     assert compared(TorqueModel(ARM, (), verdict=claimed), errors, "joint") == line
+
+
+def test_an_evaluation_says_where_friction_is_in_the_errors():
+    errors = dict.fromkeys(JOINT_NAMES, JointError(0.5, 0.05, 0.99))
+    errors["wrist_platform"] = JointError(0.09 * ARM.effort_limit[3], 0.9, 0.0)
+    line = compared(TorqueModel(ARM, ()), errors, "joint", ["wrist_platform", "elbow_pitch"])
+    assert line.endswith(
+        "it would be: usable (wrist_platform 90 % of the torque, with friction that these poses do "
+        "not tell apart)"
+    )
 
 
 def wandering(recording: Recording) -> Recording:

@@ -53,7 +53,7 @@ class BlockSettings:
         most: Number of blocks at most. Chosen; see `make sensitivity`.
         poses: Poses in a block. Chosen; see `make sensitivity`.
         guard: Samples left out on either side of an edge. Chosen: one, 25 ms at 40 Hz, is longer
-            than the time constant of the 8 Hz low-pass (20 ms).
+            than the time constant of the 8 Hz low-pass (20 ms). No filter mixes poses: none there.
         phase_samples: Fewest samples in a block that is a phase of a short period. Chosen.
         held_out: Every so-maniest block is held out, a third of the data. Chosen.
         folds: Into which the others are dealt for cross-validation (Kohavi 1995: five to ten).
@@ -217,8 +217,9 @@ def make_blocks(
     edges = np.unique([*(np.arange(1, count) * length / count), *turns])
     before = place[:, None] - edges[np.maximum(np.searchsorted(edges, place, "right") - 1, 0), None]
     after = np.append(edges, np.inf)[np.searchsorted(edges, place, "right")] - place
-    near = (before[:, 0] >= 0.0) & (before[:, 0] < settings.guard)
-    near |= after <= settings.guard
+    guard = 0 if rate is None else settings.guard
+    near = (before[:, 0] >= 0.0) & (before[:, 0] < guard)
+    near |= after <= guard
     return Blocks(np.where(near, -1, label), count, settings)
 
 

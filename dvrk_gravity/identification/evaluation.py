@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
@@ -34,7 +35,7 @@ from dvrk_gravity.recording import (
     opened,
     prepare,
 )
-from dvrk_gravity.recording.data import Coordinates, known_coordinates
+from dvrk_gravity.recording.data import Array, Coordinates, known_coordinates
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 
 
@@ -50,6 +51,8 @@ class Evaluation:
         warnings: What was found in the recordings.
         handling: What was done with them.
         traces: Measured against predicted.
+        with_friction: Joints whose friction the errors hold: of poses, where either they or the
+            model do not tell it apart.
     """
 
     joints: Mapping[str, JointError]
@@ -59,6 +62,7 @@ class Evaluation:
     warnings: tuple[DataWarning, ...]
     handling: tuple[str, ...]
     traces: tuple[Trace, ...]
+    with_friction: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Give the errors, in short."""
@@ -206,6 +210,7 @@ def _evaluate_static(
     stood = np.array([still.get(joint, 0.0) for joint in arm.joint_names])
     traces: list[Trace] = []
     warnings: list[DataWarning] = []
+    friction_told = np.ones(len(recordings[0].joints), dtype=bool)
     for recording in recordings:
         warnings += prepare(recording).warnings
         q, measured = recording.position, recording.effort
@@ -222,10 +227,22 @@ def _evaluate_static(
         if coordinates == "actuator":
             predicted = arm.actuator_effort(predicted)
         predicted = predicted[:, columns]
+        friction_told &= _depends_on_approach(model, joint, direction)[columns]
         traces.append(
             Trace(recording.joints, None, q, None, measured, predicted, coordinates, False)
         )
-    return _result(traces, coordinates, detected, warnings, ("static poses, used as they are",))
+    result = _result(traces, coordinates, detected, warnings, ("static poses, used as they are",))
+    return replace(result, with_friction=tuple(compress(recordings[0].joints, ~friction_told)))
+
+
+def _depends_on_approach(
+    model: TorqueModel, q: Array, direction: Array | None
+) -> NDArray[np.bool_]:
+    """Return (n,) whether a model's torques at (N, n) poses are others from the other side."""
+    if direction is None:
+        return np.zeros(model.arm.n, dtype=bool)
+    here, opposite = (model.torque(q, direction=sign * direction) for sign in (1.0, -1.0))
+    return np.asarray((here != opposite).any(axis=0))
 
 
 def _result(

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import chain, product
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.link_prior import base_directions, beta_map, samples
+from dvrk_gravity.effects.base.link_prior import beta_map
 from dvrk_gravity.effects.base.unknowns import Column
 from dvrk_gravity.estimation.covariance import Uncertainty
 from dvrk_gravity.estimation.normal_equations import Solution
 from dvrk_gravity.gravity import BETA_NAMES
+from dvrk_gravity.identification.base_parameters import base_parameters
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.holding import HoldingSettings
@@ -24,10 +22,6 @@ from dvrk_gravity.identification.kinematic_calibration import KINEMATIC
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.identification.rigid_columns import link_columns
 from dvrk_gravity.recording.data import Array
-
-SHOWN = 3  # parameters named in one combination
-_INERTIAL = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-_UNITS = ("kg", *("kg·m",) * 3, *("kg·m^2",) * 6)
 
 
 @dataclass(frozen=True)
@@ -197,47 +191,6 @@ def _divided(columns: Columns, chosen: Sequence[int]) -> dict[tuple[str, int], l
                 if i in chosen and (effect is one or place in found):
                     found.setdefault(place, []).append(i)
     return found
-
-
-@lru_cache(maxsize=8)
-def base_parameters(arm: Arm) -> tuple[tuple[str, str, Array], ...]:
-    """Return name, unit and (10 bodies,) combination of the arm's base inertial parameters.
-
-    The regressor's independent columns come from a QR with pivoting; each other column is a
-    combination of those, and its parameter joins theirs (Gautier 1991; Khalil and Dombre 2002).
-    """
-    from scipy.linalg import qr, solve_triangular
-
-    full = rigid_body.regressor(arm, *samples(arm), arm.gravity)
-    full = full.reshape(-1, full.shape[-1])
-    rank = base_directions(arm).shape[1]
-    norm = np.linalg.norm(full, axis=0)
-    norm[norm < 1e-9 * norm.max()] = np.inf
-    r, order = qr(full / norm, mode="r", pivoting=True)
-    depends = solve_triangular(r[:rank, :rank], r[:rank, rank:])
-    found = []
-    for k in range(rank):
-        combination = np.zeros(full.shape[1])
-        combination[order[k]] = 1.0
-        finite = np.isfinite(norm[order[rank:]])
-        ratio = depends[k] * np.where(finite, norm[order[rank:]], 0.0) / norm[order[k]]
-        combination[order[rank:]] = np.where(np.abs(ratio) > 1e-9, ratio, 0.0)
-        unit = _UNITS[order[k] % rigid_body.PER_LINK]
-        found.append((_combination_name(arm, combination, int(order[k])), unit, combination))
-    return tuple(found)
-
-
-def _combination_name(arm: Arm, combination: Array, first: int) -> str:
-    def name(i: int) -> str:
-        body = arm.body_names[i // rigid_body.PER_LINK]
-        return f"{_INERTIAL[i % rigid_body.PER_LINK]}({body})"
-
-    others = [i for i in np.flatnonzero(combination).tolist() if i != first]
-    others.sort(key=lambda i: -abs(combination[i]))
-    text = name(first)
-    for i in others[:SHOWN]:
-        text += f" {combination[i]:+.3g} {name(i)}"
-    return text + (f" + {len(others) - SHOWN} more" if len(others) > SHOWN else "")
 
 
 def _motion_statements(design: Design) -> list[str]:

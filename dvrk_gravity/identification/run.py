@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.effects import terms
 from dvrk_gravity.errors import ArgumentError, ConfigError, RecordingError
 from dvrk_gravity.identification.columns import Columns, identified
@@ -200,11 +199,6 @@ def _static(
     from dvrk_gravity.identification.static_fit import fit_static
 
     source = head(recordings[0]).source
-    if not is_mtm(arm):
-        raise ConfigError(
-            "arm", arm.name,
-            f"mtml or mtmr with static poses ({source}); of other arms, trajectories",
-        )  # fmt: skip
     if effects is not None:
         raise ConfigError(
             "--terms", ",".join(effects),
@@ -292,7 +286,7 @@ def _validated(fit: Fit, recordings: Sequence[Recording | RecordingFile]) -> Fit
     names = ", ".join(head(recording).source for recording in recordings)
     verdict = judge(
         result.joints, fit.training, fit.holding, fit.model.arm, fit.coordinates,
-        static=all_static(recordings),
+        static=all_static(recordings), with_friction=result.with_friction,
     )  # fmt: skip
     return replace(
         fit,

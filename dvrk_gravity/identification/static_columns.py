@@ -10,17 +10,14 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm
 from dvrk_gravity.console import N_POLYNOMIALS
 from dvrk_gravity.effects.base.polynomial import MAX_DEGREE, Range
 from dvrk_gravity.effects.held_load import pose_functions
+from dvrk_gravity.identification.static_gravity import GravityColumns
 from dvrk_gravity.identification.static_poses import Poses
 from dvrk_gravity.recording.data import Array
 
-N_BETA = 10
 ORDER = 4
-SPRUNG = "wrist_pitch"  # the joint of an MTM with a spring or counterweight
 
 Group = tuple[int, ...]  # joints on which the functions depend, all of them
 
@@ -37,8 +34,8 @@ class PoseColumnSettings:
             those of seven published calibration files of real arms (root mean squares, joints 3 to
             6). Functions of others' positions have n^-2.
         own_difference: The same of the difference between the directions of approach.
-        constant_sd: Size of a constant, N·m. Chosen: more than any joint's friction or cable, so
-            that it is hardly held back.
+        constant_sd: Size of a constant, in torques that are more than a joint's friction or cable
+            (``GravityColumns.strong``: 1 N·m on an MTM), so that it is hardly held back. Chosen.
         spring: Size of the wrist's spring or counterweight, N·m. It acts like gravity, with the
             sine of the angle, and no polynomial of order four is a sine over 250 deg. Chosen.
     """
@@ -62,7 +59,7 @@ class JointColumns:
             position, in place of their orders.
         along: (p,) whether the column follows the direction of approach.
         size: (p,) prior standard deviation relative to that of order one.
-        absolute: (p,) prior standard deviation where it is known beforehand, N·m, else NaN.
+        absolute: (p,) prior standard deviation where it is known beforehand, N·m or N, else NaN.
     """
 
     joint: int
@@ -94,12 +91,14 @@ class JointColumns:
         return np.flatnonzero(np.isin(self.group, wanted))
 
     def prior(self, own: float, others: float) -> Array:
-        """Return (p,) standard deviations, N·m, for the sizes of order one that are given."""
+        """Return (p,) standard deviations, N·m or N, for sizes of order one that are given."""
         scale = np.where(self.group == 0, own, others) * self.size
         return np.where(np.isnan(self.absolute), scale, self.absolute)
 
 
-def joint_columns(joint: int, poses: Poses, arm: Arm, for_console: bool = False) -> JointColumns:
+def joint_columns(
+    joint: int, poses: Poses, beside: GravityColumns, for_console: bool = False
+) -> JointColumns:
     """Return the columns that may explain one joint's torque at some poses.
 
     The joint's own position to order four, with sine and cosine where there is a spring; every
@@ -108,7 +107,7 @@ def joint_columns(joint: int, poses: Poses, arm: Arm, for_console: bool = False)
     Args:
         joint: The joint.
         poses: The poses.
-        arm: The arm.
+        beside: Gravity's columns.
         for_console: Only what the dVRK console has as well: polynomials of degree four of the own
             position (of sine and cosine what these can follow), nothing for joint 7.
     """
@@ -121,7 +120,7 @@ def joint_columns(joint: int, poses: Poses, arm: Arm, for_console: bool = False)
             nothing.reshape(0, 1 + MAX_DEGREE), none.astype(bool), nothing, nothing,
         )  # fmt: skip
     degree = ORDER if for_console else MAX_DEGREE
-    series, rows = _own_columns(joint, poses, degree, arm.joint_names[joint] == SPRUNG)
+    series, rows = _own_columns(joint, poses, degree, beside)
     if joint in moving and not for_console:
         groups += [(other,) for other in moving if other != joint]
         groups += list(combinations(moving, 2))
@@ -143,17 +142,19 @@ def joint_columns(joint: int, poses: Poses, arm: Arm, for_console: bool = False)
 
 
 def _own_columns(
-    joint: int, poses: Poses, degree: int, sprung: bool
+    joint: int, poses: Poses, degree: int, beside: GravityColumns
 ) -> tuple[Array, list[tuple[int, NDArray[np.int64], bool, float, float]]]:
     """Return the Chebyshev series and the rows of functions of the joint's own position.
 
     Sine and cosine, where it is sprung, are followed to a degree.
     """
+    name = beside.arm.joint_names[joint]
     directed, settings = poses.directed[joint], PoseColumnSettings()
     none = np.zeros(poses.q.shape[1], dtype=np.int64)
     unit = np.eye(1 + MAX_DEGREE)
     series = [unit[0]] * (1 + directed)
-    rows = [(0, none, along, 1.0, settings.constant_sd) for along in (False, True)[: 1 + directed]]
+    constant = settings.constant_sd * float(beside.strong[joint])
+    rows = [(0, none, along, 1.0, constant) for along in (False, True)[: 1 + directed]]
     if joint not in poses.moving:
         return np.array(series), rows
     for order in range(1, ORDER + 1):
@@ -161,7 +162,7 @@ def _own_columns(
             series.append(unit[order])
             size = (settings.own_difference if along else settings.own_mean)[order]
             rows.append((0, none, along, size, np.nan))
-    if sprung:
+    if name in beside.sprung:
         centre = 0.5 * (poses.lower[joint] + poses.upper[joint])
         half = 0.5 * (poses.upper[joint] - poses.lower[joint])
         nodes = chebyshev.chebpts1(1 + MAX_DEGREE)
@@ -170,11 +171,6 @@ def _own_columns(
             series.append(np.pad(found, (0, MAX_DEGREE - degree)))
             rows.append((0, none, False, 1.0, settings.spring))
     return np.array(series), rows
-
-
-def gravity_rows(poses: Poses, arm: Arm) -> Array:
-    """Return gravity's (N, 7, 10) columns."""
-    return gravity.regressor(poses.q, arm.gravity, N_BETA)
 
 
 def describe(group: Group, names: Sequence[str]) -> str:

@@ -41,7 +41,7 @@ def fit_static(
     loss and with priors that keep in check what the poses do not determine.
 
     Args:
-        recordings: Static poses of all seven joints with efforts, best in both directions.
+        recordings: Static poses of all joints with efforts, best in both directions.
         arm: The arm.
         coordinates: Of the recordings; the direction of approach is each joint's own.
         report: Called with the stage and the share of it that is done.
@@ -74,6 +74,7 @@ def fit_static(
         joint_errors(arm.joint_names, measured[held_out][unseen], shown(predicted)[unseen]),
         joint_errors(arm.joint_names, measured[used], shown(fitted)[used]),
         held, arm, coordinates, static=True,
+        with_friction=[arm.joint_names[joint] for joint in poses.undirected],
     )  # fmt: skip
     error = (poses.effort[held_out] - predicted)[unseen]
     uncertainty = uncertainty_of_poses(model, np.sqrt(np.mean(error**2, axis=0)), poses.q)
@@ -100,7 +101,7 @@ def fit_static(
 def predict_unseen(
     poses: Poses, unseen: NDArray[np.bool_], arm: Arm, for_console: bool = False
 ) -> Array:
-    """Return (N, n) torques at the unseen poses, all choices made on the others, N·m."""
+    """Return (N, n) torques at the unseen poses, all choices made on the others, N·m or N."""
     model = fit_model(poses.rows(~unseen), arm, for_console)
     return model.torque(poses.q[unseen], direction=poses.direction[unseen])
 
@@ -140,7 +141,7 @@ def _handling(poses: Poses, weight: Array, arm: Arm) -> list[str]:
             worst = float(np.abs(poses.effort[weight[:, joint] == 0.0, joint]).max())
             lines.append(
                 f"{name}: {left} of {len(poses)} poses left out, more than {outlier:g} standard "
-                f"deviations off all others (up to {worst:.3f} N·m)"
+                f"deviations off all others (up to {worst:.3f} {arm.effort_units[joint]})"
             )
     if not np.all(weight > 0.0):
         lines.append("poses left out on a joint count in the errors, not in the verdict")

@@ -31,9 +31,9 @@ class DirectionSettings:
     Attributes:
         ratio: Part of it. Chosen: half of what poses that were approached and held show leaves
             friction enough that nothing is driven.
-        dead_band: Speed below which none of it is applied, rad/s. Chosen.
-        saturation: Speed from which on all of that part is, rad/s: the most usual ``sat_vec_vec``
-            of real console files.
+        dead_band: Speed below which none of it is applied, rad/s (a tenth in m/s). Chosen.
+        saturation: Speed from which on all of that part is, likewise: the most usual
+            ``sat_vec_vec`` of real console files.
     """
 
     ratio: float = 0.5
@@ -47,16 +47,17 @@ def fit_poses(
     """Fit what was chosen and build the model.
 
     Returns:
-        The model, the solution, (n,) robust residual scale in N·m and (N, n) weights.
+        The model, the solution, (n,) robust residual scale in N·m or N, and (N, n) weights.
     """
     solution, scale, weight = solve_robust(table, choices)
     arm = table.arm
-    values: dict[str, Value] = {"arm": arm.source or arm.name, "beta": as_value(solution.beta)}
-    values["gravity_vector"] = as_value(arm.gravity)
+    values: dict[str, Value] = {"arm": arm.source or arm.name}
+    values |= table.gravity_columns.parameters(solution.gravity)
     values |= _cables(table, solution)
     values |= _held(table, solution)
-    values |= _shown(table, scale, weight)
-    return TorqueModel.from_parameters(values), solution, scale, weight
+    if table.gravity_columns.bounded:
+        values |= _shown(table, scale, weight)
+    return TorqueModel.from_parameters(values, arm), solution, scale, weight
 
 
 def cable_name(side: str, joint: str) -> str:
@@ -105,12 +106,14 @@ def _cables(table: Table, solution: PoseSolution) -> dict[str, Value]:
         degree = int(used[-1]) if len(used) else 0
         for side, powers in sides.items():
             values[cable_name(side, name)] = as_value(powers[: degree + 1])
-    blend = DirectionSettings()
+    blend, scale = DirectionSettings(), table.arm.scale
     settings = {
-        "dead_band": blend.dead_band, "saturation_velocity": blend.saturation, "ratio": blend.ratio,
-    }  # fmt: skip
+        "dead_band": blend.dead_band * scale,
+        "saturation_velocity": blend.saturation * scale,
+        "ratio": np.full(table.arm.n, blend.ratio),
+    }
     for setting, value in settings.items():
-        values[f"{_CABLE}.{setting}"] = (value,) * table.arm.n
+        values[f"{_CABLE}.{setting}"] = as_value(value)
     return values | _range(_CABLE, table)
 
 

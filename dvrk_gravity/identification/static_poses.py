@@ -13,6 +13,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.identification.motion import require_all
+from dvrk_gravity.identification.static_gravity import gravity_of
 from dvrk_gravity.recording import DataWarning, Recording, prepare
 from dvrk_gravity.recording.data import Array, Coordinates
 
@@ -22,15 +23,17 @@ class PosedSettings:
     """What some static poses must hold.
 
     Attributes:
-        least: Poses. Chosen: two for each of gravity's ten parameters.
-        posed: Way below which a joint was not posed, rad. Chosen: 6 deg; one that was asked to
-            stay is off by less.
+        least: Poses for each of gravity's parameters, of which an MTM has ten. Chosen.
+        fewest: Poses in any case. Chosen: four in each of the five blocks that are held out.
+        posed: Way below which a joint was not posed, rad (10 mm where it slides). Chosen: 6 deg;
+            one that was asked to stay is off by less.
         rarer: Part of the poses that must have come from the rarer direction. Chosen.
         blocks: Held out one after the other where no joint has three positions (Kohavi 1995: five
             to ten).
     """
 
-    least: int = 20
+    least: int = 2
+    fewest: int = 20
     posed: float = 0.1
     rarer: float = 0.1
     blocks: int = 5
@@ -41,10 +44,11 @@ class Poses:
     """Static poses in joint coordinates.
 
     Attributes:
-        q: (N, n) rad.
-        effort: (N, n) N·m.
+        q: (N, n) rad or m.
+        effort: (N, n) N·m or N.
         direction: (N, n) +1/-1; 0 where it is not known.
         part: (N,) index of the recording.
+        scale: (n,) what counts as much as a rad, by joint (``Arm.scale``).
         settings: What they must hold.
     """
 
@@ -52,6 +56,7 @@ class Poses:
     effort: Array
     direction: Array
     part: NDArray[np.int64]
+    scale: Array
     settings: PosedSettings = field(default_factory=PosedSettings)
 
     def __len__(self) -> int:
@@ -65,23 +70,30 @@ class Poses:
             self.effort[selection],
             self.direction[selection],
             self.part[selection],
+            self.scale,
             self.settings,
         )
 
     @cached_property
     def lower(self) -> Array:
-        """(n,) least position of each joint, rad."""
+        """(n,) least position of each joint, rad or m."""
         return self.q.min(axis=0)
 
     @cached_property
     def upper(self) -> Array:
-        """(n,) greatest position of each joint, rad."""
+        """(n,) greatest position of each joint, rad or m."""
         return self.q.max(axis=0)
 
     @cached_property
     def moving(self) -> tuple[int, ...]:
         """Joints that were posed differently."""
-        return tuple(np.flatnonzero(self.upper - self.lower > self.settings.posed).tolist())
+        least = self.settings.posed * self.scale
+        return tuple(np.flatnonzero(self.upper - self.lower > least).tolist())
+
+    @property
+    def undirected(self) -> tuple[int, ...]:
+        """Joints whose friction the poses do not tell apart."""
+        return tuple(joint for joint, told in enumerate(self.directed) if not told)
 
     @cached_property
     def directed(self) -> tuple[bool, ...]:
@@ -114,9 +126,11 @@ def read_poses(
         direction.append(np.zeros(position.shape) if given is None else given)
         part.append(np.full(len(position), index))
     poses = Poses(
-        np.concatenate(q), np.concatenate(effort), np.concatenate(direction), np.concatenate(part)
-    )
-    least = poses.settings.least
+        np.concatenate(q), np.concatenate(effort), np.concatenate(direction),
+        np.concatenate(part), arm.scale,
+    )  # fmt: skip
+    settings = poses.settings
+    least = max(settings.fewest, settings.least * gravity_of(arm).count)
     if len(poses) < least:
         raise RecordingError(
             recordings[0].source, f"holds {len(poses)} static poses, expected at least {least}"

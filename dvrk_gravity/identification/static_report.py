@@ -10,9 +10,7 @@ import numpy as np
 
 from dvrk_gravity.estimation.covariance import Uncertainty, clustered_scores, sandwich
 from dvrk_gravity.estimation.splits import masks, sequential
-from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
-from dvrk_gravity.identification.static_columns import N_BETA
 from dvrk_gravity.identification.static_model import cable_name, cable_rows
 from dvrk_gravity.identification.static_solver import PoseSolution, Table
 from dvrk_gravity.recording.data import Array
@@ -47,7 +45,7 @@ def uncertainty(table: Table, solution: PoseSolution, weight: Array) -> Uncertai
         score = np.zeros(len(solution.theta))
         for joint in range(residual.shape[1]):
             pull = weight[mask, joint] * residual[mask, joint]
-            score[:N_BETA] += table.gravity[mask, joint].T @ pull
+            score[: solution.count] += table.gravity[mask, joint].T @ pull
             chosen = table.matrices[joint][mask][:, solution.columns[joint]]
             score[solution.places(joint)] += chosen.T @ pull
         scores.append(score)
@@ -57,7 +55,7 @@ def uncertainty(table: Table, solution: PoseSolution, weight: Array) -> Uncertai
 def parameters(
     table: Table, solution: PoseSolution, spread: Uncertainty
 ) -> tuple[FittedParameter, ...]:
-    """Return beta and the cables' coefficients with confidence."""
+    """Return gravity's parameters and the cables' coefficients with confidence."""
     found = []
     for name, unit, direction in _quantities(table, solution):
         value = float(direction @ solution.theta)
@@ -86,42 +84,47 @@ def identifiability(table: Table, solution: PoseSolution, spread: Uncertainty) -
 
 
 def _quantities(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str, Array]]:
-    identity = np.eye(len(solution.theta))
-    for k in range(N_BETA):
-        yield f"beta{k + 1} ({BETA_NAMES[k]})", "N·m", identity[k]
-    for joint, name in enumerate(table.arm.joint_names):
+    yield from _of_gravity(table, solution)
+    for joint, one in enumerate(table.arm.joints):
         for side, rows in cable_rows(table, solution, joint).items():
             for power, row in enumerate(rows):
                 if row.any():
-                    unit = "N·m" if power == 0 else f"N·m/rad^{power}"
-                    yield f"{cable_name(side, name)}[{power}]", unit, row
+                    unit = one.effort_unit + (f"/{one.unit}^{power}" if power else "")
+                    yield f"{cable_name(side, one.name)}[{power}]", unit, row
+
+
+def _of_gravity(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str, Array]]:
+    rest = np.zeros(len(solution.theta) - solution.count)
+    for name, unit, direction in table.gravity_columns.quantities():
+        yield name, unit, np.concatenate([direction, rest])
 
 
 def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> Iterator[str]:
-    poses, names = table.poses, table.arm.joint_names
-    for joint, name in enumerate(names):
+    poses, joints = table.poses, table.arm.joints
+    for joint, one in enumerate(joints):
         if joint not in poses.moving:
             yield (
-                f"{name} was posed at {np.degrees(poses.q[:, joint].mean()):.0f} deg only: a "
+                f"{one.name} was posed at {one.shown(float(poses.q[:, joint].mean()))} only: a "
                 "constant is all of its torque that is identifiable"
             )
-        if not poses.directed[joint]:
-            yield (
-                f"{name} was approached from one direction only, or from unknown ones: its "
-                "friction and its cable torque cannot be separated; approach every pose from both "
-                "directions"
-            )
+    if undirected := [joints[joint].name for joint in poses.undirected]:
+        whose = "its" if len(undirected) == 1 else "their"
+        yield (
+            f"{', '.join(undirected)}: approached from one direction only, or from unknown ones: "
+            f"{whose} friction and {whose} cable torque cannot be separated, and what friction "
+            "held is in the errors; approach every pose from both directions"
+        )
     quantities = {name: direction for name, _, direction in _quantities(table, solution)}
-    for k in range(N_BETA):
-        first = f"beta{k + 1} ({BETA_NAMES[k]})"
+    for first, _, of_first in _of_gravity(table, solution):
         for joint, power in product(poses.moving, (0, 1)):
-            second = f"{cable_name('positive', names[joint])}[{power}]"
+            one = joints[joint]
+            second = f"{cable_name('positive', one.name)}[{power}]"
             if second not in quantities:
                 continue
-            together = spread.correlation(quantities[first], quantities[second])
+            together = spread.correlation(of_first, quantities[second])
             if abs(together) > PoseReportSettings().inseparable:
-                low, high = np.degrees([poses.lower[joint], poses.upper[joint]])
+                low, high = (one.shown(float(edge[joint])) for edge in (poses.lower, poses.upper))
                 yield (
                     f"{first} and {second} cannot be separated (correlation {together:+.3f}): "
-                    f"a wider range of {names[joint]} than {low:.0f} to {high:.0f} deg would"
+                    f"a wider range of {one.name} than {low.split()[0]} to {high} would"
                 )

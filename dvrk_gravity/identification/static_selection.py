@@ -11,7 +11,7 @@ from dvrk_gravity.estimation.normal_equations import NormalEquations, fit
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
 from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential
 from dvrk_gravity.identification.result import Choice
-from dvrk_gravity.identification.static_columns import N_BETA, Group, describe
+from dvrk_gravity.identification.static_columns import Group, describe
 from dvrk_gravity.identification.static_solver import Composition, Table, solve_robust
 from dvrk_gravity.recording.data import Array
 
@@ -28,8 +28,8 @@ class PoseSelectionSettings:
             `make sensitivity`.
         standard_errors: ... and so many standard errors of the slabs' gains (Breiman, Friedman,
             Olshen and Stone 1984): luck on one slab is no reason.
-        beta_freedom: N·m, about the beta of all joints, while one joint is looked at alone. Chosen;
-            see `make sensitivity`.
+        gravity_freedom: Of gravity's coefficients (``PoseSettings.gravity_sd``) about those of all
+            joints, while one joint is looked at alone. Chosen; see `make sensitivity`.
         blocks: Blocks of poses that followed each other, held out beside the slabs. Chosen.
     """
 
@@ -37,7 +37,7 @@ class PoseSelectionSettings:
     others: tuple[float, ...] = (0.5, 1.5, 5.0)
     least_gain: float = 0.02
     standard_errors: float = 1.0
-    beta_freedom: float = 0.03
+    gravity_freedom: float = 0.03
     blocks: int = 15
 
 
@@ -74,19 +74,19 @@ class JointSearch:
     Attributes:
         table: All columns.
         joint: The joint.
-        beta: (10,) of all joints, N·m, about which this joint's own may vary.
+        gravity: (k,) coefficients of all joints, about which this joint's own may vary.
         train: Sums over what each held-out slab leaves.
         test: Sums over each slab.
         factor: (slabs,) how much each one counts.
-        own: Robust standard deviation of the torque without the joint's own functions, N·m.
-        rest: Of what these leave, N·m.
+        own: Robust standard deviation of the torque without the joint's own functions, N·m or N.
+        rest: Of what these leave.
         note: Told every group that was tried.
         settings: When a group is kept.
     """
 
     table: Table
     joint: int
-    beta: Array
+    gravity: Array
     train: tuple[NormalEquations, ...]
     test: tuple[NormalEquations, ...]
     factor: Array
@@ -98,11 +98,11 @@ class JointSearch:
     def composed(self, composition: Composition) -> Composed:
         """Return a composition with its held-out errors."""
         columns = self.table.joints[self.joint]
-        chosen = columns.of(composition.groups)
-        places = np.concatenate([np.arange(N_BETA), N_BETA + chosen])
-        mean = np.concatenate([self.beta, np.zeros(len(chosen))])
+        chosen, count = columns.of(composition.groups), len(self.gravity)
+        places = np.concatenate([np.arange(count), count + chosen])
+        mean = np.concatenate([self.gravity, np.zeros(len(chosen))])
         prior = columns.prior(composition.own, composition.others)[chosen]
-        scale = np.concatenate([np.full(N_BETA, self.settings.beta_freedom), prior])
+        scale = np.concatenate([np.full(count, self.settings.gravity_freedom), prior])
         found = []
         for train, test in zip(self.train, self.test, strict=True):
             theta = fit(train.select(places), np.ones(1), scale, mean=mean).theta
@@ -207,7 +207,7 @@ def choose(
         tested = (*of_slabs, *of_order)
         test = tuple(NormalEquations.of(x[mask], y[mask], w[mask]) for mask in tested)
         search = JointSearch(
-            table, joint, solution.beta, tuple(total - part for part in test), test, factor,
+            table, joint, solution.gravity, tuple(total - part for part in test), test, factor,
             float(own[joint]), float(rest[joint]), note, settings,
         )  # fmt: skip
         chosen.append(search.run())

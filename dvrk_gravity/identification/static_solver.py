@@ -1,4 +1,4 @@
-"""Least squares of static poses: one beta for all joints, each joint's own columns, priors."""
+"""Least squares of static poses: one gravity for all joints, each joint's own columns, priors."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.estimation.normal_equations import NormalEquations, Solution, fit
 from dvrk_gravity.estimation.robust import RobustSettings, RobustState, reweighted
 from dvrk_gravity.identification.static_columns import (
-    N_BETA,
     Group,
     JointColumns,
-    gravity_rows,
     joint_columns,
 )
+from dvrk_gravity.identification.static_gravity import GravityColumns, gravity_of
 from dvrk_gravity.identification.static_poses import Poses
 from dvrk_gravity.recording.data import Array
 
@@ -31,15 +30,16 @@ class PoseSettings:
         design_effect: The residual is what stiction left there, which one row of poses shares: so
             many count as one. Of the published grid, a row of one joint is five poses and a plane
             of two 25.
-        beta_sd: N·m; no MTM's first moments are larger, times g.
+        gravity_sd: Size of gravity's coefficients. Of an MTM's, N·m: none of its first moments is
+            larger, times g; others' are in units of what their links plausibly weigh.
         robust: Loss of the residuals. Poses stick, so that their tails are heavier than a motion's;
             chosen, see `make sensitivity`.
-        least_scale: N·m, less than any motor resolves.
+        least_scale: N·m or N, less than any motor resolves.
         rounding: Part of what a joint's torque spreads that is rounding and no noise.
     """
 
     design_effect: float = 25.0
-    beta_sd: float = 1.0
+    gravity_sd: float = 1.0
     robust: RobustSettings = field(default_factory=lambda: RobustSettings(2.0, 8.0, 3))
     least_scale: float = 3e-4
     rounding: float = 1e-3
@@ -51,8 +51,8 @@ class Composition:
 
     Attributes:
         groups: Groups of columns.
-        own: Prior size of functions of the joint's own position, N·m.
-        others: Prior size of the other groups, N·m.
+        own: Prior size of functions of the joint's own position, N·m or N.
+        others: Prior size of the other groups, N·m or N.
     """
 
     groups: tuple[Group, ...]
@@ -68,7 +68,8 @@ class Table:
         arm: The arm.
         poses: The poses.
         valid: Range that they cover.
-        gravity: (N, n, 10) columns.
+        gravity_columns: What gravity's coefficients are.
+        gravity: (N, n, k) columns of theirs.
         joints: Columns of each joint.
         matrices: Their (N, p) values.
     """
@@ -76,6 +77,7 @@ class Table:
     arm: Arm
     poses: Poses
     valid: Range
+    gravity_columns: GravityColumns
     gravity: Array
     joints: tuple[JointColumns, ...]
     matrices: tuple[Array, ...]
@@ -83,52 +85,54 @@ class Table:
     @classmethod
     def of(cls, poses: Poses, arm: Arm, for_console: bool = False) -> Table:
         """Evaluate all columns at the poses, or those that the dVRK console has as well."""
-        valid = Range(poses.lower, poses.upper)
-        joints = tuple(
-            joint_columns(joint, poses, arm, for_console) for joint in range(poses.q.shape[1])
-        )
+        valid, gravity = Range(poses.lower, poses.upper), gravity_of(arm)
+        joints = tuple(joint_columns(joint, poses, gravity, for_console) for joint in range(arm.n))
         matrices = tuple(columns.matrix(poses, valid) for columns in joints)
-        return cls(arm, poses, valid, gravity_rows(poses, arm), joints, matrices)
+        return cls(arm, poses, valid, gravity, gravity.at(poses.q), joints, matrices)
 
     def at(self, poses: Poses) -> Table:
         """Return the same columns at other poses."""
         matrices = tuple(columns.matrix(poses, self.valid) for columns in self.joints)
-        return replace(self, poses=poses, gravity=gravity_rows(poses, self.arm), matrices=matrices)
+        return replace(
+            self, poses=poses, gravity=self.gravity_columns.at(poses.q), matrices=matrices
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class PoseSolution(Solution):
-    """Coefficients: beta, then each joint's chosen columns.
+    """Coefficients: gravity's, then each joint's chosen columns.
 
     Attributes:
+        count: Number k of gravity's.
         columns: For each joint the chosen columns of its :class:`JointColumns`.
     """
 
+    count: int
     columns: tuple[NDArray[np.int64], ...]
 
     @property
-    def beta(self) -> Array:
-        """(10,) N·m."""
-        return self.theta[:N_BETA]
+    def gravity(self) -> Array:
+        """(k,) those of gravity."""
+        return self.theta[: self.count]
 
     def places(self, joint: int) -> NDArray[np.int64]:
         """Return the places of a joint's columns in theta."""
-        start = N_BETA + sum(len(columns) for columns in self.columns[:joint])
+        start = self.count + sum(len(columns) for columns in self.columns[:joint])
         return np.arange(start, start + len(self.columns[joint]), dtype=np.int64)
 
     def predict(self, table: Table) -> Array:
-        """Return (N, n) torques at the poses of a table, N·m."""
-        torque = table.gravity @ self.beta
+        """Return (N, n) torques at the poses of a table, N·m or N."""
+        torque = table.gravity @ self.gravity
         for joint, matrix in enumerate(table.matrices):
             torque[:, joint] += matrix[:, self.columns[joint]] @ self.theta[self.places(joint)]
         return torque
 
     def at_rest(self, table: Table, q: Array) -> Array:
         """Return (K, n, p) torques of all coefficients at (K, n) positions, if nothing sticks."""
-        nowhere = np.zeros(q.shape)
-        there = table.at(Poses(q, nowhere, nowhere, np.zeros(len(q), dtype=np.int64)))
+        nowhere, part = np.zeros(q.shape), np.zeros(len(q), dtype=np.int64)
+        there = table.at(Poses(q, nowhere, nowhere, part, table.arm.scale))
         rows = np.zeros((*q.shape, len(self.theta)))
-        rows[:, :, :N_BETA] = there.gravity
+        rows[:, :, : self.count] = there.gravity
         for joint, matrix in enumerate(there.matrices):
             columns = self.columns[joint]
             own = table.joints[joint].group[columns] == 0  # of others' positions: stiction
@@ -144,20 +148,21 @@ def solve(
     Args:
         table: The columns.
         compositions: Of each joint.
-        weight: (N, n) of each residual, 1 / (N·m)^2.
+        weight: (N, n) of each residual, 1 / (N·m)^2 or 1 / N^2.
         settings: Of the fit.
     """
     columns = tuple(
         joint.of(made.groups) for joint, made in zip(table.joints, compositions, strict=True)
     )
-    edges = np.cumsum([N_BETA, *map(len, columns)])
+    count = table.gravity_columns.count
+    edges = np.cumsum([count, *map(len, columns)])
     gram, cross = np.zeros((1, edges[-1], edges[-1])), np.zeros((1, edges[-1]))
-    scale = np.full(edges[-1], settings.beta_sd)
+    scale = np.full(edges[-1], settings.gravity_sd)
     effort = table.poses.effort
     for joint, chosen in enumerate(columns):
         x = np.concatenate([table.gravity[:, joint], table.matrices[joint][:, chosen]], axis=1)
         own = np.arange(edges[joint], edges[joint + 1])
-        places = np.concatenate([np.arange(N_BETA), own])
+        places = np.concatenate([np.arange(count), own])
         part = NormalEquations.of(x[:, None], effort[:, [joint]], weight[:, [joint]])
         gram[0][np.ix_(places, places)] += part.gram[0]
         cross[0, places] += part.cross[0]
@@ -165,7 +170,7 @@ def solve(
         scale[own] = table.joints[joint].prior(made.own, made.others)[chosen]
     power = np.array([np.sum(weight * effort**2)])
     found = fit(NormalEquations(gram, cross, power, np.array([weight.sum()])), np.ones(1), scale)
-    return PoseSolution(found.theta, found.precision, found.data, found.free, columns)
+    return PoseSolution(found.theta, found.precision, found.data, found.free, count, columns)
 
 
 def solve_robust(

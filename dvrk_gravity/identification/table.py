@@ -78,4 +78,4 @@ def evaluation_text(result: Evaluation, model: TorqueModel) -> Iterator[str]:
         yield f"data: {line}"
     yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
     yield from error_table(result.joints, model.arm)
-    yield compared(model, result.joints, result.coordinates)
+    yield compared(model, result.joints, result.coordinates, result.with_friction)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from math import sqrt
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import SCALES, Joint, thousandth
@@ -29,6 +30,7 @@ FURTHER = (
     "poses nearer to the limits of all joints, and more positions of each",
 )
 THIS_JOINT = ("a motion of {joint}, too", "poses of {joint}, too")
+BOTH_WAYS = "every pose approached from both directions, with a `direction` column that says which"
 
 TINY = 1e-12  # N·m, in place of a torque of zero that an error is divided by
 
@@ -51,6 +53,8 @@ class VerdictSettings:
         negligible: Error that moves no joint, as a part of its effort limit. The least dry friction
             of any joint of a real MTM is about as much: 0.8 % at elbow_pitch, 9 % at wrist_platform
             (half the difference between the directions of the poses in docs/static_poses.md).
+        friction: Error that dry friction may be, as a part of the effort limit: about the most of
+            the same joints. Where poses do not tell friction apart, it is in the error.
     """
 
     good: Mapping[str, float] = field(
@@ -68,6 +72,7 @@ class VerdictSettings:
     usable: float = 0.30
     usable_over_good: float = 2.0**0.5
     negligible: float = 0.01
+    friction: float = 0.1
 
     def level(self, joint: str, share: float) -> str:
         """Return the verdict on an error that is such a part of a joint's torque."""
@@ -84,6 +89,7 @@ def judge(
     arm: Arm,
     coordinates: Coordinates,
     static: bool = False,
+    with_friction: Collection[str] = (),
     settings: VerdictSettings | None = None,
 ) -> Verdict:
     """Judge a fit by its error on data that it had not seen, and by what it leaves open.
@@ -91,7 +97,8 @@ def judge(
     A joint is judged by the worst of four: the held-out error; the standard error of the torque
     that holds the arm still, where it was recorded; the same anywhere within the arm's limits, and
     whether the joint moved at all, which cost no more than "good". Errors too small to move
-    the joint count as none.
+    the joint count as none. Friction that poses do not tell apart keeps a model from being "good",
+    and does not make it one that is not to be compensated with.
 
     Args:
         errors: Held out, by joint.
@@ -100,6 +107,8 @@ def judge(
         arm: The arm.
         coordinates: Of the errors.
         static: Whether the recordings were poses.
+        with_friction: Joints whose friction these errors hold, as the way in which their poses were
+            approached is not known.
         settings: Thresholds; default: :class:`VerdictSettings`.
     """
     settings = settings or VerdictSettings()
@@ -110,7 +119,9 @@ def judge(
     for joint, limit, at_joint in zip(arm.joints, *comparable, strict=True):
         name = joint.name
         found = [
-            _of_error(joint, errors[name], training[name], settings, limit, static),
+            _of_error(
+                joint, errors[name], training[name], settings, limit, static, name in with_friction
+            ),
             *_of_holding(joint, holding[name], settings, static, at_joint),
         ]
         joints[name] = max(found, key=lambda one: VERDICTS.index(one.level))
@@ -124,18 +135,24 @@ def judge(
     )
 
 
-def compared(model: TorqueModel, errors: Mapping[str, JointError], coordinates: Coordinates) -> str:
+def compared(
+    model: TorqueModel,
+    errors: Mapping[str, JointError],
+    coordinates: Coordinates,
+    with_friction: Collection[str] = (),
+) -> str:
     """Say in a line how errors on a recording compare with what identification said of a model.
 
     Args:
         model: The model.
         errors: Of the model on the recording, by joint.
         coordinates: Of the errors.
+        with_friction: As of :func:`judge`.
     """
     settings, arm = VerdictSettings(), model.arm
     limits = arm.actuator_effort_limit if coordinates == "actuator" else arm.effort_limit
     levels = {
-        name: _level(name, errors[name], limit, settings)
+        name: _level(name, errors[name], limit, settings, name in with_friction)
         for name, limit in zip(arm.joint_names, _comparable(limits, arm).tolist(), strict=True)
         if name in errors
     }
@@ -143,12 +160,14 @@ def compared(model: TorqueModel, errors: Mapping[str, JointError], coordinates: 
     which = [
         f"{name} {_percent(errors[name].nrmse)}" for name, level in levels.items() if level == found
     ]
+    rubs = any(level == found and name in with_friction for name, level in levels.items())
     said = (
         "the model carries no verdict of identify"
         if model.verdict == NO_VERDICT
         else f"identify's verdict, from the model file: {in_words(model.verdict)}"
     )
-    why = "" if found == GOOD else f" ({', '.join(which)} of the torque)"
+    held = ", with friction that these poses do not tell apart" if rubs else ""
+    why = "" if found == GOOD else f" ({', '.join(which)} of the torque{held})"
     return f"{said}; from these errors alone it would be: {in_words(found)}{why}"
 
 
@@ -157,11 +176,15 @@ def _comparable(limits: Array, arm: Arm) -> Array:
     return 0.0 * limits if arm.read_in and arm.effort_size == 1.0 else limits
 
 
-def _level(name: str, error: JointError, limit: float, settings: VerdictSettings) -> str:
+def _level(
+    name: str, error: JointError, limit: float, settings: VerdictSettings, with_friction: bool
+) -> str:
     """Return the verdict on an error alone, whose joint or motor has an effort limit."""
     if error.rmse <= settings.negligible * limit:
         return GOOD
-    return settings.level(name, error.nrmse)
+    level = settings.level(name, error.nrmse)
+    may_rub = with_friction and error.rmse <= settings.friction * limit
+    return USABLE if may_rub and level == POOR else level
 
 
 def _of_error(
@@ -171,14 +194,25 @@ def _of_error(
     settings: VerdictSettings,
     limit: float,
     static: bool,
+    with_friction: bool,
 ) -> JointVerdict:
     reason = f"held-out error {_percent(error.nrmse)} of its torque ({_milli(error.rmse, joint)})"
     if error.rmse <= settings.negligible * limit:
         return JointVerdict(GOOD, f"{reason}, which moves no joint")
-    level = _level(joint.name, error, limit, settings)
+    level = _level(joint.name, error, limit, settings, with_friction=False)
     if level == GOOD:
         return JointVerdict(GOOD, reason)
     fitted = _percent(training.nrmse)
+    if with_friction and error.rmse <= settings.friction * limit:
+        # Friction is in both errors alike; what is held out adds what the fit does not know.
+        added = sqrt(max(1.0 - (training.nrmse / error.nrmse) ** 2, 0.0))
+        unknown = JointError(added * error.rmse, added * error.nrmse, error.r2)
+        if _level(joint.name, unknown, limit, settings, with_friction=False) == POOR:
+            reason += f", {fitted} on what was fitted, both with friction: too little was recorded"
+            return JointVerdict(POOR, reason, MORE[static])
+        reason += f", hardly less on what was fitted ({fitted}): friction, which poses approached "
+        reason += "from unknown directions do not tell apart, or what else acts"
+        return JointVerdict(USABLE, reason, BOTH_WAYS)
     if VERDICTS.index(settings.level(joint.name, training.nrmse)) >= VERDICTS.index(level):
         reason += f", hardly less on what was fitted ({fitted}): something acts that no term is for"
         return JointVerdict(level, reason, CLEAN[static])

@@ -90,20 +90,22 @@ class PlantFile:
         """Return the plant of an arm of which no other is given.
 
         It is the first of those that come with the package whose name begins with the arm's, of any
-        MTM ``mtmr_28002`` on its own geometry. Of another arm, supposed are the inertia of its
-        file, or spheres if it has none, and rotors; weight and friction that go with it
-        (``Term.nominal``); and perfect sensors.
+        MTM ``mtmr_28002`` on its own geometry. Of another arm, and of one with joints that are
+        held, which those plants have, supposed are the inertia of its file, or spheres if it has
+        none, and rotors; weight and friction that go with it (``Term.nominal``); and perfect
+        sensors.
 
         Raises:
             ConfigError: A file of the package that cannot be read.
         """
-        named = [name for name in shipped(_FOLDER) if name.partition("_")[0] == arm.name]
+        whole = () if arm.held else shipped(_FOLDER)
+        named = [name for name in whole if name.partition("_")[0] == arm.name]
         if not named and is_mtm(arm):
             named = [_MTM]
         if named:
-            known = cls.load(named[0])
-            values = {**known.model.parameters(), "arm": arm.source or arm.name}
-            return replace(known, model=TorqueModel.from_parameters(values, arm))
+            plant = cls.load(named[0])
+            values = {**plant.model.parameters(), "arm": arm.source or arm.name}
+            return replace(plant, model=TorqueModel.from_parameters(values, arm))
         supposed = (term.nominal(arm) for term in terms())
         model = TorqueModel(arm, tuple(term for term in supposed if term is not None))
         source = f"{arm.name}'s file" if arm.inertial_parameters is not None else "spheres"
