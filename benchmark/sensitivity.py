@@ -68,6 +68,7 @@ from dvrk_gravity.identification.physical import BodySettings
 from dvrk_gravity.identification.problem import WeightSettings
 from dvrk_gravity.identification.selection import SelectionSettings as TermSelectionSettings
 from dvrk_gravity.identification.static_columns import PoseColumnSettings
+from dvrk_gravity.identification.static_gravity import PoseGravitySettings
 from dvrk_gravity.identification.static_model import DirectionSettings
 from dvrk_gravity.identification.static_poses import PosedSettings
 from dvrk_gravity.identification.static_report import PoseReportSettings
@@ -323,6 +324,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (PoseSettings, POSES),
     (PosedSettings, POSES),
     (PoseColumnSettings, POSES),
+    (PoseGravitySettings, POSES),
     (PoseReportSettings, POSES),
     (PoseSelectionSettings, POSES),
     (DirectionSettings, POSES),

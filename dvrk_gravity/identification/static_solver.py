@@ -31,7 +31,7 @@ class PoseSettings:
             many count as one. Of the published grid, a row of one joint is five poses and a plane
             of two 25.
         gravity_sd: Size of gravity's coefficients. Of an MTM's, N·m: none of its first moments is
-            larger, times g; others' are in units of what their links plausibly weigh.
+            larger, times g; others' are in units of what their links may weigh.
         robust: Loss of the residuals. Poses stick, so that their tails are heavier than a motion's;
             chosen, see `make sensitivity`.
         least_scale: N·m or N, less than any motor resolves.
