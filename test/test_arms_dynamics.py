@@ -72,7 +72,7 @@ def test_closed_form_regressor_is_pinocchio_s(arm):
     np.testing.assert_allclose(found, expected, atol=1e-11 * np.abs(expected).max())
 
 
-def test_regressor_times_parameters_is_inverse_dynamics(arm):
+def test_regressor_times_parameters_and_torque_are_inverse_dynamics(arm):
     inertias = inertias_of(arm)
     tree = build_tree(arm, inertias, TILTED)
     parameters = np.zeros((len(arm.bodies), rigid_body.PER_LINK))
@@ -81,8 +81,14 @@ def test_regressor_times_parameters_is_inverse_dynamics(arm):
             row[:] = body.frame.act(inertias[body.name]).toDynamicParameters()
     motion = random_motion(arm, 10, 4)
     expected = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
+    tolerance = 1e-10 * np.abs(expected).max()
     torque = rigid_body.torque(arm, parameters.ravel(), *motion, TILTED)
-    np.testing.assert_allclose(torque, expected, atol=1e-10 * np.abs(expected).max())
+    np.testing.assert_allclose(torque, expected, atol=tolerance)
+    linear = rigid_body.regressor(arm, *motion, TILTED) @ parameters.ravel()
+    np.testing.assert_allclose(linear, expected, atol=tolerance)
+    still = [tree.gravity(q) for q in motion[0]]
+    torque = rigid_body.torque(arm, parameters.ravel(), motion[0], None, None, TILTED)
+    np.testing.assert_allclose(torque, still, atol=tolerance)
 
 
 def test_regressor_of_an_arm_at_rest_and_without_acceleration_leaves_them_out(arms):

@@ -81,9 +81,13 @@ def test_batched_regressor_is_pinocchios(name):
 
 def test_blocks_join_without_a_seam(monkeypatch):
     q, qd, qdd = np.random.default_rng(5).normal(size=(3, 50, 7))
+    links = np.random.default_rng(6).normal(size=rigid_body.COLUMNS)
     whole = rigid_body.regressor(ARM, q, qd, qdd, ARM.gravity)
+    torque = rigid_body.torque(ARM, links, q, qd, qdd, ARM.gravity)
     monkeypatch.setattr(rigid_body, "_BLOCK", 7)
     np.testing.assert_array_equal(rigid_body.regressor(ARM, q, qd, qdd, ARM.gravity), whole)
+    again = rigid_body.torque(ARM, links, q, qd, qdd, ARM.gravity)
+    np.testing.assert_allclose(again, torque, rtol=0.0, atol=1e-12)
 
 
 def test_link_inertia_and_gravity_together_are_the_inverse_dynamics():

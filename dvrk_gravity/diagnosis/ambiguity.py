@@ -13,6 +13,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.findings import Ambiguity, Contender
 from dvrk_gravity.diagnosis.held_out import HeldOut, estimates
+from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.words import told
 from dvrk_gravity.quantity import pose, quantity
 
@@ -53,6 +54,7 @@ def ambiguities(
     aligned = [one for one in free if one.hypothesis.alignment]
     zeros = [one for one in aligned if one.size == 1]
     others = [one for one in aligned if one.size > 1] + zeros
+    poses = _poses(validation.data.motion)
     result, seen = [], set()
     for zero in zeros:
         for other in others:
@@ -62,7 +64,7 @@ def ambiguities(
             share, theta = validation.reproduced(zero, np.array([_DEGREE]), other, named)
             if share > AmbiguitySettings().same:
                 seen.add(pair)
-                result.append(_ambiguity(validation, named, zero, other, share, theta))
+                result.append(_ambiguity(validation, named, zero, other, share, theta, poses))
     return tuple(sorted(result, key=lambda one: -one.overlap))
 
 
@@ -73,6 +75,7 @@ def _ambiguity(
     other: Candidate,
     share: float,
     theta: Array,
+    poses: Motion,
 ) -> Ambiguity:
     both = _estimates(validation, named, (zero, other))
     contenders = []
@@ -95,7 +98,7 @@ def _ambiguity(
         f"{pair} cannot be told apart here: {100 * share:.0f} % of the "
         "torque of the first is the second's as well; "
         + " against ".join(_numbers(one) for one in contenders)
-        + f"; {_pose(validation, zero, other, theta)}"
+        + f"; {_pose(validation, zero, other, theta, poses)}"
     )
     return Ambiguity(contenders[0], contenders[1], share, pair, sentence)
 
@@ -122,22 +125,28 @@ def _estimates(
     ]
 
 
-def _pose(validation: CrossValidation, zero: Candidate, other: Candidate, theta: Array) -> str:
-    """Return at rest in which pose one degree of zero differs most from what mimics it here."""
-    motion, arm = validation.data.motion, validation.data.motion.arm
-    random, poses = np.random.default_rng(0), AmbiguitySettings().poses
+def _poses(motion: Motion) -> Motion:
+    """Return static poses all over the range of the arm."""
+    arm, random, poses = motion.arm, np.random.default_rng(0), AmbiguitySettings().poses
     q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (poses, arm.n))
     still = np.zeros_like(q)
-    posed = replace(
+    return replace(
         motion, q=q, qd=still, qdd=still, effort=still, time=np.arange(float(poses)),
         direction=None if motion.direction is None else np.ones_like(q),
-        parts=(slice(0, poses),),
+        parts=(slice(0, poses),), rate=None,
     )  # fmt: skip
-    mine = zero.hypothesis.build(posed, zero.hypothesis.setting) @ np.array([_DEGREE])
-    its = other.hypothesis.build(posed, other.hypothesis.setting) @ theta
+
+
+def _pose(
+    validation: CrossValidation, zero: Candidate, other: Candidate, theta: Array, poses: Motion
+) -> str:
+    """Return in which pose one degree of zero differs most from what mimics it in the motion."""
+    arm = poses.arm
+    mine = zero.hypothesis.build(poses, zero.hypothesis.setting) @ np.array([_DEGREE])
+    its = other.hypothesis.build(poses, other.hypothesis.setting) @ theta
     apart = np.abs(mine - its)
     where, joint = np.unravel_index(int(np.argmax(apart * validation.weight)), apart.shape)
-    there = pose(q[where], [one.unit for one in arm.joints])
+    there = pose(poses.q[where], [one.unit for one in arm.joints])
     return (
         f"held still at {there}, a zero one degree off and what looks like it here differ by "
         f"{quantity(apart[where, joint], arm.joints[joint].effort_unit)} on "

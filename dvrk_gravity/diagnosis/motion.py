@@ -251,24 +251,25 @@ class Motion:
             directions: (10, k) changes, in the order of ``rigid_body.regressor``.
         """
         joints = list(rigid_body.bodies(self.arm)[link].joints)
-        if link not in self._links:
-            columns = np.empty((len(self.q), len(joints), rigid_body.PER_LINK))
-            own = slice(rigid_body.PER_LINK * link, rigid_body.PER_LINK * (link + 1))
-            for rows in self.pieces():
-                columns[rows] = self.regressor(rows, self.gravity)[:, joints, own]
-            self._links[link] = columns
         torque = np.zeros((len(self.q), self.arm.n, directions.shape[1]))
         torque[:, joints] = self._links[link] @ directions
         return torque
 
     @cached_property
-    def _links(self) -> dict[int, Array]:
-        """By link, (N, m, 10) its columns of the regressor at the joints that move it."""
-        return {}
+    def _links(self) -> list[Array]:
+        """Of each link (N, m, 10) its columns of the regressor at the joints that move it."""
+        moved = [list(body.joints) for body in rigid_body.bodies(self.arm)]
+        links = [np.empty((len(self.q), len(joints), rigid_body.PER_LINK)) for joints in moved]
+        for rows in self.pieces():
+            whole = self.regressor(rows, self.gravity)
+            for link, (columns, joints) in enumerate(zip(links, moved, strict=True)):
+                own = slice(rigid_body.PER_LINK * link, rigid_body.PER_LINK * (link + 1))
+                columns[rows] = whole[:, joints, own]
+        return links
 
     def release(self) -> None:
         """Drop the links' columns; they are computed again if need be."""
-        self._links.clear()
+        self.__dict__.pop("_links", None)
 
     @cached_property
     def inertial(self) -> NDArray[np.int_]:

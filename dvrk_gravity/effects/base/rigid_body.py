@@ -1,4 +1,4 @@
-"""Rigid-body regressor of many samples at once, in closed form over arrays.
+"""Rigid-body regressor and torque of many samples at once, in closed form over arrays.
 
 The joint efforts of a tree of rigid bodies are linear in ten inertial parameters
 of each body (Atkeson, An, Hollerbach 1986). With the angular velocity w, angular
@@ -8,9 +8,11 @@ the body's frame, a joint that gives the body the unit motion (u, v) carries
     m:  v . a        m c:  L' v + a x u,  L = [dw] + [w][w]
     I:  u' I dw + (u x w)' I w
 
-so that one pass down the tree serves all samples; Pinocchio's own regressor, one
-sample a call, is the oracle that the tests hold it against. Bodies turn about
-their z axis or slide along it, by any constant combination of the arm's joints.
+so that one pass down the tree serves all samples. Where only the efforts of known
+parameters are asked for, the recursion of Newton and Euler (Luh, Walker, Paul 1980)
+gives them in a pass down and one back. Pinocchio, one sample a call, is the oracle
+that the tests hold both against. Bodies turn about their z axis or slide along it,
+by any constant combination of the arm's joints.
 """
 
 from __future__ import annotations
@@ -97,127 +99,199 @@ def regressor(arm: Arm, q: Array, qd: Array | None, qdd: Array | None, gravity: 
         Pinocchio's order: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin.
     """
     out = np.empty((*q.shape, PER_LINK * len(arm.bodies)))
-    for part, block in _blocks(arm, q, qd, qdd, gravity):
-        out[part] = block.transpose(2, 0, 1)
+    tree = bodies(arm)
+    for part, coordinates in _blocks(tree, q, qd, qdd):
+        out[part] = _regressor(tree, coordinates, gravity, arm.n).transpose(2, 0, 1)
     return out
 
 
 def torque(
     arm: Arm, parameters: Array, q: Array, qd: Array | None, qdd: Array | None, gravity: Array
 ) -> Array:
-    """Return (N, n) efforts of (10 bodies,) parameters without storing the regressor."""
+    """Return (N, n) efforts of (10 bodies,) parameters; see :func:`regressor`."""
     out = np.empty(q.shape)
-    for part, block in _blocks(arm, q, qd, qdd, gravity):
-        out[part] = (parameters @ block).T
+    tree, links = bodies(arm), parameters.reshape(-1, PER_LINK)
+    for part, coordinates in _blocks(tree, q, qd, qdd):
+        out[part] = _torque(tree, links, coordinates, gravity, arm.n).T
     return out
 
 
+class _Coordinate(NamedTuple):
+    """Coordinate of a body's joint, its rate and gain, (samples,) each."""
+
+    position: Array
+    rate: Array
+    gain: Array
+
+
 def _blocks(
-    arm: Arm, q: Array, qd: Array | None, qdd: Array | None, gravity: Array
-) -> Iterator[tuple[slice, Array]]:
-    """Yield slices of the samples and their regressor as (n, columns, samples)."""
-    tree = bodies(arm)
+    tree: tuple[Body, ...], q: Array, qd: Array | None, qdd: Array | None
+) -> Iterator[tuple[slice, list[_Coordinate]]]:
+    """Yield slices of the samples, and every body's coordinate there."""
     for start in range(0, len(q), _BLOCK):
         part = slice(start, start + _BLOCK)
-        yield (
-            part,
-            _block(
-                tree,
-                q[part].T,
-                None if qd is None else qd[part].T,
-                None if qdd is None else qdd[part].T,
-                gravity,
-            ),
-        )
+        arrays = [None if array is None else array[part].T for array in (q, qd, qdd)]
+        count = len(q[part])
+        yield part, [_Coordinate(*(b.coordinate(array, count) for array in arrays)) for b in tree]
+
+
+class _Frame(NamedTuple):
+    """Where a body is in its parent's frame.
+
+    Attributes:
+        rotation: (3, 3) of its joint's frame.
+        turn: Cosine and sine of its turn about z, (samples,) each; ``None``: it slides.
+        offset: (3, 1) or (3, samples) of its origin, m; ``None``: in its parent's.
+    """
+
+    rotation: Array
+    turn: tuple[Array, Array] | None
+    offset: Array | None
+
+    def into(self, vector: Array) -> Array:
+        """Return a (3, samples) vector of the parent's frame in the body's."""
+        vector = self.rotation.T @ vector
+        if self.turn is None:
+            return vector
+        (c, s), (x, y) = self.turn, vector[:2].copy()
+        np.add(c * x, s * y, out=vector[0])
+        np.subtract(c * y, s * x, out=vector[1])
+        return vector
+
+    def out_of(self, vector: Array) -> Array:
+        """Return a (3, samples) vector of the body's frame in its parent's."""
+        if self.turn is not None:
+            (x, y, z), (c, s) = vector, self.turn
+            vector = np.stack([c * x - s * y, s * x + c * y, z])
+        return self.rotation @ vector
 
 
 class _Motion(NamedTuple):
-    """Motion of a body in its own frame, (3, n) each; unit motions by joint."""
+    """Motion of a body in its own frame, (3, samples) each; gravity taken off the acceleration."""
 
     w: Array
     dw: Array
     a: Array
-    unit: dict[int, tuple[Array, Array]]
 
 
-def _block(
-    tree: tuple[Body, ...], q: Array, qd: Array | None, qdd: Array | None, gravity: Array
+def _resting(gravity: Array, samples: int) -> _Motion:
+    """Return the motion of the base."""
+    still = np.zeros((3, samples))
+    return _Motion(still, still, np.repeat(-gravity[:, None], samples, axis=1))
+
+
+def _frame(body: Body, position: Array) -> _Frame:
+    if body.slides:
+        return _Frame(body.rotation, None, body.offset + body.rotation[:, 2:] * position)
+    turn = np.cos(position), np.sin(position)
+    return _Frame(body.rotation, turn, body.offset if body.apart else None)
+
+
+def _carried(parent: _Motion, frame: _Frame, rate: Array, gain: Array) -> _Motion:
+    """Carry a parent's motion to the frame of a body, and add its joint's."""
+    a = parent.a
+    if frame.offset is not None:
+        across = _cross(parent.w, frame.offset)
+        a = a + _cross(parent.dw, frame.offset) + _cross(parent.w, across)
+    w, dw, a = frame.into(parent.w), frame.into(parent.dw), frame.into(a)
+    if frame.turn is None:
+        # 2 w x z rate (Coriolis) and z gain
+        a[0] += 2.0 * rate * w[1]
+        a[1] -= 2.0 * rate * w[0]
+        a[2] += gain
+    else:
+        # (R' w) x z rate = rate (w_y, -w_x, 0)
+        dw[0] += rate * w[1]
+        dw[1] -= rate * w[0]
+        dw[2] += gain
+        w[2] += rate
+    return _Motion(w, dw, a)
+
+
+def _torque(
+    tree: tuple[Body, ...],
+    links: Array,
+    coordinates: list[_Coordinate],
+    gravity: Array,
+    joints: int,
 ) -> Array:
-    """Return (joints, columns, n) from (joints, n) arrays."""
-    joints, n = q.shape
-    out = np.zeros((joints, PER_LINK * len(tree), n))
-    base = _Motion(np.zeros((3, n)), np.zeros((3, n)), np.repeat(-gravity[:, None], n, axis=1), {})
+    """Return (joints, samples) efforts of (bodies, 10) parameters: down the tree, and back."""
+    samples = len(coordinates[0].position)
+    base = _resting(gravity, samples)
+    frames: list[_Frame] = []
     motions: list[_Motion] = []
-    for index, body in enumerate(tree):
+    for body, (position, rate, gain) in zip(tree, coordinates, strict=True):
+        frames.append(_frame(body, position))
         parent = base if body.parent < 0 else motions[body.parent]
-        position, rate, gain = (body.coordinate(array, n) for array in (q, qd, qdd))
-        step = _slide if body.slides else _turn
-        motion = step(parent, body, position, rate, gain)
-        motions.append(motion)
-        columns = slice(PER_LINK * index, PER_LINK * (index + 1))
-        _fill(out[:, columns], motion)
+        motions.append(_carried(parent, frames[-1], rate, gain))
+    # What each body takes to move, and carries on.
+    wrenches = [_wrench(link, motion) for link, motion in zip(links, motions, strict=True)]
+    out = np.zeros((joints, samples))
+    for body, frame, (force, moment) in zip(
+        reversed(tree), reversed(frames), reversed(wrenches), strict=True
+    ):
+        for joint, factor in body.moved_by:
+            out[joint] += factor * (force if body.slides else moment)[2]
+        if body.parent < 0:
+            continue
+        force, moment = frame.out_of(force), frame.out_of(moment)
+        if frame.offset is not None:
+            moment += _cross(frame.offset, force)
+        before = wrenches[body.parent]
+        wrenches[body.parent] = before[0] + force, before[1] + moment
     return out
 
 
-def _turn(parent: _Motion, body: Body, angle: Array, rate: Array, gain: Array) -> _Motion:
-    """Carry a parent's motion to the frame of a body that turns, and add its joint's."""
-    c, s = np.cos(angle), np.sin(angle)
+def _wrench(link: Array, motion: _Motion) -> tuple[Array, Array]:
+    """Return force and moment about its origin, (3, samples), that move a body so."""
+    w, dw, a = motion
+    if not link.any():
+        return np.zeros(a.shape), np.zeros(a.shape)
+    mass, first = link[0], link[1:4, None]
+    xx, xy, yy, xz, yz, zz = link[4:]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    force = mass * a + _cross(dw, first) + _cross(w, _cross(w, first))
+    return force, _cross(first, a) + inertia @ dw + _cross(w, inertia @ w)
 
-    def into(vector: Array) -> Array:
-        x, y, z = body.rotation.T @ vector
-        return np.stack([c * x + s * y, c * y - s * x, z])
 
-    w = into(parent.w)
-    dw = into(parent.dw)
-    # (R' w) x z rate = rate (w_y, -w_x, 0)
-    dw[0] += rate * w[1]
-    dw[1] -= rate * w[0]
-    dw[2] += gain
-    w[2] += rate
-    offset = body.offset
-    a = parent.a
-    if body.apart:
-        a = a + _cross(parent.dw, offset) + _cross(parent.w, _cross(parent.w, offset))
-    unit = {
-        joint: (into(u), into(v + _cross(u, offset) if body.apart else v))
-        for joint, (u, v) in parent.unit.items()
+def _regressor(
+    tree: tuple[Body, ...], coordinates: list[_Coordinate], gravity: Array, joints: int
+) -> Array:
+    """Return (joints, columns, samples)."""
+    samples = len(coordinates[0].position)
+    out = np.zeros((joints, PER_LINK * len(tree), samples))
+    base, fixed = _resting(gravity, samples), dict[int, tuple[Array, Array]]()
+    motions: list[_Motion] = []
+    units: list[dict[int, tuple[Array, Array]]] = []
+    for index, (body, (position, rate, gain)) in enumerate(zip(tree, coordinates, strict=True)):
+        parent, unit = (
+            (base, fixed) if body.parent < 0 else (motions[body.parent], units[body.parent])
+        )
+        frame = _frame(body, position)
+        motions.append(_carried(parent, frame, rate, gain))
+        units.append(_units(unit, body, frame, samples))
+        _fill(out[:, PER_LINK * index : PER_LINK * (index + 1)], motions[-1], units[-1])
+    return out
+
+
+def _units(
+    parent: dict[int, tuple[Array, Array]], body: Body, frame: _Frame, samples: int
+) -> dict[int, tuple[Array, Array]]:
+    """Return the unit motions (u, v) that joints give a body, (3, samples) each, by joint."""
+    offset = frame.offset
+    units = {
+        joint: (frame.into(u), frame.into(v if offset is None else v + _cross(u, offset)))
+        for joint, (u, v) in parent.items()
     }
     for joint, factor in body.moved_by:
-        u, v = _unit(unit, joint, len(c))
-        u[2] += factor
-        unit[joint] = (u, v)
-    return _Motion(w, dw, into(a), unit)
+        u, v = units.setdefault(joint, (np.zeros((3, samples)), np.zeros((3, samples))))
+        (v if body.slides else u)[2] += factor
+    return units
 
 
-def _slide(parent: _Motion, body: Body, way: Array, rate: Array, gain: Array) -> _Motion:
-    """Carry a parent's motion to the frame of a body that slides, and add its joint's."""
-    back = body.rotation.T
-    offset = body.offset + body.rotation[:, 2:] * way
-    w, dw = back @ parent.w, back @ parent.dw
-    a = parent.a + _cross(parent.dw, offset) + _cross(parent.w, _cross(parent.w, offset))
-    a = back @ a
-    # 2 w x z rate (Coriolis) and z gain
-    a[0] += 2.0 * rate * w[1]
-    a[1] -= 2.0 * rate * w[0]
-    a[2] += gain
-    unit = {
-        joint: (back @ u, back @ (v + _cross(u, offset))) for joint, (u, v) in parent.unit.items()
-    }
-    for joint, factor in body.moved_by:
-        u, v = _unit(unit, joint, len(way))
-        v[2] += factor
-        unit[joint] = (u, v)
-    return _Motion(w, dw, a, unit)
-
-
-def _unit(unit: dict[int, tuple[Array, Array]], joint: int, n: int) -> tuple[Array, Array]:
-    """Return the unit motion that a joint gives a body so far, zero where it gives none."""
-    return unit.get(joint) or (np.zeros((3, n)), np.zeros((3, n)))
-
-
-def _fill(out: Array, motion: _Motion) -> None:
+def _fill(out: Array, motion: _Motion, units: dict[int, tuple[Array, Array]]) -> None:
     """Write the ten columns of a body, (7, 10, n), for every joint that moves it."""
-    w, dw, a, unit = motion
+    w, dw, a = motion
     (wx, wy, wz), (dx, dy, dz) = w, dw
     # L = [dw] + [w][w], by its entries.
     xy, xz, yz = wx * wy, wx * wz, wy * wz
@@ -227,7 +301,7 @@ def _fill(out: Array, motion: _Motion) -> None:
         (xy + dz, -xx - zz, yz - dx),
         (xz - dy, yz + dx, -xx - yy),
     )
-    for joint, (u, v) in unit.items():
+    for joint, (u, v) in units.items():
         t = out[joint]
         t[0] = v[0] * a[0] + v[1] * a[1] + v[2] * a[2]
         t[1:4] = _cross(a, u)
@@ -244,6 +318,9 @@ def _fill(out: Array, motion: _Motion) -> None:
 
 def _cross(a: Array, b: Array) -> Array:
     """Return the cross product of (3, n) or (3, 1) vectors."""
-    return np.stack(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
+    (ax, ay, az), (bx, by, bz) = a, b
+    out = np.empty((3, max(a.shape[1], b.shape[1])))
+    np.subtract(ay * bz, az * by, out=out[0])
+    np.subtract(az * bx, ax * bz, out=out[1])
+    np.subtract(ax * by, ay * bx, out=out[2])
+    return out
