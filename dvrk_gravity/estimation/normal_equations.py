@@ -44,17 +44,17 @@ class NormalEquations:
 
     @classmethod
     def of(cls, x: Array, y: Array, weight: Array | None = None) -> NormalEquations:
-        """Sum (n, m, p) columns and (n, m) values with (n, m) weights, by default one."""
+        """Sum (n, m, p) columns and (n, m) values with (n, m) weights >= 0, by default one."""
         weight = np.ones_like(y) if weight is None else weight
         channels, columns = x.shape[1:]
         gram, cross = np.zeros((channels, columns, columns)), np.zeros((channels, columns))
         for j in range(channels):
             # Most columns do not touch a given channel.
             used = np.flatnonzero(np.any(x[:, j] != 0.0, axis=0))
-            mine = x[:, j, used]
-            weighted = mine * weight[:, j, None]
-            gram[j][np.ix_(used, used)] = weighted.T @ mine
-            cross[j][used] = weighted.T @ y[:, j]
+            root = np.sqrt(weight[:, j])
+            mine = x[:, j, used] * root[:, None]
+            gram[j][np.ix_(used, used)] = mine.T @ mine  # of one array: half of it is computed
+            cross[j][used] = mine.T @ (root * y[:, j])
         return cls(gram, cross, (weight * y * y).sum(0), weight.sum(0))
 
     @classmethod
@@ -91,24 +91,26 @@ class NormalEquations:
 
 
 class HeldOutSums:
-    """Sums of products over held-out samples, for the errors of many fits to others."""
+    """Sums of products over the held-out samples of each fold, for the errors of many fits."""
 
-    def __init__(self, equations: NormalEquations) -> None:
+    def __init__(self, folds: Sequence[NormalEquations]) -> None:
         """Keep of each channel the columns that touch it: most do not."""
-        self._power = equations.power
+        self._power = np.array([fold.power for fold in folds])
         self._channels = []
-        for gram, cross in zip(equations.gram, equations.cross, strict=True):
-            used = np.flatnonzero(np.diag(gram))
-            part = np.ascontiguousarray(gram[used[:, None], used])
-            self._channels.append((used, part, cross[used]))
+        for j in range(self._power.shape[1]):
+            used = np.flatnonzero(np.any([np.diag(fold.gram[j]) for fold in folds], axis=0))
+            gram = np.array([fold.gram[j][used[:, None], used] for fold in folds])
+            cross = np.array([fold.cross[j][used] for fold in folds])
+            self._channels.append((used, gram, cross))
 
     def error(self, theta: Array) -> Array:
-        """Return (m,) weighted sums of squared errors of (p,) coefficients."""
-        explained = []
-        for used, gram, cross in self._channels:
-            own = theta[used]
-            explained.append((2.0 * cross - gram @ own) @ own)
-        return np.maximum(self._power - np.array(explained), 0.0)
+        """Return (folds, m) weighted sums of squared errors of (folds, p) coefficients."""
+        explained = np.empty(self._power.shape)
+        for j, (used, gram, cross) in enumerate(self._channels):
+            own = theta[:, used]
+            left = 2.0 * cross - np.matmul(gram, own[:, :, None])[:, :, 0]
+            explained[:, j] = (left * own).sum(axis=1)
+        return np.maximum(self._power - explained, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,16 +235,18 @@ def solve_signed(
     Raises:
         NotConvergedError: If SciPy's solver runs out of iterations.
     """
-    from scipy.linalg import cho_factor, cho_solve, solve_triangular
-    from scipy.optimize import nnls
-
     free = np.ones(len(right), dtype=bool) if guess is None else guess | ~positive
     for _ in range(_EXCHANGES):
         theta = _solve_free(precision, right, free)
-        wrong = positive & np.where(free, theta < 0.0, right - precision @ theta > 0.0)
+        wrong, (held,) = positive & (theta < 0.0), (~free).nonzero()
+        if len(held):
+            wrong[held] = right[held] > precision[held] @ theta
         if not wrong.any():
             return theta, free
         free = free ^ wrong
+    from scipy.linalg import cho_factor, cho_solve, solve_triangular
+    from scipy.optimize import nnls
+
     signed, others = np.flatnonzero(positive), np.flatnonzero(~positive)
     coupling = precision[np.ix_(others, signed)]
     factor = cho_factor(precision[np.ix_(others, others)], check_finite=False)
@@ -270,12 +274,12 @@ def _solve_free(precision: Array, right: Array, free: NDArray[np.bool_]) -> Arra
     from scipy.linalg.lapack import dposv
 
     theta = np.zeros(len(right))
-    index = np.flatnonzero(free)
+    (index,) = free.nonzero()
     if not len(index):
         return theta
-    whole = len(index) == len(right)
-    part = precision if whole else precision[index[:, None], index]
-    _, theta[index], info = dposv(part, right[index])
+    # A copy of its own, in LAPACK's order of rows and columns: the matrix is symmetric.
+    part = precision[index[:, None], index].T
+    _, theta[index], info = dposv(part, right[index], overwrite_a=True)
     if info:
         raise np.linalg.LinAlgError("normal equations are not positive definite")
     return theta

@@ -9,12 +9,13 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
+from dvrk_gravity.estimation.normal_equations import fit
 from dvrk_gravity.estimation.splits import make_folds
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import build_design
 from dvrk_gravity.identification.motion import Motion, Source, head, read, read_motions
 from dvrk_gravity.identification.moves import start_columns
-from dvrk_gravity.identification.selection import Selection, split_equations
+from dvrk_gravity.identification.selection import split_equations
 from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.recording.data import Coordinates
 
@@ -87,12 +88,20 @@ def _error(recording: Source, arm: Arm, coordinates: Coordinates) -> float:
     motions = [_head(motion) for motion in read_motions([recording], arm, coordinates).parts[:1]]
     q = motions[0].state.q
     columns = Columns(arm, q.min(axis=0), q.max(axis=0))
-    design = build_design(columns, motions)
+    design, chosen = build_design(columns, motions), start_columns(columns)
     folds = make_folds(design.time, design.part, design.state.q, design.rate)
-    _, train, test = split_equations(design, folds, np.ones_like(design.y))
+    plain = replace(design, x=design.x[:, :, chosen])
+    _, train, test = split_equations(plain, folds, np.ones_like(design.y))
     # A tenth of the torque is what such a model leaves; half a second is how long it stays.
     weight = 1.0 / (np.maximum(0.1 * design.y.std(axis=0), 1e-6) ** 2 * 0.5 * design.rate)
-    held_out = Selection(columns, train, test, weight).score(start_columns(columns)).sum(axis=0)
+    scale, positive = columns.scale[chosen], columns.positive[chosen]
+    held_out = np.sum(
+        [
+            unseen.error(fit(seen, weight, scale, positive).theta)
+            for seen, unseen in zip(train, test, strict=True)
+        ],
+        axis=0,
+    )
     power = np.sum([one.power for one in test], axis=0)
     return float(np.exp(0.5 * np.mean(np.log(held_out / np.maximum(power, 1e-12) + 1e-12))))
 

@@ -133,7 +133,7 @@ def fit_dynamic(
         choices=tuple(selection.choices),
         warnings=motions.warnings,
         handling=motions.handling,
-        validation=_how_validated(problem.folds),
+        validation=how_validated(problem.folds),
         coordinates=coordinates,
         samples=sum(len(motion) for motion in motions.parts),
         physical={} if found.links is None else certificate(arm, found.links),
@@ -240,7 +240,7 @@ def _with_all_terms(problem: Problem, band: float, own: KnownError, report: Repo
     return error if np.sum(error.rms**2 / own.rms**2) < len(own.rms) else own
 
 
-def _how_validated(folds: Folds) -> str:
+def how_validated(folds: Folds) -> str:
     """Say in one sentence what was held out."""
     text = (
         f"{len(folds.tested)} blocks, each predicted by a fit to the others with a gap of "

@@ -68,9 +68,10 @@ def _by_limits(q: Array, arm: Arm, beyond: Array) -> DataWarning | None:
 
     A zero that is off as far as is plausible (:class:`KinematicSettings`) proves nothing.
     """
-    if arm.name not in OTHER:
+    misplaced = KinematicSettings().misplaced
+    if arm.name not in OTHER or beyond.max() < misplaced:
         return None
-    other, misplaced = _beyond(q, Arm.load(OTHER[arm.name])), KinematicSettings().misplaced
+    other = _beyond(q, Arm.load(OTHER[arm.name]))
     joint = int(np.argmax(beyond - other))
     if beyond[joint] < misplaced or max(other.max(), 0.0) > beyond.max() - misplaced:
         return None

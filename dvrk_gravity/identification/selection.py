@@ -104,20 +104,17 @@ class Selection:
 
     def score(self, chosen: Sequence[int]) -> Array:
         """Return (folds, m) held-out sums of squared errors."""
-        index = list(chosen)
-        grid = np.ix_(index, index)
-        ridge = np.diag(1.0 / self.columns.scale[index] ** 2)
+        index, free = np.array(chosen), self._free
         positive = self.columns.positive[index]
-        errors = []
-        theta = np.zeros(len(self.columns.columns))
-        for (data, right), test, free in zip(
-            self._weighted, self._test_sums, self._free, strict=True
+        precisions, rights = self._weighted
+        theta = np.zeros(rights.shape)
+        for fold, (precision, right) in enumerate(
+            zip(precisions[:, index[:, None], index], rights[:, index], strict=True)
         ):
-            theta[index], free[index] = solve_signed(
-                data[grid] + ridge, right[index], positive, free[index]
+            theta[fold, index], free[fold, index] = solve_signed(
+                precision, right, positive, free[fold, index]
             )
-            errors.append(test.error(theta))
-        return np.array(errors)
+        return self._held_out.error(theta)
 
     @cached_property
     def _free(self) -> NDArray[np.bool_]:
@@ -128,13 +125,18 @@ class Selection:
         return np.ones((len(self.train), len(self.columns.columns)), dtype=bool)
 
     @cached_property
-    def _test_sums(self) -> list[HeldOutSums]:
-        return [HeldOutSums(test) for test in self.test]
+    def _held_out(self) -> HeldOutSums:
+        return HeldOutSums(self.test)
 
     @cached_property
-    def _weighted(self) -> list[tuple[Array, Array]]:
-        """What each fold's fit sees, motors added up by their weights: (p, p) and (p,)."""
-        return [train.combined(self.weight) for train in self.train]
+    def _weighted(self) -> tuple[Array, Array]:
+        """What each fold's fit sees, motors added up by their weights, and the prior.
+
+        The normal equations' matrices (folds, p, p) and right sides (folds, p).
+        """
+        prior = np.diag(self.columns.scale**-2.0)
+        sums = [train.combined(self.weight) for train in self.train]
+        return np.array([data + prior for data, _ in sums]), np.array([right for _, right in sums])
 
     def compare(self, before: Array, after: Array) -> tuple[float, float]:
         """Return the mean relative gain and its standard error over the blocks.

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.estimation.normal_equations import NormalEquations, fit
+from dvrk_gravity.estimation.normal_equations import HeldOutSums, NormalEquations
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
 from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential
 from dvrk_gravity.identification.result import Choice
@@ -103,11 +104,22 @@ class JointSearch:
         mean = np.concatenate([self.gravity, np.zeros(len(chosen))])
         prior = columns.prior(composition.own, composition.others)[chosen]
         scale = np.concatenate([np.full(count, self.settings.gravity_freedom), prior])
-        found = []
-        for train, test in zip(self.train, self.test, strict=True):
-            theta = fit(train.select(places), np.ones(1), scale, mean=mean).theta
-            found.append(test.select(places).error(theta)[0])
-        return Composed(composition, self.factor * np.array(found))
+        gram, cross = self._seen
+        precision = gram[:, places[:, None], places] + np.diag(scale**-2.0)
+        right = cross[:, places] + mean / scale**2
+        theta = np.zeros(cross.shape)
+        theta[:, places] = np.linalg.solve(precision, right[:, :, None])[:, :, 0]
+        return Composed(composition, self.factor * self._held_out.error(theta)[:, 0])
+
+    @cached_property
+    def _seen(self) -> tuple[Array, Array]:
+        """Sums of products over what each held-out slab leaves: (slabs, p, p) and (slabs, p)."""
+        grams, crosses = zip(*((one.gram[0], one.cross[0]) for one in self.train), strict=True)
+        return np.array(grams), np.array(crosses)
+
+    @cached_property
+    def _held_out(self) -> HeldOutSums:
+        return HeldOutSums(self.test)
 
     def run(self) -> Composition:
         """Return the best composition."""

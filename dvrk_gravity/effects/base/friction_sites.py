@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 
@@ -24,10 +25,11 @@ def friction_sites(motion: Motion) -> Iterator[site.Site]:
             yield site.motor(motor)
 
 
-def mixed_motors(arm: Arm) -> list[int]:
+@lru_cache(maxsize=8)
+def mixed_motors(arm: Arm) -> tuple[int, ...]:
     """Return the motors that move more than their own joint, or other joints with theirs."""
     off = np.abs(arm.joint_to_actuator - np.eye(arm.n)).max(axis=1)
-    return [int(motor) for motor in np.flatnonzero(off > 1e-9)]
+    return tuple(int(motor) for motor in np.flatnonzero(off > 1e-9))
 
 
 def _both_ways(motion: Motion, joint: int) -> bool:

@@ -148,10 +148,16 @@ def legendre(valid: Range, degree: int) -> Array:
     """
     n = len(valid.lower)
     matrix = np.zeros((degree + 1, n, degree + 1, n))
+    orders = np.zeros((degree + 1, degree + 1))  # of powers of u, which goes from -1 to 1
+    for order, unit in enumerate(np.eye(degree + 1)):
+        orders[: order + 1, order] = np.polynomial.legendre.leg2poly(unit[: order + 1])
     for joint, (low, high) in enumerate(zip(valid.lower, valid.upper, strict=True)):
-        domain = (low, high) if high - low > 1e-3 else (low - 1.0, low + 1.0)
-        for order in range(degree + 1):
-            polynomial = np.polynomial.Legendre.basis(order, domain=domain)
-            powers = polynomial.convert(kind=np.polynomial.Polynomial).coef
-            matrix[: len(powers), joint, order, joint] = powers
+        if high - low <= 1e-3:
+            low, high = low - 1.0, low + 1.0
+        u = np.array([-(high + low), 2.0]) / (high - low)  # in powers of the position
+        powers, power = np.zeros((degree + 1, degree + 1)), np.ones(1)
+        for k in range(degree + 1):
+            powers[: k + 1, k] = power
+            power = np.convolve(power, u)
+        matrix[:, joint, :, joint] = powers @ orders
     return matrix.reshape((degree + 1) * n, -1)
