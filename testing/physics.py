@@ -25,7 +25,7 @@ def stribeck(levels: Array, velocities: Array) -> PlantPart:
     width = np.where(levels > 0.0, velocities, np.inf)
 
     def left(v: Array) -> Array:
-        return np.r_[np.exp(-((v / width) ** 2)), nothing]
+        return np.concatenate([np.exp(-((v / width) ** 2)), nothing])
 
     both_ways = np.r_[levels, nothing]
     return PlantPart(dry=np.array([both_ways, both_ways]), fade=left)

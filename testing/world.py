@@ -142,14 +142,15 @@ class World:
 
     def plant(self) -> HiddenPlant:
         """Return the arm that moves."""
-        parts = (
+        parts = [
             physics.cable(self.cable),
             physics.coulomb(self.coulomb),
-            physics.stribeck(*self.stribeck),
             physics.viscous(self.viscous),
-        )
+        ]
+        if self.stribeck[0].any():
+            parts.append(physics.stribeck(*self.stribeck))
         model = TorqueModel(self.arm, (self._weight(),))
-        return HiddenPlant(model, self.links, self.rotors, parts, self.extra)
+        return HiddenPlant(model, self.links, self.rotors, tuple(parts), self.extra)
 
     def record(
         self, motion: int, noise: int, duration: float = 30.0, rate: float = 200.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,7 @@ from dvrk_gravity.simulate.simulated_arm import Measurement, SimulatedArm
 Array = NDArray[np.float64]
 
 _CREEP = 0.1  # of the speed of approach
+_TOGETHER = 1000  # steps whose set points are evaluated at a time
 
 
 def record_motion(
@@ -27,13 +30,22 @@ def record_motion(
         rate: Samples recorded, Hz.
     """
     arm.plant.reset(motion.at(0.0)[0])
-    start = arm.plant.time
+    ahead = _ahead(motion, arm.plant.time, arm.dt)
 
     def follow(simulated: SimulatedArm, _: Measurement) -> None:
-        simulated.follow(*motion.at(simulated.plant.time + simulated.dt - start))
+        simulated.follow(*next(ahead))
 
     simulate(arm, follow, motion.ramp, rate)
     return simulate(arm, follow, duration, rate)
+
+
+def _ahead(motion: Multisine, start: float, dt: float) -> Iterator[tuple[Array, Array]]:
+    """Yield position and velocity (n,) a step ahead of a motion, after each step."""
+    time = start
+    while True:
+        times = np.cumsum([time, *[dt] * _TOGETHER])[1:]  # as the plant adds its steps up
+        yield from zip(*motion.at(times + dt - start), strict=True)
+        time = float(times[-1])
 
 
 def record_poses(
