@@ -7,6 +7,8 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Hashable, Mapping
+from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +67,12 @@ for _kind in ("int", "float"):
     _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _number)
 
 
+@lru_cache(maxsize=16)
+def _parsed(text: str) -> Any:
+    """Return what a text holds: an arm's file is read by all that is about the arm."""
+    return yaml.load(text, Loader=_Loader)
+
+
 def load(path: str | Path) -> dict[str, Any]:
     """Return the mapping in a YAML file.
 
@@ -73,7 +81,7 @@ def load(path: str | Path) -> dict[str, Any]:
     """
     text = text_file.read(path, "YAML")
     try:
-        content = yaml.load(text, Loader=_Loader)
+        content = deepcopy(_parsed(text))
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}" if mark else ""
