@@ -15,6 +15,8 @@ from dvrk_gravity.identification.result import FittedParameter
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 
+pytestmark = pytest.mark.usefixtures("four_folds")
+
 LEFT, RIGHT = Arm.load("mtml"), Arm.load("mtmr")
 
 

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from conftest import few_folds
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.estimation.splits import FoldSettings, make_folds
-from dvrk_gravity.identification import evaluate, identify, problem
+from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.dynamic_fit import estimate
 from dvrk_gravity.identification.motion import read_motions
 from dvrk_gravity.identification.moves import start_columns
@@ -318,12 +317,9 @@ def test_measured_trajectory_is_explained_on_phases_that_were_held_out(measured_
     assert set(levels.values()) == {"good"}
 
 
-def test_physical_links_are_certified_and_cost_little(monkeypatch):
-    recording = truth(1, 16.0)
-    # Bodies are searched for anew for each block that is held out: four instead of twelve.
-    few = partial(make_folds, settings=FoldSettings(count=4))
-    monkeypatch.setattr(problem, "make_folds", few)
-    found = identify([recording], ARM, "joint", effects=["coulomb_friction"], physical=True)
+def test_physical_links_are_certified_and_cost_little():
+    with few_folds():  # bodies are searched for anew for each block that is held out
+        found = identify([truth(1, 16.0)], ARM, "joint", ["coulomb_friction"], physical=True)
     assert len(found.physical) == 9
     assert min(found.physical.values()) > 0.0
     links = found.model.term("link_inertia").links

@@ -20,6 +20,8 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
 
+pytestmark = pytest.mark.usefixtures("four_folds")
+
 
 def written(files, folder):
     """Identify for the console and convert; return the model, the file and its cost."""

@@ -16,6 +16,8 @@ from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.motion import motors_measured, read_motions
 from dvrk_gravity.recording import Recording, RecordingFile, read_trajectory, trajectory
 
+pytestmark = pytest.mark.usefixtures("four_folds")
+
 FEW = ["coulomb_friction", "viscous_friction"]  # effects, for quick fits
 WRIST = 3
 

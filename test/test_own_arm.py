@@ -21,7 +21,6 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree, nominal_inertias
 from dvrk_gravity.compensate.sample import SampleReader
-from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
@@ -31,11 +30,13 @@ from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.excitation import record_motion
 from testing.plain_world import PlainWorld
 
+pytestmark = pytest.mark.usefixtures("four_folds")
+
 GAINS = np.array([12.0, 14.0, 11.0, 9.0, 10.5, 8.5])  # N·m/A
 MASS, PLACE = 2.0, (0.02, 0.05, 0.08)  # kg, m in the last link's frame
 
 
-def record(world: PlainWorld, motion: int, noise: int, duration: float = 30.0) -> Recording:
+def record(world: PlainWorld, motion: int, noise: int, duration: float = 20.0) -> Recording:
     """Record a motion by its seed, with noise of another."""
     planned = exciting_motion(MotionLimits.of(world.arm), duration + 10.0, motion)
     return record_motion(world.simulated(noise), planned, duration, 100.0)
@@ -183,7 +184,7 @@ def test_the_joint_whose_torque_a_load_does_not_change_is_named():
     world = PlainWorld.of(arm, nominal_inertias(arm))
     tiny = world.with_payload(arm.body_names[-1], 0.5, (0.0, 0.0, 0.0))
     found = drive_gains(
-        [in_amperes(record(world, 1, 11))], [in_amperes(record(tiny, 1, 12))], arm,
+        [in_amperes(record(world, 1, 11, 30.0))], [in_amperes(record(tiny, 1, 12, 30.0))], arm,
         KnownPayload(0.5, centre=(0.0, 0.0, 0.0)),
     )  # fmt: skip
     assert not found.determined[4:].any()  # it lies on the axes of both
@@ -302,7 +303,7 @@ def without_fingers(tmp_path_factory) -> Path:
     arm = Arm.load(f"{PANDA}#panda_hand")
     world = PlainWorld.of(arm, nominal_inertias(arm))
     path = tmp_path_factory.mktemp("panda") / "seven.csv"
-    replace(record(world, 1, 11, 20.0), arm=None).save(path)
+    replace(record(world, 1, 11), arm=None).save(path)
     return path
 
 
@@ -339,53 +340,3 @@ def test_columns_of_joints_that_are_not_the_arm_s_are_left_out(without_fingers, 
     (tmp_path / "more.csv").write_text("\n".join(more))
     read = Recording.load(tmp_path / "more.csv", arm=Arm.load(f"{PANDA}#panda_hand"))
     np.testing.assert_array_equal(read.effort, Recording.load(without_fingers).effort)
-
-
-# --- the real arm -----------------------------------------------------------------------
-
-
-PUBLISHED = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)  # N·m/A, of the UR10e's measurements
-
-
-@pytest.fixture(scope="module")
-def ur10e(measured_data) -> Path:
-    folder = measured_data / "ur10e"
-    if not folder.is_dir():
-        pytest.skip(f"no measurements of a UR10e in {folder}")
-    return folder
-
-
-def test_a_real_industrial_arm_is_identified_and_its_load_found(ur10e, tmp_path):
-    arm = Arm.load(ur10e / "ur10e.urdf").with_drive_gains(PUBLISHED)
-    fit = identify(ur10e / "ur10e_bare.csv", arm)
-    errors = [error.nrmse for error in fit.held_out.values()]
-    assert max(errors[:3]) < 0.15
-    assert max(errors[3:]) < 0.3
-    found = diagnose(ur10e / "ur10e_2805g.csv", fit.model)
-    (load,) = found.findings
-    assert (load.effect, load.place) == ("payload", "wrist_3_link")
-    mass = load.parameters["mass"]
-    assert mass.value == pytest.approx(2.805, rel=0.1)
-    assert mass.low < 2.805 < mass.high
-
-
-def test_a_real_load_of_known_mass_tells_the_gains_that_were_published(ur10e):
-    files = [Recording.load(ur10e / name) for name in ("ur10e_bare.csv", "ur10e_2805g.csv")]
-    arm = Arm.load(ur10e / "ur10e.urdf")
-    found = drive_gains(files[:1], files[1:], arm, KnownPayload(2.805))
-    assert found.determined[1:].all()
-    off = np.abs(found.gain / PUBLISHED - 1.0)
-    assert off[found.determined].max() < 0.1
-
-
-def test_a_real_load_is_found_without_a_model_from_the_same_motion_without_it(ur10e):
-    arm = Arm.load(ur10e / "ur10e.urdf").with_drive_gains(PUBLISHED)
-    found = diagnose(
-        ur10e / "ur10e_2805g.csv", arm=arm, reference=ur10e / "ur10e_bare.csv", known_payload=2.805
-    )
-    (load,) = found.findings
-    mass = load.parameters["mass"]
-    assert (load.effect, load.place) == ("payload", "wrist_3_link")
-    assert mass.value == pytest.approx(2.805, rel=0.1)
-    assert mass.low < 2.805 < mass.high
-    assert "the torque scale agrees" in found.weighed.sentence

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from conftest import few_folds
 
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.identification import evaluate, identify
@@ -33,7 +34,8 @@ def changed(plant: PlantFile, values: dict) -> PlantFile:
 @cache
 def identified(name: str) -> TorqueModel:
     plant = PlantFile.load(name)
-    return identify(recorded(plant, 1), plant.model.arm, "joint").model
+    with few_folds():
+        return identify(recorded(plant, 1), plant.model.arm, "joint").model
 
 
 @pytest.mark.parametrize("name", ["psm", "ecm"])

@@ -15,39 +15,48 @@ import dvrk_gravity
 from dvrk_gravity import Arm, Recording, TorqueModel, diagnose, evaluate, identify
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import ArgumentError, DvrkGravityError
+from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.recording import RecordingFile
+
+pytestmark = pytest.mark.usefixtures("four_folds")
 
 FEW = ["coulomb_friction"]
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory) -> tuple[Path, Path]:
+def fit(tmp_path_factory) -> Fit:
+    """Return what is fitted to the recording in a file."""
+    folder = tmp_path_factory.mktemp("recording")
+    truth(1, 12.0).save(folder / "run.csv")
+    return identify(folder / "run.csv", "mtmr", "joint", FEW)
+
+
+@pytest.fixture(scope="module")
+def files(fit, tmp_path_factory) -> tuple[Path, Path]:
     """Return the paths of a recording and of the model that was fitted to it."""
     folder = tmp_path_factory.mktemp("files")
     truth(1, 12.0).save(folder / "run.csv")
-    fit = identify(str(folder / "run.csv"), "mtmr", "joint", FEW)
     fit.model.save(folder / "model.yaml")
     return folder / "run.csv", folder / "model.yaml"
 
 
-def test_paths_and_names_do_as_well_as_objects(files):
+def test_paths_and_names_do_as_well_as_objects(files, fit):
     run, model = files
     recording = Recording.load(run)
     expected = identify([recording], ARM, "joint", FEW)
-    for fit in (identify(run, "mtmr", "joint", FEW), identify([str(run)], ARM, "joint", FEW[0])):
-        assert {name: e.nrmse for name, e in fit.held_out.items()} == pytest.approx(
-            {name: e.nrmse for name, e in expected.held_out.items()}
-        )
+    assert fit.held_out == expected.held_out
     one = evaluate(str(model), str(run), "joint")
     assert one.joints == evaluate(TorqueModel.load(model), [recording], "joint").joints
-    validated = identify(recording, "mtmr", "joint", FEW, validate=str(run))
-    assert "run.csv" in validated.validation
+    listed = identify([str(run)], ARM, "joint", FEW[0], validate=str(run))
+    assert "run.csv" in listed.validation
+    assert {name: e.nrmse for name, e in listed.training.items()} == pytest.approx(
+        {name: e.nrmse for name, e in expected.training.items()}
+    )
 
 
-def test_reprs_are_short_and_say_what_it_is(files):
+def test_reprs_are_short_and_say_what_it_is(files, fit):
     run, model_file = files
     recording, model = Recording.load(run), TorqueModel.load(model_file)
-    fit = identify(recording, "mtmr", "joint", FEW)
     evaluation = evaluate(model, recording, "joint")
     poses = Recording(JOINT_NAMES, None, np.zeros((3, 7)), effort=np.zeros((3, 7)))
     for thing, says in (

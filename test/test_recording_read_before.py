@@ -17,6 +17,8 @@ from dvrk_gravity.recording.pieces import parts_of
 from dvrk_gravity.recording.read_before import ReadBefore, counted_once
 from testing.world import World
 
+pytestmark = pytest.mark.usefixtures("four_folds")
+
 FEW = ["coulomb_friction", "viscous_friction"]
 KNOWN = World.draw(5)
 
