@@ -9,9 +9,14 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import signal
 import sys
 from collections.abc import Sequence
+
+# Matrices here are small: threads of one product wait for each other for longer than they work, the
+# more so on a busy machine. NumPy reads it when it is loaded, which every import below does.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from dvrk_gravity.errors import DvrkGravityError
 

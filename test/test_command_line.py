@@ -133,3 +133,22 @@ def test_the_arm_files_and_the_example_model_are_installed_and_found():
     assert config_path("arms/mtml.yaml").read_text() == (CONFIG / "arms/mtml.yaml").read_text()
     with pytest.raises(FileNotFoundError):
         config_path("../setup.py")
+
+
+@pytest.mark.parametrize("given", [None, "3"])
+def test_a_command_computes_in_one_thread_unless_told_otherwise(given, monkeypatch):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    if given is not None:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", given)
+    script = (
+        "import builtins, os, sys\n"
+        "find = builtins.__import__\n"
+        "def told(name, *rest):\n"
+        "    if name == 'numpy' and name not in sys.modules:\n"  # which reads it then
+        "        print(os.environ.get('OPENBLAS_NUM_THREADS'))\n"
+        "    return find(name, *rest)\n"
+        "builtins.__import__ = told\n"
+        "import dvrk_gravity.cli.evaluate\n"  # as `ros2 run` does first
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines()[0] == (given or "1")
