@@ -16,10 +16,10 @@ from dvrk_gravity.cli import arm_options
 from dvrk_gravity.cli.still_joints import add_at, still_joints
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
-from dvrk_gravity.recording.data import Coordinates
 
 if TYPE_CHECKING:
     from dvrk_gravity.identification.drive_gains import KnownPayload
+    from dvrk_gravity.recording.data import Coordinates
 
 NAME = "identify"
 EXAMPLE = (
@@ -145,6 +145,8 @@ def _known_payload(arguments: argparse.Namespace) -> KnownPayload | None:
 def _coordinates(text: str | None) -> Coordinates | list[Coordinates] | None:
     if text is None:
         return None
+    from dvrk_gravity.recording.data import Coordinates
+
     known: dict[str, Coordinates] = {one: one for one in get_args(Coordinates)}
     found = [known.get(name) for name in text.split(",")]
     sure = [one for one in found if one is not None]

@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
+
+if TYPE_CHECKING:
+    from dvrk_gravity.arms import Arm
 
 # By kind of joint; the longer names first, of which the shorter are endings.
 _UNITS = {
