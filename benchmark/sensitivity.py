@@ -86,7 +86,7 @@ from dvrk_gravity.recording.read_before import ReadBeforeSettings
 from dvrk_gravity.recording.sample_times import RetimingSettings
 from dvrk_gravity.recording.signal_checks import SignalSettings
 from dvrk_gravity.recording.velocity import ComparisonSettings
-from testing.lab_effects import Setting, hide
+from testing.lab_effects import hide
 from testing.lab_motion import draw_calibration, draw_other, fourier
 from testing.mujoco_world import MujocoWorld
 from testing.world import World
@@ -137,8 +137,7 @@ class Lab:
             random = np.random.default_rng([seed, number])
             drawn, noise = (int(one) for one in random.integers(1 << 30, size=2))
             truth = world.truth(draw_other(world.arm, drawn, motion))
-            size = world.sizes
-            setting = Setting(truth, world.engine, residual, size.payload, size.reach)
+            setting = world.setting(truth, residual)
             hidden[effect] = world.record(hide(setting, effect, random, sizes=SIZES).truth, noise)
         # This one repeats, as a laboratory's exciting motions do.
         again = fourier(MotionLimits.of(world.arm), BASE, np.random.default_rng(seed))

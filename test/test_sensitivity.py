@@ -56,3 +56,14 @@ def test_a_threshold_that_is_changed_is_changed_where_it_is_used_and_only_for_a_
     with sensitivity.changed(kind, "blocks.duration", 0.5):
         assert kind().blocks.duration == 0.25
     assert kind().band == 8.0
+
+
+def test_a_threshold_that_matters_moves_what_is_told(sensitivity):
+    number = next(
+        i for i, (one, _) in enumerate(sensitivity.CLASSES) if one.__name__ == "TimingSettings"
+    )
+    _, before = sensitivity.solve(number, None, 1.0)
+    value, after = sensitivity.solve(number, "gap", 2.0)
+    assert value == "7.0"
+    assert any(line.startswith("lost: ") for line in sensitivity.moved(before, after))
+    assert sensitivity.moved(before, before) == []
