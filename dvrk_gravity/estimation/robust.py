@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.estimation import Array
 
-_NORMAL = 0.6744897501960817  # median absolute value of standard normal noise
-
 
 @dataclass(frozen=True)
 class RobustSettings:
@@ -61,9 +59,16 @@ def robust_scale(residual: Array, used: NDArray[np.bool_] | None = None) -> Arra
         residual: The residuals.
         used: (n, m) those that count; by default all. Zero where none does.
     """
+    from scipy.stats import median_abs_deviation
+
+    def zero(values: Array, axis: int | None) -> Array:
+        # Where a residual is meant to be, not its own median.
+        return np.zeros(np.sum(values, axis=axis).shape)
 
     def deviation(values: Array) -> float:
-        return float(np.median(np.abs(values))) / _NORMAL if len(values) else 0.0
+        if not len(values):
+            return 0.0
+        return float(median_abs_deviation(values, center=zero, scale="normal"))
 
     used = np.ones(residual.shape, dtype=bool) if used is None else used
     return np.array(
