@@ -40,7 +40,7 @@ from dvrk_gravity.identification.motion import known_still
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Given, Recording, RecordingFile, opened
 from dvrk_gravity.recording.data import Coordinates
-from dvrk_gravity.recording.read_before import counted_once
+from dvrk_gravity.recording.read_before import ReadBefore
 
 Array = NDArray[np.float64]
 
@@ -181,7 +181,10 @@ def _beside_reference(
     for one in (*recordings, other):
         require_moving(one)
     heads = [one.head if isinstance(one, RecordingFile) else one for one in (recordings[0], other)]
-    if len(counted_once([*recordings, other])[0]) <= len(counted_once(recordings)[0]):
+    before = ReadBefore()
+    for one in (*recordings, other):
+        before.read(one)
+    if before.skipped:  # the last of them
         raise RecordingError(heads[1].source, "is what is diagnosed, too: expected another one")
     sure = replace(model, uncertainty=None)  # what it does not know, it does not know in either
     loaded = replace(loaded, motion=replace(loaded.motion, model=sure))

@@ -117,6 +117,13 @@ class ReadBefore:
         if rate is not None:
             self.remaining = (self.samples - self.number) / rate
 
+    def read(self, one: Recording | RecordingFile) -> None:
+        """Read a recording for what it repeats alone."""
+        for _ in self.fresh(
+            one.parts() if isinstance(one, RecordingFile) else parts_of(one, CHUNK)
+        ):
+            pass
+
     def told(self) -> tuple[str, tuple[DataWarning, ...]] | None:
         """Return what was left out of the last recording, in a line and as a warning, if any."""
         if not self.left_out:
@@ -210,10 +217,7 @@ def counted_once(
     lines: list[str] = []
     warnings: list[DataWarning] = []
     for one in recordings:
-        for _ in before.fresh(
-            one.parts() if isinstance(one, RecordingFile) else parts_of(one, CHUNK)
-        ):
-            pass
+        before.read(one)
         told = before.told()
         if told is not None:
             lines.append(told[0])
