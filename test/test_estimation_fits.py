@@ -11,6 +11,7 @@ from dvrk_gravity.estimation import normal_equations
 from dvrk_gravity.estimation.normal_equations import (
     NormalEquations,
     NotConvergedError,
+    SeenSums,
     fit,
     solve,
     solve_signed,
@@ -35,10 +36,13 @@ def test_a_fit_is_that_of_all_samples_at_once_with_its_prior_as_further_rows():
     scale, mean = np.array([0.3, 1.0, 5.0, 0.1]), random.normal(size=4)
     root = np.sqrt(sample * weight)
     rows = np.vstack([(x * root[:, :, None]).reshape(-1, 4), np.diag(1.0 / scale)])
-    right = np.concatenate([(y * root).ravel(), mean / scale])
     parts = [NormalEquations.of(x[r], y[r], sample[r]) for r in (slice(0, 20), slice(20, 50))]
-    solution = fit(NormalEquations.total(parts), weight, scale, mean=mean)
-    np.testing.assert_allclose(solution.theta, np.linalg.lstsq(rows, right)[0], atol=1e-10)
+    whole = NormalEquations.total(parts)
+    solution = fit(whole, weight, scale)
+    (about_mean,) = SeenSums([whole], weight).fit(np.arange(4), scale, mean)
+    for theta, prior in ((solution.theta, np.zeros(4)), (about_mean, mean)):
+        right = np.concatenate([(y * root).ravel(), prior / scale])
+        np.testing.assert_allclose(theta, np.linalg.lstsq(rows, right)[0], atol=1e-10)
     np.testing.assert_allclose(solution.precision, rows.T @ rows, atol=1e-9)
 
 

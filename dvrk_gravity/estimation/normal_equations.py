@@ -90,6 +90,34 @@ class NormalEquations:
         return np.maximum(self.power - 2.0 * self.cross @ theta + (self.gram @ theta) @ theta, 0.0)
 
 
+class SeenSums:
+    """Sums of products over what each of some folds leaves to a fit, for many fits.
+
+    Attributes:
+        gram: (folds, p, p) weighted Gram matrices, channels added up.
+        cross: (folds, p) likewise.
+    """
+
+    def __init__(self, folds: Sequence[NormalEquations], weight: Array) -> None:
+        """Add the channels up with their (m,) weights, as :func:`fit` does."""
+        grams, crosses = zip(*(fold.combined(weight) for fold in folds), strict=True)
+        self.gram, self.cross = np.array(grams), np.array(crosses)
+
+    def fit(self, chosen: NDArray[np.int64], scale: Array, mean: Array) -> Array:
+        """Return (folds, p) coefficients of k columns with a prior, those of others zero.
+
+        Args:
+            chosen: (k,) the columns.
+            scale: (k,) prior standard deviations.
+            mean: (k,) prior means.
+        """
+        precision = self.gram[:, chosen[:, None], chosen] + np.diag(scale**-2.0)
+        right = self.cross[:, chosen] + mean / scale**2
+        theta = np.zeros(self.cross.shape)
+        theta[:, chosen] = np.linalg.solve(precision, right[:, :, None])[:, :, 0]
+        return theta
+
+
 class HeldOutSums:
     """Sums of products over the held-out samples of each fold, for the errors of many fits."""
 
@@ -135,24 +163,20 @@ def fit(
     weight: Array,
     scale: Array,
     positive: NDArray[np.bool_] | None = None,
-    mean: Array | None = None,
 ) -> Solution:
-    """Minimise sum_j weight_j |y_j - X_j theta|^2 + |(theta - mean) / scale|^2, signs kept.
+    """Minimise sum_j weight_j |y_j - X_j theta|^2 + |theta / scale|^2, signs kept.
 
     Args:
         equations: Of p columns.
         weight: (m,) of the channels, inverse variances of one sample, correlation included.
-        scale: (p,) prior standard deviations: ridge towards the mean where data are silent.
+        scale: (p,) prior standard deviations: ridge towards zero where data are silent.
         positive: (p,) mask of coefficients that must not be negative; by default none.
-        mean: (p,) prior means, by default zero.
 
     Raises:
         NotConvergedError: Signs that the solver cannot satisfy within its iterations.
     """
     data, right = equations.combined(weight)
     precision = data + np.diag(scale**-2.0)
-    if mean is not None:
-        right = right + mean / scale**2
     if positive is None:
         positive = np.zeros(len(right), dtype=bool)
     theta, free = solve_signed(precision, right, positive)

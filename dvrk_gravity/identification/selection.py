@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.effects.base.unknowns import Move
-from dvrk_gravity.estimation.normal_equations import HeldOutSums, NormalEquations, solve_signed
+from dvrk_gravity.estimation.normal_equations import (
+    HeldOutSums,
+    NormalEquations,
+    SeenSums,
+    solve_signed,
+)
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
 from dvrk_gravity.estimation.splits import Folds
 from dvrk_gravity.identification.columns import Columns
@@ -134,9 +139,8 @@ class Selection:
 
         The normal equations' matrices (folds, p, p) and right sides (folds, p).
         """
-        prior = np.diag(self.columns.scale**-2.0)
-        sums = [train.combined(self.weight) for train in self.train]
-        return np.array([data + prior for data, _ in sums]), np.array([right for _, right in sums])
+        seen = SeenSums(self.train, self.weight)
+        return seen.gram + np.diag(self.columns.scale**-2.0), seen.cross
 
     def compare(self, before: Array, after: Array) -> tuple[float, float]:
         """Return the mean relative gain and its standard error over the blocks.

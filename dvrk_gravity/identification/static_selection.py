@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.estimation.normal_equations import HeldOutSums, NormalEquations
+from dvrk_gravity.estimation.normal_equations import HeldOutSums, NormalEquations, SeenSums
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
 from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential
 from dvrk_gravity.identification.result import Choice
@@ -104,18 +104,12 @@ class JointSearch:
         mean = np.concatenate([self.gravity, np.zeros(len(chosen))])
         prior = columns.prior(composition.own, composition.others)[chosen]
         scale = np.concatenate([np.full(count, self.settings.gravity_freedom), prior])
-        gram, cross = self._seen
-        precision = gram[:, places[:, None], places] + np.diag(scale**-2.0)
-        right = cross[:, places] + mean / scale**2
-        theta = np.zeros(cross.shape)
-        theta[:, places] = np.linalg.solve(precision, right[:, :, None])[:, :, 0]
+        theta = self._seen.fit(places, scale, mean)
         return Composed(composition, self.factor * self._held_out.error(theta)[:, 0])
 
     @cached_property
-    def _seen(self) -> tuple[Array, Array]:
-        """Sums of products over what each held-out slab leaves: (slabs, p, p) and (slabs, p)."""
-        grams, crosses = zip(*((one.gram[0], one.cross[0]) for one in self.train), strict=True)
-        return np.array(grams), np.array(crosses)
+    def _seen(self) -> SeenSums:
+        return SeenSums(self.train, np.ones(1))
 
     @cached_property
     def _held_out(self) -> HeldOutSums:
