@@ -41,8 +41,8 @@ class LoadSettings:
             twice that of the torques that are compared.
         rate: Hz; faster recordings are thinned to about this. Chosen: five times the Nyquist rate
             of that band.
-        shortest: s of motion, below which no choice among hypotheses can be judged: four held-out
-            blocks of 2 s. Chosen.
+        shortest: s of motion, below which no choice among hypotheses can be judged: five blocks of
+            half a second are held out of it (``BlockSettings``). Chosen.
         fewest: Static poses, likewise. Chosen.
         longest: s of motion that hypotheses are built for: they then take less than 2 GiB
             (benchmark/diagnose.py).

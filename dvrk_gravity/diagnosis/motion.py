@@ -17,7 +17,7 @@ from dvrk_gravity.recording import LowPass
 
 Array = NDArray[np.float64]
 
-_SHIFT = 0.01  # rad, of a difference quotient: the torque's curvature over it is a rounding error
+_SHIFT = 0.01  # rad, of a central difference quotient
 _PIECE = 5000  # samples; all columns of all links are 25 MB then
 
 
@@ -27,11 +27,10 @@ class MotionSettings:
 
     Attributes:
         sign: Part of a joint's RMS speed below which the direction of motion is uncertain. Chosen.
-        slowest: rad/s, likewise, at least; of what slides and of ways a tenth in m. Chosen: half
-            an encoder step of an MTM in one kept sample.
+        slowest: rad/s, likewise, at least; of what slides and of ways a tenth in m. Chosen.
         moves: rad, of half its way, from which on a joint shows anything. Chosen.
-        smeared: s, by which the kinematics' low-pass of 20 Hz is early or late: half of its step
-            response.
+        smeared: s, by which the kinematics' low-pass is early or late: half a period at its
+            cutoff, 20 Hz.
         turning_band: Hz, of the speed that shows where a joint turns back. Chosen: that of the
             torques that are compared (``FilterSettings.band``).
         rank: Part of the first pivot below which inertial parameters are not told apart by the
