@@ -8,10 +8,10 @@ from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
 from dvrk_gravity.estimation import normal_equations
+from dvrk_gravity.estimation.fold_fits import HeldOutSums, SeenSums, SignedFits
 from dvrk_gravity.estimation.normal_equations import (
     NormalEquations,
     NotConvergedError,
-    SeenSums,
     fit,
     solve,
     solve_signed,
@@ -95,6 +95,51 @@ def test_a_signed_problem_of_any_difficulty_meets_its_conditions_of_optimality()
         assert (gradient[~free] < 1e-6 * np.abs(right).max()).all()
 
 
+def some_folds(random, columns=10, samples=40):
+    """Return columns of unequal size and values of three folds, and their sums."""
+    x = random.normal(size=(3, samples, 2, columns)) * 10.0 ** random.uniform(-2, 2, columns)
+    x[..., 1] += 0.99 * x[..., 0]
+    y = random.normal(size=(3, samples, 2)) + 0.3 * x.mean(axis=-1)
+    return x, y, [NormalEquations.of(*fold) for fold in zip(x, y, strict=True)]
+
+
+def test_fits_near_another_are_scipys_signs_and_prior_included():
+    """A column that comes in, that goes, both, several, and none at all; held at zero or not."""
+    for seed in range(10):
+        random = np.random.default_rng(seed)
+        x, y, sums = some_folds(random)
+        scale, weight = random.uniform(0.1, 10.0, 10), np.array([1.0, 3.0])
+        positive = random.random(10) < 0.6
+        fits = SignedFits(SeenSums(sums, weight), scale, positive)
+        one = [0, 1, 2, 3, 4, 5]
+        others = [[*one, 7], one[1:], [0, 1, 2, 3, 8, 9], [*one, 6, 7, 8, 9], one, [5, 9]]
+        near = fits.fit_near(one, others)
+        root = np.sqrt(weight)
+        for found, chosen in zip(near, others, strict=True):
+            unchosen = np.setdiff1d(np.arange(10), chosen)
+            assert (found[:, unchosen] == 0.0).all()
+            for fold in range(3):
+                data = (x[fold][:, :, chosen] * root[:, None]).reshape(-1, len(chosen))
+                rows = np.vstack([data, np.diag(1.0 / scale[chosen])])
+                right = np.concatenate([(y[fold] * root).ravel(), np.zeros(len(chosen))])
+                size = np.linalg.norm(rows, axis=0)  # in units in which SciPy's tolerance is fair
+                lower = np.where(positive[chosen], 0.0, -np.inf)
+                bounds = (lower, np.full(len(chosen), np.inf))
+                expected = lsq_linear(rows / size, right, bounds, method="bvls").x / size
+                np.testing.assert_allclose(
+                    found[fold, chosen] * size, expected * size, atol=1e-8 * np.linalg.norm(right)
+                )
+
+
+def test_held_out_errors_of_many_fits_are_sums_over_the_samples():
+    random = np.random.default_rng(5)
+    x, y, sums = some_folds(random)
+    theta = random.normal(size=(4, 3, 10))
+    expected = ((y - np.einsum("fnmp,cfp->cfnm", x, theta)) ** 2).sum(axis=2)
+    np.testing.assert_allclose(HeldOutSums(sums).error(theta), expected)
+    np.testing.assert_allclose(HeldOutSums(sums).error(theta[0]), expected[0])
+
+
 def test_signs_that_cannot_be_kept_in_time_are_told_and_not_passed_over(monkeypatch):
     import scipy.optimize
 
@@ -102,7 +147,7 @@ def test_signs_that_cannot_be_kept_in_time_are_told_and_not_passed_over(monkeypa
         raise RuntimeError("Maximum number of iterations reached.")
 
     monkeypatch.setattr(scipy.optimize, "nnls", gives_up)
-    monkeypatch.setattr(normal_equations, "_EXCHANGES", 0)
+    monkeypatch.setattr(normal_equations, "EXCHANGES", 0)
     with pytest.raises(NotConvergedError, match="2 coefficients that must not be negative"):
         solve_signed(np.eye(2), np.array([1.0, -1.0]), np.ones(2, dtype=bool))
 

@@ -19,7 +19,7 @@ NULL = 1e-12
 """Squared size of a column, in units of the weights, that is nothing but round-off: its coefficient
 would have to be a million."""
 
-_EXCHANGES = 5  # before the solver that always ends is asked: a bound on time
+EXCHANGES = 5  # before the solver that always ends is asked: a bound on time
 
 
 class NotConvergedError(DvrkGravityError):
@@ -88,57 +88,6 @@ class NormalEquations:
     def error(self, theta: Array) -> Array:
         """Return (m,) weighted sums of squared errors of (p,) coefficients."""
         return np.maximum(self.power - 2.0 * self.cross @ theta + (self.gram @ theta) @ theta, 0.0)
-
-
-class SeenSums:
-    """Sums of products over what each of some folds leaves to a fit, for many fits.
-
-    Attributes:
-        gram: (folds, p, p) weighted Gram matrices, channels added up.
-        cross: (folds, p) likewise.
-    """
-
-    def __init__(self, folds: Sequence[NormalEquations], weight: Array) -> None:
-        """Add the channels up with their (m,) weights, as :func:`fit` does."""
-        grams, crosses = zip(*(fold.combined(weight) for fold in folds), strict=True)
-        self.gram, self.cross = np.array(grams), np.array(crosses)
-
-    def fit(self, chosen: NDArray[np.int64], scale: Array, mean: Array) -> Array:
-        """Return (folds, p) coefficients of k columns with a prior, those of others zero.
-
-        Args:
-            chosen: (k,) the columns.
-            scale: (k,) prior standard deviations.
-            mean: (k,) prior means.
-        """
-        precision = self.gram[:, chosen[:, None], chosen] + np.diag(scale**-2.0)
-        right = self.cross[:, chosen] + mean / scale**2
-        theta = np.zeros(self.cross.shape)
-        theta[:, chosen] = np.linalg.solve(precision, right[:, :, None])[:, :, 0]
-        return theta
-
-
-class HeldOutSums:
-    """Sums of products over the held-out samples of each fold, for the errors of many fits."""
-
-    def __init__(self, folds: Sequence[NormalEquations]) -> None:
-        """Keep of each channel the columns that touch it: most do not."""
-        self._power = np.array([fold.power for fold in folds])
-        self._channels = []
-        for j in range(self._power.shape[1]):
-            used = np.flatnonzero(np.any([np.diag(fold.gram[j]) for fold in folds], axis=0))
-            gram = np.array([fold.gram[j][used[:, None], used] for fold in folds])
-            cross = np.array([fold.cross[j][used] for fold in folds])
-            self._channels.append((used, gram, cross))
-
-    def error(self, theta: Array) -> Array:
-        """Return (folds, m) weighted sums of squared errors of (folds, p) coefficients."""
-        explained = np.empty(self._power.shape)
-        for j, (used, gram, cross) in enumerate(self._channels):
-            own = theta[:, used]
-            left = 2.0 * cross - np.matmul(gram, own[:, :, None])[:, :, 0]
-            explained[:, j] = (left * own).sum(axis=1)
-        return np.maximum(self._power - explained, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +209,7 @@ def solve_signed(
         NotConvergedError: If SciPy's solver runs out of iterations.
     """
     free = np.ones(len(right), dtype=bool) if guess is None else guess | ~positive
-    for _ in range(_EXCHANGES):
+    for _ in range(EXCHANGES):
         theta = _solve_free(precision, right, free)
         wrong, (held,) = positive & (theta < 0.0), (~free).nonzero()
         if len(held):

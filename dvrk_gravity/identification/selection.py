@@ -7,15 +7,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.effects.base.unknowns import Move
-from dvrk_gravity.estimation.normal_equations import (
-    HeldOutSums,
-    NormalEquations,
-    SeenSums,
-    solve_signed,
-)
+from dvrk_gravity.estimation.fold_fits import HeldOutSums, SeenSums, SignedFits
+from dvrk_gravity.estimation.normal_equations import NormalEquations
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
 from dvrk_gravity.estimation.splits import Folds
 from dvrk_gravity.identification.columns import Columns
@@ -109,38 +104,16 @@ class Selection:
 
     def score(self, chosen: Sequence[int]) -> Array:
         """Return (folds, m) held-out sums of squared errors."""
-        index, free = np.array(chosen), self._free
-        positive = self.columns.positive[index]
-        precisions, rights = self._weighted
-        theta = np.zeros(rights.shape)
-        for fold, (precision, right) in enumerate(
-            zip(precisions[:, index[:, None], index], rights[:, index], strict=True)
-        ):
-            theta[fold, index], free[fold, index] = solve_signed(
-                precision, right, positive, free[fold, index]
-            )
-        return self._held_out.error(theta)
+        return self._held_out.error(self._fits.fit(chosen))
 
     @cached_property
-    def _free(self) -> NDArray[np.bool_]:
-        """(folds, p) columns that the last fit of each fold did not hold at zero.
-
-        From one change of a model to the next they stay, as a rule.
-        """
-        return np.ones((len(self.train), len(self.columns.columns)), dtype=bool)
+    def _fits(self) -> SignedFits:
+        seen = SeenSums(self.train, self.weight)
+        return SignedFits(seen, self.columns.scale, self.columns.positive)
 
     @cached_property
     def _held_out(self) -> HeldOutSums:
         return HeldOutSums(self.test)
-
-    @cached_property
-    def _weighted(self) -> tuple[Array, Array]:
-        """What each fold's fit sees, motors added up by their weights, and the prior.
-
-        The normal equations' matrices (folds, p, p) and right sides (folds, p).
-        """
-        seen = SeenSums(self.train, self.weight)
-        return seen.gram + np.diag(self.columns.scale**-2.0), seen.cross
 
     def compare(self, before: Array, after: Array) -> tuple[float, float]:
         """Return the mean relative gain and its standard error over the blocks.
@@ -213,9 +186,16 @@ class Selection:
         self.choices.append(self._choice(trial, state.errors, True))
         return Chosen(_apply(state.columns, trial.move), _errors_of(trial))
 
-    def tried(self, state: Chosen, move: Move) -> MoveTrial:
-        """Return what a move would bring."""
-        errors, settings = self.score(_apply(state.columns, move)), self.settings
+    def tried(self, state: Chosen, moves: Sequence[Move]) -> list[Trial[Move]]:
+        """Return what moves would bring."""
+        others = [_apply(state.columns, move) for move in moves]
+        if len(others) == 1:
+            return [self._judged(state, moves[0], self.score(others[0]))]
+        errors = self._held_out.error(self._fits.fit_near(state.columns, others))
+        return [self._judged(state, move, e) for move, e in zip(moves, errors, strict=True)]
+
+    def _judged(self, state: Chosen, move: Move, errors: Array) -> MoveTrial:
+        settings = self.settings
         gain, uncertainty = self.compare(state.errors, errors)
         if not move.add:
             # A smaller model has to bring nothing, only to cost nothing that can be told.
@@ -259,7 +239,7 @@ class _MoveSearch:
         return filter(self.selection.permitted, found)
 
     def attempt(self, state: Chosen, moves: Sequence[Move]) -> list[Trial[Move]]:
-        return [self.selection.tried(state, move) for move in moves]
+        return self.selection.tried(state, moves)
 
     def choose(self, trials: Sequence[Trial[Move]]) -> Trial[Move] | None:
         passing = (trial for trial in trials if trial.passes)

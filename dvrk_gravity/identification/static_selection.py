@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.estimation.normal_equations import HeldOutSums, NormalEquations, SeenSums
+from dvrk_gravity.estimation.fold_fits import HeldOutSums, SeenSums
+from dvrk_gravity.estimation.normal_equations import NormalEquations
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
 from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential
 from dvrk_gravity.identification.result import Choice

@@ -1,0 +1,174 @@
+"""Fits of many choices of columns with each of some folds left out in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.estimation import Array
+from dvrk_gravity.estimation.normal_equations import EXCHANGES, NormalEquations, solve_signed
+
+
+class SeenSums:
+    """Sums of products over what each of some folds leaves to a fit, for many fits.
+
+    Attributes:
+        gram: (folds, p, p) weighted Gram matrices, channels added up.
+        cross: (folds, p) likewise.
+    """
+
+    def __init__(self, folds: Sequence[NormalEquations], weight: Array) -> None:
+        """Add the channels up with their (m,) weights, as :func:`fit` does."""
+        grams, crosses = zip(*(fold.combined(weight) for fold in folds), strict=True)
+        self.gram, self.cross = np.array(grams), np.array(crosses)
+
+    def fit(self, chosen: NDArray[np.int64], scale: Array, mean: Array) -> Array:
+        """Return (folds, p) coefficients of k columns with a prior, those of others zero.
+
+        Args:
+            chosen: (k,) the columns.
+            scale: (k,) prior standard deviations.
+            mean: (k,) prior means.
+        """
+        precision = self.gram[:, chosen[:, None], chosen] + np.diag(scale**-2.0)
+        right = self.cross[:, chosen] + mean / scale**2
+        theta = np.zeros(self.cross.shape)
+        theta[:, chosen] = np.linalg.solve(precision, right[:, :, None])[:, :, 0]
+        return theta
+
+
+class HeldOutSums:
+    """Sums of products over the held-out samples of each fold, for the errors of many fits."""
+
+    def __init__(self, folds: Sequence[NormalEquations]) -> None:
+        """Keep of each channel the columns that touch it: most do not."""
+        self._power = np.array([fold.power for fold in folds])
+        self._channels = []
+        for j in range(self._power.shape[1]):
+            used = np.flatnonzero(np.any([np.diag(fold.gram[j]) for fold in folds], axis=0))
+            gram = np.array([fold.gram[j][used[:, None], used] for fold in folds])
+            cross = np.array([fold.cross[j][used] for fold in folds])
+            self._channels.append((used, gram, cross))
+
+    def error(self, theta: Array) -> Array:
+        """Return (..., folds, m) weighted sums of squared errors of (..., folds, p) coefficients.
+
+        Many at once take a fraction of the time that they take singly.
+        """
+        many = theta.reshape(-1, *theta.shape[-2:])
+        explained = np.empty((len(many), *self._power.shape))
+        for j, (used, gram, cross) in enumerate(self._channels):
+            own = many[:, :, used].transpose(1, 2, 0)
+            left = 2.0 * cross[:, :, None] - np.matmul(gram, own)
+            explained[:, :, j] = (left * own).sum(axis=1).T
+        errors = np.maximum(self._power - explained, 0.0)
+        return errors.reshape(*theta.shape[:-1], errors.shape[-1])
+
+
+class SignedFits:
+    """Fits with a prior and with signs kept, each fold left out in turn.
+
+    Attributes:
+        precision: (folds, p, p) normal equations' matrices, prior included.
+        right: (folds, p) their right sides.
+        positive: (p,) coefficients that must not be negative.
+    """
+
+    def __init__(self, seen: SeenSums, scale: Array, positive: NDArray[np.bool_]) -> None:
+        """Add the prior, of (p,) standard deviations about zero, to what each fit sees."""
+        self.precision = seen.gram + np.diag(scale**-2.0)
+        self.right = seen.cross
+        self.positive = positive
+        # Which of them are held at zero stays, as a rule, from one fit to the next.
+        self._free = np.ones(self.right.shape, dtype=bool)
+
+    def fit(self, chosen: Sequence[int]) -> Array:
+        """Return (folds, p) coefficients of some columns, those of others zero."""
+        index = np.array(chosen)
+        return np.array([self._fit_fold(fold, index) for fold in range(len(self.right))])
+
+    def fit_near(self, chosen: Sequence[int], others: Sequence[Sequence[int]]) -> Array:
+        """Return (others, folds, p) coefficients of choices of columns that differ little from one.
+
+        They follow from that one's by a principal pivot each; only where other signs have to be
+        held then, they are solved for.
+
+        Args:
+            chosen: The columns of the one.
+            others: Those of the others.
+        """
+        pivoted = _Pivoted(self.precision, self.right, self.fit(chosen))
+        theta = np.empty((len(others), *self.right.shape))
+        for found, other in zip(theta, others, strict=True):
+            inside = np.zeros(self.right.shape[1], dtype=bool)
+            inside[list(other)] = True
+            come = inside.copy()
+            come[list(chosen)] = False
+            free = pivoted.free & inside | come
+            for _ in range(EXCHANGES):
+                found[:], slope = pivoted.exchanged(free)
+                wrong = self.positive & inside & np.where(free, found < 0.0, slope > 0.0)
+                if not wrong.any():
+                    break
+                free ^= wrong
+            for fold in np.flatnonzero(wrong.any(axis=1)):
+                found[fold] = self._fit_fold(int(fold), np.flatnonzero(inside))
+        return theta
+
+    def _fit_fold(self, fold: int, index: NDArray[np.int64]) -> Array:
+        theta = np.zeros(self.right.shape[1])
+        precision = self.precision[fold, index[:, None], index]
+        theta[index], self._free[fold, index] = solve_signed(
+            precision, self.right[fold, index], self.positive[index], self._free[fold, index]
+        )
+        return theta
+
+
+class _Pivoted:
+    """Normal equations of folds, solved for some of the columns.
+
+    A coefficient theta and the slope s = right - precision theta of its column are zero in turn:
+    theta where the column is out, s where it is in. Those that are not zero are affine functions
+    ``value - table x`` of those that are, x. What comes in and what goes exchange the roles of
+    their theta and s: a principal pivot (Tsatsomeros 2000, "Principal pivot transforms").
+    """
+
+    def __init__(self, precision: Array, right: Array, theta: Array) -> None:
+        """Solve for the columns whose (folds, p) coefficients theta are not zero.
+
+        In units in which the precision's diagonals are ones: coefficients differ by powers of ten.
+        """
+        self.unit = np.sqrt(np.diagonal(precision, axis1=1, axis2=2))
+        scaled = precision / (self.unit[:, :, None] * self.unit[:, None, :])
+        self.free = theta != 0.0
+        self.value = np.where(self.free, theta * self.unit, 0.0)
+        slope = right / self.unit - np.matmul(scaled, self.value[:, :, None])[:, :, 0]
+        self.value = np.where(self.free, self.value, slope)
+        self.table = np.empty(scaled.shape)
+        for table, gram, free in zip(self.table, scaled, self.free, strict=True):
+            inside, out = np.flatnonzero(free)[:, None], np.flatnonzero(~free)[:, None]
+            inverse = np.linalg.inv(gram[inside, inside.T])
+            through = inverse @ gram[inside, out.T]
+            table[inside, inside.T] = inverse
+            table[inside, out.T] = through
+            table[out, inside.T] = -through.T
+            table[out, out.T] = gram[out, out.T] - gram[out, inside.T] @ through
+
+    def exchanged(self, free: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return (folds, p) coefficients of the columns that are to be in, and slopes of others.
+
+        Args:
+            free: (folds, p) mask of those that are to be in.
+        """
+        swap = free ^ self.free
+        which = np.flatnonzero(swap.any(axis=0))
+        swap = swap[:, which]
+        # A fold in which a column stays where it is has an equation x = 0 in its place.
+        among = np.where(swap[:, :, None], self.table[:, which[:, None], which], np.eye(len(which)))
+        target = np.where(swap, self.value[:, which], 0.0)
+        new = np.linalg.solve(among, target[:, :, None])
+        value = self.value - np.matmul(self.table[:, :, which], new)[:, :, 0]
+        value[:, which] = np.where(swap, new[:, :, 0], value[:, which])
+        return np.where(free, value, 0.0) / self.unit, np.where(free, 0.0, value) * self.unit
