@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from dvrk_gravity.estimation.noise import correlation_time, design_effect, intra
 from dvrk_gravity.estimation.normal_equations import NormalEquations, Regression, solve
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,8 @@ class CrossValidationSettings:
         least_usable: Part of the samples that a joint must have to be judged at all. Chosen.
         contained: Part of a torque that may lie outside another's columns. Chosen; see
             `make sensitivity`.
-        together: Columns of hypotheses that are screened at a time, on which no result depends:
-            products of matrices this wide take a fraction of the time of as many narrow ones.
+        together: Columns of hypotheses that are filtered or screened at a time, on which no result
+            depends: this many take a fraction of the time that they take singly.
         cluster: Correlation times of the model's known error in a block of the jackknife: of an
             exponential correlation four leave an eighth of the variance unseen (Künsch 1989).
     """
@@ -139,8 +140,17 @@ class CrossValidation:
 
     def candidate(self, hypothesis: Hypothesis) -> Candidate:
         """Return a hypothesis with its columns."""
-        columns = hypothesis.build(self.data.motion, hypothesis.setting)
-        return Candidate.of(hypothesis, self.data.reduce(columns))
+        return next(self.candidates([hypothesis]))
+
+    def candidates(self, hypotheses: Iterable[Hypothesis]) -> Iterator[Candidate]:
+        """Yield hypotheses with their columns, many of which are filtered together."""
+        motion = self.data.motion
+        built = ((one, one.build(motion, one.setting)) for one in hypotheses)
+        for some in _together(built, lambda pair: pair[1].shape[2], self.settings.together):
+            every, columns = zip(*some, strict=True)
+            edges = np.cumsum([one.shape[2] for one in columns])[:-1]
+            reduced = np.split(self.data.reduce(np.concatenate(columns, axis=2)), edges, axis=2)
+            yield from map(Candidate.of, every, reduced)
 
     @property
     def _clustered(self) -> int:
@@ -297,7 +307,7 @@ class CrossValidation:
         square = (target**2).reshape(-1, self.joints).sum(axis=0)
         samples = self.samples
         found = []
-        for some in _together(pool, self.settings.together):
+        for some in _together(pool, lambda one: one.size, self.settings.together):
             raws = self._design(some)
             besides = base.coefficients(raws)
             all_columns = raws - base.design @ besides
@@ -435,13 +445,15 @@ class CrossValidation:
         return np.sqrt(self._mean_square(candidate.columns(self._rows) @ theta))
 
 
-def _together(candidates: Iterable[Candidate], columns: int) -> Iterator[list[Candidate]]:
-    """Yield candidates in their order, as many at a time as have so many columns or a few more."""
-    some: list[Candidate] = []
-    for candidate in candidates:
-        some.append(candidate)
-        if sum(one.size for one in some) >= columns:
-            yield some
-            some = []
-    if some:
-        yield some
+def _together(some: Iterable[T], width: Callable[[T], int], columns: int) -> Iterator[list[T]]:
+    """Yield things in their order, as many at a time as have so many columns or a few more."""
+    batch: list[T] = []
+    wide = 0
+    for one in some:
+        batch.append(one)
+        wide += width(one)
+        if wide >= columns:
+            yield batch
+            batch, wide = [], 0
+    if batch:
+        yield batch

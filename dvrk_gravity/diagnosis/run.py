@@ -337,7 +337,7 @@ def hypotheses(motion: Motion) -> Iterable[Hypothesis]:
 def _prepare(motion: Motion, say: Callable[[str], None]) -> tuple[CrossValidation, list[Candidate]]:
     say("building hypotheses")
     validation = CrossValidation(FilteredData.of(motion))
-    pool = [validation.candidate(one) for one in hypotheses(motion)]
+    pool = list(validation.candidates(hypotheses(motion)))
     pool = [one for one in pool if np.isfinite(one.values).all() and one.acts.any()]
     return validation, [begun(validation, one) for one in pool]
 
@@ -352,7 +352,7 @@ def _nameless(
         validation.score(named).rms <= _SETTINGS.at_floor * floor
     )  # false where the floor is not known
     joints = np.flatnonzero(present & ~clean).tolist()
-    pool = [validation.candidate(one) for one in nameless(validation.data.motion, joints)]
+    pool = list(validation.candidates(nameless(validation.data.motion, joints)))
     unknown: list[EffectTrial] = []
     while len(unknown) < _SETTINGS.most_unknown:
         beside = [*named, *(one.candidate for one in unknown)]

@@ -287,11 +287,12 @@ class Selection:
         allowed = data.fold >= 0
         weight = allowed[:, None] * self.validation.weight**2
         residual = Residual(data, self.validation.residual(selected), weight, allowed)
-        return [
-            self.validation.candidate(hypothesis)
+        found = (
+            hypothesis
             for effect, basis in self.validation.search_bases.items()
             for hypothesis in effect.search(basis, residual)
-        ]
+        )
+        return list(self.validation.candidates(found))
 
     def _margin(self, gain: float) -> float:
         """Return how much less than a gain still counts as equal."""
