@@ -261,8 +261,10 @@ class CrossValidation:
         """
         ratio = after.likelihood + candidate.cost - before.likelihood
         ratio /= self.correlation(after.error, self._usable, candidate.acts)
-        square = (candidate.columns(self._rows) ** 2).sum(axis=2) * self.weight**2
-        energy = np.bincount(self._block, square.sum(axis=1), minlength=self.data.count)
+        square = (candidate.values[self._rows] ** 2).sum(axis=2) @ self.weight[
+            candidate.joints
+        ] ** 2
+        energy = np.bincount(self._block, square, minlength=self.data.count)
         # Blocks in which friction holds the joint decide nothing.
         acts = energy > self.settings.active * energy.max()
         return evidence.of_gain((before.loss - after.loss)[acts], ratio, candidate.size)
@@ -442,7 +444,10 @@ class CrossValidation:
 
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice."""
-        return np.sqrt(self._mean_square(candidate.columns(self._rows) @ theta))
+        square, at = np.zeros(self.joints), candidate.joints
+        torque = candidate.values[self._rows] @ theta
+        square[at] = (torque**2 * self._usable[:, at]).sum(axis=0) / self._counts[at]
+        return np.sqrt(square)
 
 
 def _together(some: Iterable[T], width: Callable[[T], int], columns: int) -> Iterator[list[T]]:
