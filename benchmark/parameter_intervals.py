@@ -1,0 +1,115 @@
+"""How often the intervals of causes that are not there hold zero, with identified models.
+
+    python benchmark/parameter_intervals.py --seeds 400 412
+
+Every seed draws an arm of MuJoCo's (testing/mujoco_world.py), records a calibration motion,
+identifies it, and then records other motions of the same arm with nothing hidden. Hypotheses of
+every effect are fitted to each, chosen at random and not by what they explain: what a parameter is
+estimated to be is an error then. Counted is how often the 95 % region of a hypothesis' parameters
+holds zero, with several sizes of ``CrossValidationSettings.coherent``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis.run import hypotheses
+from dvrk_gravity.identification import identify
+from testing.lab_motion import draw_calibration, draw_other
+from testing.mujoco_world import NAMES, MujocoWorld
+
+MOTIONS = 3  # a seed
+EACH = 6  # hypotheses of an effect in a recording
+COHERENT = (0.0, 0.1, 0.15, 0.2, 0.3)
+Held = tuple[str, str, tuple[bool, ...]]
+"""Arm, effect, and whether the region holds zero with each of ``COHERENT``."""
+
+
+def regions(name: str, seed: int) -> list[Held]:
+    """Return of the hypotheses in every motion of an arm whether their regions hold zero."""
+    world = MujocoWorld.draw(name, seed)
+    calibration = draw_calibration(world.arm, seed)
+    model = identify(world.record(world.truth(calibration), seed), world.arm).model
+    random, found = np.random.default_rng([seed, 1]), []
+    for _ in range(MOTIONS):
+        drawn, noise = (int(one) for one in random.integers(1 << 30, size=2))
+        recording = world.record(world.truth(draw_other(world.arm, drawn, calibration)), noise)
+        validation = CrossValidation(FilteredData.of(load([recording], model).motion))
+        for candidate in _some(validation, random):
+            validation.weigh(validation.out_of_fold([candidate]), final=True)
+            held = tuple(_holds_zero(validation, candidate, part) for part in COHERENT)
+            found.append((name, candidate.hypothesis.effect, held))
+    return found
+
+
+def _some(validation: CrossValidation, random: np.random.Generator) -> Iterator[Candidate]:
+    """Yield a few hypotheses of every effect, those of one link or joint only."""
+    by_effect: dict[str, list[Candidate]] = {}
+    for candidate in validation.candidates(hypotheses(validation.data.motion)):
+        # What acts only where nothing may be learned has no estimate.
+        felt = validation.size(candidate, np.ones(candidate.size)).any()
+        if np.isfinite(candidate.values).all() and felt and not candidate.hypothesis.of_model:
+            by_effect.setdefault(candidate.hypothesis.effect, []).append(candidate)
+    for candidates in by_effect.values():
+        some = random.permutation(len(candidates))[:EACH]
+        yield from (candidates[i] for i in some)
+
+
+def _holds_zero(validation: CrossValidation, candidate: Candidate, coherent: float) -> bool:
+    validation.settings = replace(validation.settings, coherent=coherent)
+    theta, covariance = validation.fit([candidate])
+    told = np.diag(covariance) > 0.0  # a column that is zero has no estimate
+    sd = np.sqrt(np.diag(covariance)[told])
+    correlation = covariance[np.ix_(told, told)] / np.outer(sd, sd)
+    scaled = theta[told] / sd
+    distance = scaled @ np.linalg.pinv(correlation, hermitian=True) @ scaled
+    return bool(distance < chi2.ppf(0.95, len(sd)))
+
+
+def _table(rows: Iterable[tuple[str, tuple[bool, ...]]]) -> str:
+    counts: dict[str, list[tuple[bool, ...]]] = {}
+    for kind, held in rows:
+        counts.setdefault(kind, []).append(held)
+    return "\n".join(_line(kind, held) for kind, held in sorted(counts.items()))
+
+
+def _line(kind: str, held: Sequence[tuple[bool, ...]]) -> str:
+    shares = 100 * np.mean(np.array(held), axis=0)
+    return f"{kind:24s} {len(held):5d}  " + "".join(f"{share:7.1f}" for share in shares)
+
+
+def main(given: Sequence[str] | None = None) -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 6), metavar=("FIRST", "END"))
+    parser.add_argument("--arms", default=",".join(NAMES), help="one a seed in turn")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    args = parser.parse_args(given)
+    arms, seeds = args.arms.split(","), range(*args.seeds)
+    names = [arms[seed % len(arms)] for seed in seeds]
+    found: list[Held] = []
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for name, seed, held in zip(names, seeds, pool.map(regions, names, seeds), strict=True):
+            found += held
+            print(f"{name} {seed}: {len(held)} hypotheses", file=sys.stderr, flush=True)
+    heading = "".join(f"{part:7g}" for part in COHERENT)
+    print(f"{'% that hold zero':24s} {'of':>5s}  {heading}")
+    print(_table((effect, held) for _, effect, held in found))
+    print(_table((arm, held) for arm, _, held in found))
+    print(_line("all", [held for _, _, held in found]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
