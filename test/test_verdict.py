@@ -12,6 +12,7 @@ from test_static_fit import grid, record
 from test_static_fit import truth as posed
 
 from dvrk_gravity import command_line
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.errors import ConfigError
@@ -44,8 +45,7 @@ def of(
 
 @pytest.mark.parametrize("joint", JOINT_NAMES)
 def test_a_joint_is_good_up_to_the_published_error_and_poor_from_the_consoles_limit(joint):
-    settings = VerdictSettings()
-    good = settings.good[joint]
+    good = ARM.joints[JOINT_NAMES.index(joint)].published_error
     poor = max(0.30, 2.0**0.5 * good)
     for share, level in (
         (good, "good"),
@@ -62,6 +62,17 @@ def test_a_joint_is_good_up_to_the_published_error_and_poor_from_the_consoles_li
         assert others == {"good"}
         assert (level == "good") == (verdict.reason == "") == (verdict.record == "")
         assert level == "good" or verdict.reason.startswith(f"{joint}: held-out error")
+
+
+def test_a_joint_of_another_arm_is_judged_as_its_own_and_not_as_its_namesake():
+    """A PSM has a wrist_pitch, too; of the same joint of an arm of one's own nothing is known."""
+    mine, psm = ARM.joints[4], Arm.load("psm").joints[4]
+    own = replace(mine, published_error=None)
+    assert mine.name == psm.name == "wrist_pitch"
+    judged = [VerdictSettings().level(joint, 0.26) for joint in (mine, psm, own)]
+    assert judged == ["good", "usable", "usable"]
+    judged = [VerdictSettings().level(joint, 0.32) for joint in (mine, psm, own)]
+    assert judged == ["usable", "usable", "do_not_compensate"]
 
 
 def test_an_error_that_moves_no_joint_counts_as_none():

@@ -56,6 +56,8 @@ class Joint:
         effort_limit: Largest effort in joint space, N·m or N.
         kind: ``revolute`` or ``prismatic``.
         read_in: Unit of its effort where that is not N·m or N: ``A``, or :data:`ANY_UNIT`.
+        published_error: Error of careful fits of this joint on a motion that they had not seen, as
+            a part of its torque; ``None`` where nobody has published one.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Joint:
     effort_limit: float
     kind: JointKind = "revolute"
     read_in: str = ""
+    published_error: float | None = None
 
     @property
     def unit(self) -> str:

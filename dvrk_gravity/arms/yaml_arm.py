@@ -19,6 +19,8 @@
 The links are ``link1`` to ``linkn``; a follower's axis is the z axis of the frame that ``xyz`` and
 ``rpy`` (degrees) place on its parent's link frame. An MTM's file has ``parallelogram`` instead of
 followers. Identification starts from ``sizes``: what data leave open stays in proportion to them.
+A joint may have a ``published_error``, that of careful fits on motions that they had not seen, as a
+part of its torque, by which identification judges its own (an MTM's are known).
 
 An arm may also be a URDF and what that does not say; paths are relative to the file's folder::
 
@@ -50,6 +52,7 @@ from dvrk_gravity.arms import urdf_arm
 from dvrk_gravity.arms.description import EFFORT_UNITS, Array, Description, Joint, JointKind
 from dvrk_gravity.arms.dh import CONVENTIONS, Convention, DHRow, Follower, chain, link_frames
 from dvrk_gravity.arms.mtm import parallelogram
+from dvrk_gravity.arms.mtm.published import PUBLISHED_ERROR
 from dvrk_gravity.arms.mtm.sizes import SIZES
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
@@ -92,6 +95,8 @@ def _parse(content: dict[str, Any], source: str) -> Description:
     joints, table = _joints(content["joints"])
     followers = _followers(content, joints, table, convention)
     rows = _rows(content["joints"], joints)
+    if "parallelogram" in content:
+        joints = tuple(_as_published(joint) for joint in joints)
     bodies = chain(table, [joint.kind for joint in joints], followers, convention, rows)
     matrix, limits = _transmission(content, joints)
     given = content.get("sizes", SIZES if "parallelogram" in content else {})
@@ -182,13 +187,13 @@ def _joint(where: str, row: Any) -> tuple[Joint, DHRow]:
     if not isinstance(name, str) or not name:
         raise ConfigError(where, row, f"a joint with a name, {', '.join(_JOINT)}")
     where = f"joints.{name}"
-    odd = (set(row) - {"type", "follows"}) ^ {"name", *_JOINT}
+    odd = (set(row) - {"type", "follows", "published_error"}) ^ {"name", *_JOINT}
     if odd:
         raise ConfigError(
             where,
             sorted(map(str, odd)),
-            f"just {', '.join(_JOINT)}, type if it is prismatic, and follows if its link moves by "
-            "other joints too",
+            f"just {', '.join(_JOINT)}, type if it is prismatic, follows if its link moves by "
+            "other joints too, and published_error if it is known",
         )
     kind = _choice(f"{where}.type", row.get("type", "revolute"), _KINDS)
     value = {key: _number(f"{where}.{key}", row[key]) for key in _JOINT}
@@ -197,12 +202,24 @@ def _joint(where: str, row: Any) -> tuple[Joint, DHRow]:
         value[key] = math.radians(value[key])
     if value["lower"] >= value["upper"]:
         raise ConfigError(f"{where}.lower", row["lower"], f"less than upper ({row['upper']})")
-    joint = Joint(name, value["lower"], value["upper"], value["effort_limit"], kind)
+    error = None
+    if "published_error" in row:
+        error = _number(f"{where}.published_error", row["published_error"])
+        if error <= 0.0:
+            raise ConfigError(f"{where}.published_error", error, "more than 0")
+    limits = value["lower"], value["upper"], value["effort_limit"]
+    joint = Joint(name, *limits, kind, published_error=error)
     if joint.effort_limit <= 0:
         raise ConfigError(
             f"{where}.effort_limit", row["effort_limit"], f"more than 0 {joint.effort_unit}"
         )
     return joint, DHRow(value["alpha"], value["a"], value["d"], value["offset"])
+
+
+def _as_published(joint: Joint) -> Joint:
+    """Return an MTM's joint with the error of its published models, unless the file has one."""
+    known = joint.published_error
+    return replace(joint, published_error=known or PUBLISHED_ERROR.get(joint.name))
 
 
 def _rows(rows: Sequence[Any], joints: Sequence[Joint]) -> Array:

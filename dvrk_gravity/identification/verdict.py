@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import sqrt
 
 from dvrk_gravity.arms import Arm
@@ -40,16 +40,13 @@ class VerdictSettings:
     """Thresholds of the verdict.
 
     Attributes:
-        good: Largest error of a good model by joint, as a part of the torque. The larger of the two
-            that careful fits of an MTM were published with, each predicting another motion than
-            the one fitted (weighted least squares and convex, by the authors of
-            WPI-AIM/dvrk_dynamics_identification).
-        good_of_others: Largest error of a good model at the joints of other arms: that of an MTM's
-            shoulder, which carries the weight of all further links as most of their joints do.
+        good: Largest error of a good model, as a part of the torque, at joints of which none is
+            published (:class:`~dvrk_gravity.arms.Joint`): that of an MTM's shoulder, which carries
+            the weight of all further links as most joints do.
         usable: Error above which not to compensate, as a part of the torque: the dVRK console's own
             test of a calibration warns from there.
-        usable_over_good: But never less than so many times ``good``, that is twice its square: the
-            published error of wrist_roll alone is more than ``usable``.
+        usable_over_good: But never less than so many times what is good, that is twice its square:
+            the published error of an MTM's wrist_roll alone is more than ``usable``.
         negligible: Error that moves no joint, as a part of its effort limit. The least dry friction
             of any joint of a real MTM is about as much: 0.8 % at elbow_pitch, 9 % at wrist_platform
             (half the difference between the directions of the poses in docs/static_poses.md).
@@ -57,26 +54,15 @@ class VerdictSettings:
             the same joints. Where poses do not tell friction apart, it is in the error.
     """
 
-    good: Mapping[str, float] = field(
-        default_factory=lambda: {
-            "outer_yaw": 0.082,
-            "shoulder_pitch": 0.163,
-            "elbow_pitch": 0.191,
-            "wrist_platform": 0.223,
-            "wrist_pitch": 0.280,
-            "wrist_yaw": 0.235,
-            "wrist_roll": 0.340,
-        }
-    )
-    good_of_others: float = 0.163
+    good: float = 0.163
     usable: float = 0.30
     usable_over_good: float = 2.0**0.5
     negligible: float = 0.01
     friction: float = 0.1
 
-    def level(self, joint: str, share: float) -> str:
+    def level(self, joint: Joint, share: float) -> str:
         """Return the verdict on an error that is such a part of a joint's torque."""
-        good = self.good.get(joint, self.good_of_others)
+        good = joint.published_error or self.good
         if share <= good:
             return GOOD
         return USABLE if share <= max(self.usable, self.usable_over_good * good) else POOR
@@ -152,9 +138,9 @@ def compared(
     settings, arm = VerdictSettings(), model.arm
     limits = arm.actuator_effort_limit if coordinates == "actuator" else arm.effort_limit
     levels = {
-        name: _level(name, errors[name], limit, settings, name in with_friction)
-        for name, limit in zip(arm.joint_names, _comparable(limits, arm).tolist(), strict=True)
-        if name in errors
+        joint.name: _level(joint, errors[joint.name], limit, settings, joint.name in with_friction)
+        for joint, limit in zip(arm.joints, _comparable(limits, arm).tolist(), strict=True)
+        if joint.name in errors
     }
     found = max(levels.values(), key=VERDICTS.index)
     which = [
@@ -177,12 +163,12 @@ def _comparable(limits: Array, arm: Arm) -> Array:
 
 
 def _level(
-    name: str, error: JointError, limit: float, settings: VerdictSettings, with_friction: bool
+    joint: Joint, error: JointError, limit: float, settings: VerdictSettings, with_friction: bool
 ) -> str:
     """Return the verdict on an error alone, whose joint or motor has an effort limit."""
     if error.rmse <= settings.negligible * limit:
         return GOOD
-    level = settings.level(name, error.nrmse)
+    level = settings.level(joint, error.nrmse)
     may_rub = with_friction and error.rmse <= settings.friction * limit
     return USABLE if may_rub and level == POOR else level
 
@@ -199,7 +185,7 @@ def _of_error(
     reason = f"held-out error {_percent(error.nrmse)} of its torque ({_milli(error.rmse, joint)})"
     if error.rmse <= settings.negligible * limit:
         return JointVerdict(GOOD, f"{reason}, which moves no joint")
-    level = _level(joint.name, error, limit, settings, with_friction=False)
+    level = _level(joint, error, limit, settings, with_friction=False)
     if level == GOOD:
         return JointVerdict(GOOD, reason)
     fitted = _percent(training.nrmse)
@@ -207,13 +193,13 @@ def _of_error(
         # Friction is in both errors alike; what is held out adds what the fit does not know.
         added = sqrt(max(1.0 - (training.nrmse / error.nrmse) ** 2, 0.0))
         unknown = JointError(added * error.rmse, added * error.nrmse, error.r2)
-        if _level(joint.name, unknown, limit, settings, with_friction=False) == POOR:
+        if _level(joint, unknown, limit, settings, with_friction=False) == POOR:
             reason += f", {fitted} on what was fitted, both with friction: too little was recorded"
             return JointVerdict(POOR, reason, MORE[static])
         reason += f", hardly less on what was fitted ({fitted}): friction, which poses approached "
         reason += "from unknown directions do not tell apart, or what else acts"
         return JointVerdict(USABLE, reason, BOTH_WAYS)
-    if VERDICTS.index(settings.level(joint.name, training.nrmse)) >= VERDICTS.index(level):
+    if VERDICTS.index(settings.level(joint, training.nrmse)) >= VERDICTS.index(level):
         reason += f", hardly less on what was fitted ({fitted}): something acts that no term is for"
         return JointVerdict(level, reason, CLEAN[static])
     reason += f", {fitted} on what was fitted: too little was recorded for what acts"
@@ -226,7 +212,7 @@ def _of_holding(
     here, anywhere = (
         GOOD
         if error <= settings.negligible * limit
-        else settings.level(joint.name, error / max(torque, TINY))
+        else settings.level(joint, error / max(torque, TINY))
         for error, torque in (
             (holding.error, holding.torque),
             (holding.error_anywhere, holding.torque_anywhere),
