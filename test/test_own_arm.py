@@ -144,7 +144,7 @@ def test_a_yaml_names_a_urdf_beside_it_and_adds_what_that_does_not_say(tmp_path)
     ("changes", "said"),
     [
         ({"drive_gains": [1, 2]}, "drive_gains: got [1, 2], expected a list of 4"),
-        ({"drive_gains": [1, 2, 0, 1]}, "expected positive numbers, N·m/A"),
+        ({"drive_gains": [1, 2, 0, 1]}, "got 0.0, expected 0.001 to 10000"),
         ({"drive_gains": [1, 2, 3, 1], "effort_unit": "A"}, "none beside drive gains"),
         ({"drive_gain_error": [1, 2, 3, 1]}, "expected drive_gains beside it"),
         ({"effort_unit": "milli A"}, "effort_unit: got 'milli A', expected a unit"),
@@ -211,7 +211,12 @@ def test_identify_with_a_known_load_writes_a_model_of_the_arm_without_it(lab, tm
     [
         (["currents.csv", "--drive-gains", "1,2,3"], "--drive-gains: got '3 numbers', expected 6"),
         (["currents.csv", "--drive-gains", "1,2,3,a,5,6"], "6 numbers with commas between"),
-        (["currents.csv", "--drive-gains", "1,2,3,4,5,-6"], "expected positive numbers"),
+        (["currents.csv", "--drive-gains", "1,2,3,4,5,-6"], "wrist_3_joint: got -6.0, expected"),
+        (["currents.csv", "--drive-gains", "1e-300,2,3,4,5,6"], "got 1e-300, expected 0.001 to 1"),
+        (["currents.csv", "--drive-gains", ".012,.014,.011,.009,.0105,.0085"],
+         "expected N·m/A: by them torques are 0.0011 times what the masses"),
+        (["currents.csv", "loaded.csv", "--known-payload", "0.002"],
+         "expected N·m/A: by them torques are 0.0"),
         (["loaded.csv", "currents.csv", "--known-payload", "2"], "with that load last"),
         (["currents.csv", "--known-payload", "2"], "one is too few for a known load"),
         (["currents.csv", "loaded.csv", "--known-payload", "-2"], "more than 0 kg"),
@@ -247,6 +252,16 @@ def test_without_gains_a_model_is_in_its_recordings_unit_and_says_so(lab, own_un
     assert status == 0
     assert "RMSE a.u." in text
     assert "N·m" not in text
+
+
+def test_gains_that_the_arms_masses_do_not_go_with_are_doubted(lab):
+    """A load of 2 kg that is told as 12 is no slip of a unit: it may be, and is asked about."""
+    fit = identify(
+        [lab.currents, lab.loaded], Arm.load(UR5), known_payload=KnownPayload(6.0 * MASS)
+    )
+    (doubt,) = [line for line in fit.handling if line.startswith("warning: ")]
+    assert "times what the masses in the arm's file need" in doubt
+    assert "a known load in kg" in doubt
 
 
 def test_without_gains_a_load_is_found_all_the_same(lab, own_unit, capsys, tmp_path):

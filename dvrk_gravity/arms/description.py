@@ -18,6 +18,10 @@ Array = NDArray[np.float64]
 JointKind = Literal["revolute", "prismatic"]
 
 GRAVITY = 9.81  # m/s^2
+LEAST_GAIN, GREATEST_GAIN = 1e-3, 1e4
+"""N·m/A: from a tenth of the least motor's torque constant, without a gear, to ten times those of
+the largest robots' geared axes. An effort in N·m divided by it stays a current."""
+
 # Relative standard error of drive gains that are given without one. Chosen: published gains of a
 # UR10e are 5 to 12 % above those that a known load of 2.8 kg shows (docs/own_arm.md).
 GAIN_ERROR = 0.05
@@ -191,8 +195,10 @@ class Description:
             raise ConfigError(
                 "drive_gains", f"{gains.size} numbers", f"{n}, one for each of {each}"
             )
-        if not (np.isfinite(gains) & (gains > 0.0)).all():
-            raise ConfigError("drive_gains", gains.tolist(), "positive numbers, N·m/A")
+        for joint, gain in zip(self.joints, gains.tolist(), strict=True):
+            if not LEAST_GAIN <= gain <= GREATEST_GAIN:
+                allowed = f"{LEAST_GAIN:g} to {GREATEST_GAIN:g} {joint.effort_unit}/A"
+                raise ConfigError(f"drive_gains of {joint.name}", gain, allowed)
         error = self.drive_gain_error
         if error is None:
             object.__setattr__(self, "drive_gain_error", np.full(n, GAIN_ERROR))

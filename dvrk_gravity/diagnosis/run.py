@@ -29,7 +29,7 @@ from dvrk_gravity.diagnosis.selection import (
     Selection,
     SelectionSettings,
 )
-from dvrk_gravity.diagnosis.weighed import weighed
+from dvrk_gravity.diagnosis.weighed import check_mass, weighed
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.unknown import nameless
@@ -139,6 +139,8 @@ def diagnose(
         ConfigError: A model of absurd torques; neither model nor arm, or two arms.
         ArgumentError: An argument of a wrong type.
     """
+    if known_payload is not None:
+        check_mass(known_payload)
     model = None if model is None else TorqueModel.of(model)
     arm = arm_for(model, None if arm is None else Arm.of(arm), reference is not None)
     whole, said = opened(recordings, coordinates, arm), tuple[str, ...]()

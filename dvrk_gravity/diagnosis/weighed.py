@@ -12,14 +12,18 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.quantity import quantity
 
 
-def weighed(findings: Sequence[Finding], known: float, arm: Arm) -> Weighed:
-    """Compare the payload that was found with the mass that is known.
+def check_mass(known: float) -> None:
+    """Refuse a mass that is none.
 
     Raises:
-        ConfigError: A mass that is none.
+        ConfigError: A mass that is not more than 0 kg.
     """
     if not 0.0 < known < float("inf"):
         raise ConfigError("--known-payload", known, "a mass of more than 0 kg")
+
+
+def weighed(findings: Sequence[Finding], known: float, arm: Arm) -> Weighed:
+    """Compare the payload that was found with the mass that is known."""
     found = next((one for one in findings if one.effect == Payload.NAME), None)
     if found is None:
         return Weighed(known, None, f"no payload was found, and {known:g} kg are said to be there")

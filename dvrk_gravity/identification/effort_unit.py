@@ -10,7 +10,9 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import ANY_UNIT
 from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.recording import Recording, RecordingFile
+from dvrk_gravity.recording.data import Array
 
 
 @dataclass(frozen=True)
@@ -22,11 +24,15 @@ class UnitSettings:
             unit. Chosen: half of the effort's variance is then the weight's.
         off: Factor by which efforts in N·m may be off what nominal masses need: a load, or masses
             of another version of the arm. Chosen: motor currents are off by ten, mN·m by 1000.
+        slip: Such a factor with drive gains is a slip of units or of a decimal, not an arm: less
+            than the least, a hundred, and more than any masses of an arm's file were seen to be
+            off. Chosen.
         samples: Samples that are looked at, at most.
     """
 
     follows: float = 0.7
     off: float = 4.0
+    slip: float = 30.0
     samples: int = 5000
 
 
@@ -66,16 +72,18 @@ def in_their_unit(
 ) -> tuple[Arm, tuple[str, ...]]:
     """Return the arm with the unit of its recordings' efforts, and a line about it if it is odd.
 
-    An arm whose file says how it is read is not asked.
+    An arm whose file says that its efforts are in N·m is not asked.
+
+    Raises:
+        ConfigError: Drive gains by which no arm of such masses moves.
     """
     settings = settings or UnitSettings()
-    if arm.drive_gains is not None:
-        if (arm.drive_gains == 1.0).all():
-            return arm, ()
-        gains = ", ".join(f"{gain:.4g}" for gain in arm.drive_gains)
-        return arm, (f"efforts are motor currents, by drive gains of {gains} N·m/A",)
-    first = recordings[0]
+    if arm.drive_gains is not None and (arm.drive_gains == 1.0).all():
+        return arm, ()
+    first = recordings[0].of(arm)
     size = effort_size(first.head if isinstance(first, RecordingFile) else first, arm, settings)
+    if arm.drive_gains is not None:
+        return arm, _by_gains(arm.drive_gains, size, settings)
     if not arm.read_in:
         if size is None or 1.0 / settings.off < size < settings.off:
             return arm, ()
@@ -89,3 +97,15 @@ def in_their_unit(
         f"{why}torques, and masses by them, are told in {unit}; --drive-gains (N·m/A), or "
         "--known-payload with a second recording, gives N·m and kg",
     )
+
+
+def _by_gains(gains: Array, size: float | None, settings: UnitSettings) -> tuple[str, ...]:
+    """Say by which gains efforts are torques, and whether the arm's masses need such torques."""
+    shown = ", ".join(f"{gain:.4g}" for gain in gains)
+    line = f"efforts are motor currents, by drive gains of {shown} N·m/A"
+    if size is None or 1.0 / settings.off < size < settings.off:
+        return (line,)
+    off = f"by them torques are {size:.2g} times what the masses in the arm's file need"
+    if not 1.0 / settings.slip < size < settings.slip:
+        raise ConfigError("drive gains", shown, f"N·m/A: {off}")
+    return (line, f"warning: {off}: gains in N·m/A, a known load in kg, the right arm?")

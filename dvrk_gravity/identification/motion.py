@@ -221,6 +221,12 @@ def held_beyond(
     return {**still, **where}, (f"not recorded, and taken to be held (rad, m): {shown}",)
 
 
+def _example(arm: Arm, joint: str) -> str:
+    """Return a position of a joint as options take it."""
+    turns = arm.joints[arm.joint_names.index(joint)].kind == "revolute"
+    return "0deg" if turns else "0mm"
+
+
 def require_all(
     recording: Recording | Trajectory, arm: Arm, still: Mapping[str, float] | None = None
 ) -> None:
@@ -236,8 +242,8 @@ def require_all(
         hint = (
             ""
             if still is None
-            else f", or `--at {unknown[0]}=0deg,...` to say where those stood that were "
-            "not recorded"
+            else f", or `--at {unknown[0]}={_example(arm, unknown[0])},...` to say where those "
+            "stood that were not recorded"
         )
         raise RecordingError(
             recording.source, f"has no {', '.join(unknown)}: expected all joints{hint}"

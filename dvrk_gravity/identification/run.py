@@ -102,7 +102,8 @@ def identify(
         arm, said = _with_gains(recordings, arm, known_payload, given)
         recordings, given = recordings[:-1], given[:-1]
     arm, unit = in_their_unit(arm, recordings)
-    said = (*missing, *said, *(() if said else unit))
+    # How a known load tells the gains is said already.
+    said = (*missing, *said, *(unit[1:] if said else unit))
     recordings, validate = opened(recordings, arm=arm), opened(validate, arm=arm)
     if for_console:
         _check_for_console(arm, effects, physical)
@@ -149,7 +150,8 @@ def _with_gains(
     if isinstance(load, bool) or not isinstance(load, KnownPayload | int | float):
         raise ArgumentError("known_payload", load, "a mass in kg, or a KnownPayload")
     if arm.drive_gains is not None:
-        raise ConfigError("--known-payload", load, "no drive gains beside it: it tells them")
+        mass = load.mass if isinstance(load, KnownPayload) else load
+        raise ConfigError("--known-payload", mass, "no drive gains beside it: it tells them")
     if all_static(recordings):
         raise RecordingError(
             head(recordings[0]).source, "holds static poses, expected trajectories"
