@@ -92,6 +92,7 @@ def follower(index: int, **changes) -> dict:
     return {"followers": rows}
 
 
+IN_RANGE = "expected a number from -1e+06 to 1e+06"
 WRONG_YAML = {
     "kind": (joint(2, type="screw"), "joints.insertion.type: got 'screw', expected one of rev"),
     "range": (joint(2, lower=0.5), "joints.insertion.lower: got 0.5, expected less than upper"),
@@ -116,6 +117,24 @@ WRONG_YAML = {
     "size of one number": ({"sizes": {"link1": [1]}}, "sizes.link1: got [1], expected a list of 2"),
     "no mass": ({"sizes": {"link1": [0, 0.1]}}, "sizes.link1: got [0, 0.1], expected a mass and"),
     "sizes that are a list": ({"sizes": [1]}, "sizes: got [1], expected LINK: [kg, m]"),
+    "no length": (joint(2, d=1e300), f"joints.insertion.d: got 1e+300, {IN_RANGE}"),
+    "no integer": (joint(2, a=10**400), "joints.insertion.a: got 1000"),
+    "no factor": (
+        joint(3, follows={"yaw": -1e300}), f"joints.roll.follows.yaw: got -1e+300, {IN_RANGE}",
+    ),
+    "no place": (
+        follower(0, xyz=[0, 1e300, 0]), f"followers.counterweight.xyz[1]: got 1e+300, {IN_RANGE}",
+    ),
+    "no size": ({"sizes": {"link1": [1, 1e200]}}, f"sizes.link1[1]: got 1e+200, {IN_RANGE}"),
+    "no transmission": (
+        {"actuator_to_joint": (1e200 * np.eye(4)).tolist()},
+        f"actuator_to_joint[0][0]: got 1e+200, {IN_RANGE}",
+    ),
+    "no base": ({"base_rpy": [1e308, 0, 0]}, f"base_rpy[0]: got 1e+308, {IN_RANGE}"),
+    "no effort": (
+        {"actuator_effort_limit": [40, 35, 1e7, 5]},
+        f"actuator_effort_limit of insertion: got 10000000.0, {IN_RANGE}",
+    ),
 }  # fmt: skip
 
 
@@ -171,7 +190,7 @@ def urdf(folder, *joints: str, links: str = "abcd", head: str = '<robot name="r"
     return path
 
 
-def mimic(master: str, factor: float = 1.0, offset: float = 0.0) -> str:
+def mimic(master: str, factor: float | str = 1.0, offset: float = 0.0) -> str:
     return f'{LIMIT}<mimic joint="{master}" multiplier="{factor}" offset="{offset}"/>'
 
 
@@ -241,7 +260,8 @@ WRONG_URDF = {
         "ab", "joint one: limit lower: got 'x', expected a finite number",
     ),
     "endless continuous without effort": (
-        (a_joint("one", "a", "b", "continuous", ""),), "ab", "joint one: limit effort: got None",
+        (a_joint("one", "a", "b", "continuous", ""),), "ab",
+        "joint one: limit effort: got None, expected a finite number, as in <limit effort=",
     ),
     "mimic loop": (
         (a_joint("one", "a", "b", inner=mimic("two")), a_joint("two", "b", "c", inner=mimic("one")),
@@ -251,12 +271,40 @@ WRONG_URDF = {
         (a_joint("one", "a", "b", inner=mimic("one")), TWO), "abc",
         "joint one: mimic: got 'a loop: one, one'",
     ),
+    "mimic by a text": (
+        (ONE, a_joint("two", "b", "c", inner=mimic("one", "1,0"))), "abc",
+        "joint two: mimic multiplier: got '1,0', expected a finite number",
+    ),
+    "mimic by nan": (
+        (ONE, a_joint("two", "b", "c", inner=mimic("one", np.nan))), "abc",
+        "joint two: mimic multiplier: got 'nan', expected a finite number",
+    ),
+    "mimic by too much": (
+        (ONE, a_joint("two", "b", "c", inner=mimic("one", 1e300))), "abc",
+        f"joint two: mimic multiplier: got 1e+300, {IN_RANGE}",
+    ),
+    "mimic of no joint": (
+        (ONE, a_joint("two", "b", "c", inner=f"{LIMIT}<mimic/>")), "abc",
+        "joint two: mimic joint: got None, expected the joint that it follows",
+    ),
     "mimic of nothing": (
         (a_joint("one", "a", "b", inner=mimic("jaw")), TWO), "abc", "joint one: mimic: got 'jaw'",
     ),
     "strange link": ((ONE, a_joint("two", "b", "z")), "ab", "joint two: child: got 'z'"),
     "two parents": ((ONE, a_joint("two", "a", "b")), "ab", "link b: got 'the child of two joints'"),
     "loop": ((ONE, a_joint("two", "b", "a")), "ab", "link: got [], expected one link"),
+    "loop off the tree": (
+        (ONE, a_joint("two", "c", "d"), a_joint("three", "d", "c")), "abcd",
+        "joint two, three: got 'a loop of c, d', expected a tree of links from a",
+    ),
+    "link twice": ((ONE, TWO), "abcb", "link: got 'b', expected a name that no other link has"),
+    "link without a name": (
+        (ONE, a_joint("two", "b", "")), ("a", "b", ""), "link: got '', expected a name",
+    ),
+    "damping as text": (
+        (a_joint("one", "a", "b", inner=f'{LIMIT}<dynamics damping="x"/>'),), "ab",
+        "joint one: dynamics damping: got 'x', expected a finite number",
+    ),
     "two trees": ((ONE,), "abc", "link: got ['a', 'c'], expected one link"),
     "name twice": ((ONE, a_joint("one", "b", "c")), "abc", "joint: got 'one', expected a name"),
     "nothing moves": ((a_joint("one", "a", "b", "fixed", ""),), "ab", "joint: got 'none of 1"),
@@ -301,6 +349,12 @@ def test_a_file_that_is_no_urdf_is_refused(case, tmp_path):
         ('ixx="1" ', "", "link a: inertial inertia ixx: got None, expected a finite number"),
         ('xyz="0.1 0 0.2"', 'xyz="0.1 0"', "joint one origin xyz: got '0.1 0', expected 3"),
         ('xyz="0 0 1"', 'xyz="0 0 0"', "joint one: axis: got '0 0 0', expected a direction"),
+        ('xyz="0 0 1"', 'xyz="0 1e-200 0"', "joint one: axis: got '0 1e-200 0', expected a direct"),
+        ('xyz="0 0 1"', 'xyz="0 9e307 9e307"', "joint one: axis: got '0 9e307 9e307', expected a"),
+        ('xyz="0.1 0 0.2"', 'xyz="1e300 0 0"', f"joint one origin xyz: got 1e+300, {IN_RANGE}"),
+        ('mass value="1"', 'mass value="1e300"', "link a: inertial mass value: got 1e+300"),
+        ('izz="1"', 'izz="-5"', "link a: inertial inertia izz: got -5.0, expected 0 kg·m^2 or m"),
+        ('effort="3"', 'effort="1e300"', f"joint one: limit effort: got 1e+300, {IN_RANGE}"),
     ],
 )
 def test_a_number_of_a_urdf_that_is_none_is_told(was, now, told, tmp_path):
@@ -310,6 +364,56 @@ def test_a_number_of_a_urdf_that_is_none_is_told(was, now, told, tmp_path):
     with pytest.raises(ConfigError) as caught:
         Arm.load(path)
     assert str(caught.value).startswith(f"{path}: {told}")
+
+
+@pytest.mark.parametrize("length", [1e-3, 0.7, 25.0, 1e3])
+def test_an_axis_is_a_direction_however_long(length, tmp_path):
+    along = a_joint("one", "a", "b", axis=f"0 {0.6 * length} {0.8 * length}")
+    (body,) = Arm.load(urdf(tmp_path, along, links="ab")).bodies
+    # The axis, z of the body's joint frame, seen from the link's own.
+    seen = body.frame.rotation.T @ [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(seen, [0.0, 0.6, 0.8], atol=1e-12)
+
+
+def test_a_moment_of_inertia_that_is_zero_but_for_rounding_is_read(tmp_path):
+    """An iCub's file has such."""
+    path = urdf(tmp_path, ONE, links="ab")
+    path.write_text(path.read_text().replace('ixx="1"', 'ixx="-5.42101e-20"'))
+    assert Arm.load(path).n == 1
+
+
+XACRO = "expected a URDF without xacro: expand it with xacro first"
+
+
+@pytest.mark.parametrize(
+    ("head", "inner", "found"),
+    [
+        (' xmlns:xacro="http://www.ros.org/wiki/xacro"', "<xacro:arm/>", "<xacro:arm>"),
+        (' xmlns:xacro="http://ros.org/wiki/xacro"', "<xacro:arm/>", "<xacro:arm>"),
+        ("", "<xacro:arm/>", "<xacro:…>"),
+        ("", '<link name="${prefix}c"/>', '<link name="${prefix}c">'),
+        ("", '<link name="$(arg prefix)c"/>', '<link name="$(arg prefix)c">'),
+    ],
+)
+def test_what_xacro_has_yet_to_expand_is_refused(head, inner, found, tmp_path):
+    path = urdf(tmp_path, ONE, inner, links="ab", head=f'<robot name="r"{head}>')
+    with pytest.raises(ConfigError) as caught:
+        Arm.load(path)
+    assert str(caught.value) == f"{path}: got '{found}', {XACRO}"
+
+
+def test_a_file_that_xacro_has_expanded_may_still_name_it(tmp_path):
+    head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    assert Arm.load(urdf(tmp_path, ONE, links="ab", head=head)).n == 1
+
+
+@pytest.mark.parametrize("named", ["nowhere.urdf", "package://robot/robot.urdf"])
+def test_a_urdf_that_is_not_there_is_told_with_the_file_that_names_it(named, tmp_path):
+    path = tmp_path / "arm.yaml"
+    path.write_text(yaml.safe_dump({"urdf": named}))
+    with pytest.raises(ConfigError) as caught:
+        Arm.load(path)
+    assert str(caught.value).startswith(f"{path}: {tmp_path / named}: got 'no such file'")
 
 
 def test_a_tip_that_is_no_link_and_a_file_that_is_not_there_are_told(tmp_path):

@@ -144,7 +144,19 @@ def test_a_yaml_names_a_urdf_beside_it_and_adds_what_that_does_not_say(tmp_path)
     ("changes", "said"),
     [
         ({"drive_gains": [1, 2]}, "drive_gains: got [1, 2], expected a list of 4"),
-        ({"drive_gains": [1, 2, 0, 1]}, "got 0.0, expected 0.001 to 10000"),
+        (
+            {"drive_gains": [1, 2, 0, 1]},
+            "drive_gains of insertion: got 0.0, expected 0.001 to 10000",
+        ),
+        ({"drive_gains": [1, "2", 3, 1]}, "drive_gains of pitch: got '2', expected a finite"),
+        (
+            {"drive_gains": [1, 2, 3, 1], "drive_gain_error": [0, 0, 0, -1]},
+            "drive_gain_error of roll: got -1.0, expected 0 or more",
+        ),
+        (
+            {"drive_gains": [1, 2, 3, 1], "drive_gain_error": [0, 0, 0, 1e300]},
+            "drive_gain_error of roll: got 1e+300, expected a number from -1e+06",
+        ),
         ({"drive_gains": [1, 2, 3, 1], "effort_unit": "A"}, "none beside drive gains"),
         ({"drive_gain_error": [1, 2, 3, 1]}, "expected drive_gains beside it"),
         ({"effort_unit": "milli A"}, "effort_unit: got 'milli A', expected a unit"),

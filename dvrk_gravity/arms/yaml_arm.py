@@ -54,9 +54,9 @@ from dvrk_gravity.arms.dh import CONVENTIONS, Convention, DHRow, Follower, chain
 from dvrk_gravity.arms.mtm import parallelogram
 from dvrk_gravity.arms.mtm.published import PUBLISHED_ERROR
 from dvrk_gravity.arms.mtm.sizes import SIZES
+from dvrk_gravity.arms.range import check_range
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.parameter import is_finite
 
 _REQUIRED = ("name", "joints")
 _READINGS = ("drive_gains", "drive_gain_error", "effort_unit", "frictionless")
@@ -113,7 +113,10 @@ def _on_urdf(content: dict[str, Any], path: Path, source: str) -> Description:
     for key in ("urdf", "tip", "name"):
         if key in content and (not isinstance(content[key], str) or not content[key]):
             raise ConfigError(key, content[key], "a path" if key == "urdf" else "a name")
-    described = urdf_arm.read(path.parent / content["urdf"], content.get("tip"), source)
+    try:
+        described = urdf_arm.read(path.parent / content["urdf"], content.get("tip"), source)
+    except ConfigError as error:  # the mistake may be in either file
+        raise error.in_file(f"{path}: {error.source}") from None
     if "actuator_to_joint" in content or "actuator_effort_limit" in content:
         matrix, limits = _transmission(content, described.joints)
         described = replace(described, actuator_to_joint=matrix, actuator_effort_limit=limits)
@@ -125,11 +128,17 @@ def _as_read(described: Description, content: dict[str, Any]) -> Description:
     """Return an arm with how its efforts are read, and where it has no friction."""
     n = len(described.joints)
     gains, errors = (
-        np.array(_numbers(key, content[key], n)) if key in content else None
+        np.array(_of_joints(key, content[key], described.joints)) if key in content else None
         for key in ("drive_gains", "drive_gain_error")
     )
-    if gains is None and errors is not None:
-        raise ConfigError("drive_gain_error", content["drive_gain_error"], "drive_gains beside it")
+    if errors is not None:
+        if gains is None:
+            raise ConfigError(
+                "drive_gain_error", content["drive_gain_error"], "drive_gains beside it"
+            )
+        for joint, one in zip(described.joints, errors, strict=True):
+            if one < 0:
+                raise ConfigError(f"drive_gain_error of {joint.name}", one, "0 or more")
     unit, frictionless = content.get("effort_unit", ""), content.get("frictionless", [])
     if not isinstance(unit, str):
         raise ConfigError("effort_unit", unit, "a unit as A or N·m")
@@ -251,7 +260,7 @@ def _transmission(content: dict[str, Any], joints: Sequence[Joint]) -> tuple[Arr
             raise ConfigError("actuator_to_joint", given, "an invertible matrix")
     if given is None and "actuator_effort_limit" not in content:
         return matrix, np.array([joint.effort_limit for joint in joints])
-    limits = _numbers("actuator_effort_limit", content.get("actuator_effort_limit"), n)
+    limits = _of_joints("actuator_effort_limit", content.get("actuator_effort_limit"), joints)
     for joint, limit in zip(joints, limits, strict=True):
         if limit <= 0:
             raise ConfigError(
@@ -332,8 +341,9 @@ def _choice(field: str, value: Any, known: Sequence[Any]) -> Any:
 
 
 def _number(field: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not is_finite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise ConfigError(field, value, "a finite number")
+    check_range(field, [value])
     return float(value)
 
 
@@ -345,3 +355,11 @@ def _list(field: str, value: Any, length: int) -> list[Any]:
 
 def _numbers(field: str, value: Any, length: int) -> list[float]:
     return [_number(f"{field}[{i}]", item) for i, item in enumerate(_list(field, value, length))]
+
+
+def _of_joints(field: str, value: Any, joints: Sequence[Joint]) -> list[float]:
+    """Return a number of each joint."""
+    items = _list(field, value, len(joints))
+    return [
+        _number(f"{field} of {joint.name}", item) for joint, item in zip(joints, items, strict=True)
+    ]
