@@ -404,20 +404,26 @@ class CrossValidation:
         own = self.model_size
         inverse = Regression(design, ridge, self.settings.trace).inverse[own:]
         held = self._prior_weight * inverse[:, :own] @ ridge[:own, :own] @ inverse[:, :own].T
-        held += inverse[:, own:] @ self._coherent(design[:, own:]) @ inverse[:, own:].T
+        held += self._coherent(design[:, own:], inverse[:, own:])
         wider = student.ppf(norm.cdf(NORMAL_95), max(len(pieces) - 1, 1)) / NORMAL_95
         return theta[own:], wider**2 * (covariance[own:, own:] + held)
 
-    def _coherent(self, design: Array) -> Array:
-        """Return the (k, k) covariance of what known errors add to X'y, X of (R n, k) columns.
+    def _coherent(self, design: Array, inverse: Array) -> Array:
+        """Return the (k, k) covariance of what a known error that looks like a cause adds.
 
         Of each joint an error of the RMS that is settled, in any direction that its columns X_j of
         T_j samples span: with X_j = Q M and Q'Q = T_j, X_j'Q Q'X_j is T_j X_j'X_j.
+
+        Args:
+            design: (R n, k) weighted columns.
+            inverse: (k, k) of the normal equations' matrix.
         """
         error = self.settings.coherent * self.known_error * self._joint_weight
-        columns = design.reshape(-1, self.joints, design.shape[1])
-        grams = np.einsum("tjk,tjl->jkl", columns, columns, optimize=True)
-        return np.tensordot(error**2 * self._counts, grams, 1)
+        columns = design.reshape(-1, self.joints, len(inverse))
+        scaled = columns * (error * np.sqrt(self._counts))[:, None]
+        # A square: of columns that are all but the same it stays one to the last digit.
+        root = inverse @ scaled.reshape(design.shape).T
+        return np.asarray(root @ root.T)
 
     def contains(self, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]) -> bool:
         """Tell whether a larger hypothesis is a smaller one with needless parameters."""
