@@ -84,8 +84,10 @@ def _steps() -> Iterator[str]:
     bare, loaded = (evaluate(model, DATA / name, "actuator") for name in (BARE, LOADED))
     yield "\n## 2. Identification\n"
     yield f"    python -m dvrk_gravity identify {FITTED} {AS_READ} --arm psm --out psm.yaml\n"
-    yield "Error as a part of the torque, of motors, in motor coordinates. "
-    yield f"Held out: {fit.validation}.\n"
+    yield (
+        "Error as a part of the torque, of motors, in motor coordinates. "
+        f"Held out: {fit.validation}.\n"
+    )
     yield "| motor | held-out phases | the same motion on another day | published |"
     yield "|---|---|---|---|"
     for (motor, error), published in zip(fit.held_out.items(), PUBLISHED, strict=True):
