@@ -2,7 +2,7 @@
 
 Status 0: done. 1: the job ran and its answer is "no" (a replay that does not
 match, a model that is not to be compensated with). 2: bad input, told in one line
-on standard error. 130: Ctrl-C.
+on standard error. 130: Ctrl-C. 141: nobody reads its output any more (`… | head`).
 """
 
 from __future__ import annotations
@@ -69,7 +69,13 @@ def run(module_name: str, argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(words[:split])
     arguments.ros_args = words[split:]
     try:
-        return module.run(arguments)
+        status: int = module.run(arguments)
+        sys.stdout.flush()  # here, and not at exit, where a closed pipe is a traceback
+        return status
+    except BrokenPipeError:
+        # What is left in the buffer would be written at exit, and fail again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
     except (DvrkGravityError, OSError) as error:
         print(f"dvrk_gravity {module.NAME}: {one_line(error)}", file=sys.stderr)
         return 2

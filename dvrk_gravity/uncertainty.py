@@ -8,7 +8,7 @@ that stayed on data which the fit had not seen.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms.description import Joint
 from dvrk_gravity.effects import LinearTerm, State, Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import array_file
@@ -26,6 +27,17 @@ SUFFIX = ".uncertainty.npz"
 _SAME = 1e-6  # relative, by which a number that went through a text file may differ
 _BY_JOINT = ("error", "together", "lower", "upper", "speed")
 _TURN = 1e-4  # m/s^2, of differences by the direction of gravity, in which weight is linear
+
+
+@dataclass(frozen=True)
+class OutsideSettings:
+    """When it is told that a recording goes beyond what a model was identified on.
+
+    Attributes:
+        share: Part of the samples, below which nothing is said of it. Chosen.
+    """
+
+    share: float = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +106,40 @@ class ModelUncertainty:
             and np.allclose(known[name], theta, rtol=_SAME, atol=_SAME * np.abs(theta).max())
             for name, theta in self.coefficients.items()
         )
+
+    def outside(
+        self,
+        joints: Sequence[Joint],
+        q: Array,
+        qd: Array | None,
+        present: NDArray[np.bool_],
+        settings: OutsideSettings | None = None,
+    ) -> Iterator[str]:
+        """Yield where (N, n) *true* positions and speeds lie outside what it was identified on.
+
+        Args:
+            joints: The n joints.
+            q: Positions, rad or m.
+            qd: Velocities, rad/s or m/s; ``None`` of poses.
+            present: (n,) joints that were recorded; nothing is said of others.
+            settings: Of how many samples it is told.
+        """
+        least = (settings or OutsideSettings()).share
+        of = "the poses" if qd is None else "the time"
+        for k in np.flatnonzero(present).tolist():
+            joint = joints[k]
+            low, high, fastest = (float(each[k]) for each in (self.lower, self.upper, self.speed))
+            beyond = float(np.mean((q[:, k] < low) | (q[:, k] > high)))
+            if beyond > least:
+                span = f"{joint.shown(low).split()[0]} to {joint.shown(high)}"
+                share = f"{100 * beyond:.0f} % of {of}"
+                yield f"{joint.name} is outside the identified {span} for {share}"
+            # Of poses the speed is not known: NaN, which nothing is beyond.
+            faster = 0.0 if qd is None else float(np.mean(np.abs(qd[:, k]) > fastest))
+            if faster > least:
+                share = f"{100 * faster:.0f} % of {of}"
+                limit = f"{joint.shown(fastest)}/s"
+                yield f"{joint.name} is faster than the identified {limit} for {share}"
 
     def save(self, path: Path) -> None:
         """Write the file, whole or not at all.

@@ -19,7 +19,7 @@ from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.planning import MotionLimits, Multisine, exciting_motion
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.recording.checks import check
-from dvrk_gravity.report.units import milli_effort, milli_position
+from dvrk_gravity.report.units import effort_in_table, milli_effort, milli_position
 
 
 @pytest.fixture(scope="module")
@@ -185,5 +185,8 @@ def test_where_joints_stood_is_said_in_units_of_their_kind(made_up):
 
 def test_tables_name_the_unit_and_the_joints_that_have_another(made_up):
     assert milli_effort(made_up) == "mN·m (insertion mN)"
+    nan = float("nan")
+    assert effort_in_table(made_up, [0.9, nan]) == ("mN·m (insertion mN)", 1e3, 3)
+    assert effort_in_table(made_up, [0.1, 27.9]) == ("N·m (insertion N)", 1.0, 4)
     assert milli_position(made_up) == "mrad (insertion mm)"
     assert milli_effort(Arm.load("mtmr")) == "mN·m"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -10,6 +11,7 @@ import pytest
 from conftest import CONFIG, MODEL_FILE, REPOSITORY
 
 from dvrk_gravity.command_line import VERBS
+from dvrk_gravity.files.resources import shipped
 
 
 def call(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -50,6 +52,37 @@ def test_help_shows_an_example(verb):
     result = call(verb, "--help")
     assert result.returncode == 0
     assert "example:" in result.stdout
+
+
+def test_an_output_that_nobody_reads_any_more_ends_quietly(tmp_path):
+    description = tmp_path / "long.py"
+    description.write_text(
+        "'Count.'\n"
+        "import sys\n"
+        "from dvrk_gravity import command_line\n"
+        "NAME = EXAMPLE = 'long'\n"
+        "add_arguments = lambda parser: None\n"
+        "def run(arguments):\n"
+        "    for line in range(100000):\n"
+        "        print(line)\n"
+        "    return 0\n"
+        "if __name__ == '__main__':\n"
+        "    sys.exit(command_line.run('long'))\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, str(description)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=os.environ | {"PYTHONPATH": f"{REPOSITORY}{os.pathsep}{tmp_path}"},
+    ) as process:  # fmt: skip
+        assert process.stdout.readline() == "0\n"
+        process.stdout.close()
+        assert process.stderr.read() == ""
+        assert process.wait(timeout=60) == 128 + signal.SIGPIPE
+
+
+@pytest.mark.parametrize("verb", ["identify", "diagnose", "excite"])
+def test_help_names_every_arm_that_there_is(verb):
+    assert f"{', '.join(shipped('arms'))}, or" in " ".join(call(verb, "--help").stdout.split())
 
 
 def test_an_unknown_verb_names_those_that_exist():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -19,8 +20,10 @@ from dvrk_gravity.identification.result import (
     JointVerdict,
     Trace,
     Verdict,
+    improvement,
 )
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.report.fit_pictures import torque_picture
 from dvrk_gravity.report.identification import render
 
 ERRORS = {name: JointError(0.01 * k, 0.1 * k, 0.9) for k, name in enumerate(JOINT_NAMES, start=1)}
@@ -78,6 +81,28 @@ def test_the_page_is_whole_and_needs_no_network(time):
     assert page.open == []
     assert len(page.addresses) == 14  # two pictures a joint
     assert all(address.startswith("data:image/png;base64,") for address in page.addresses)
+
+
+def test_the_headline_tells_the_measure_of_the_table():
+    headline = render(fit_of(None), "run.csv").split("</h1>")[0]
+    assert "R² 0.90 to 0.90 on torque that it had not seen" in headline
+
+
+@pytest.mark.parametrize(("kind", "word"), [("revolute", "torque [mN·m]"), ("prismatic", "force")])
+def test_an_axis_is_of_force_where_a_joint_slides(kind, word, monkeypatch):
+    labels = []
+    monkeypatch.setattr("matplotlib.axes.Axes.set_ylabel", lambda _, text: labels.append(text))
+    joint = replace(Arm.load("mtmr").joints[0], kind=kind)
+    torque_picture(fit_of(np.arange(200) / 50.0).traces[0], 0, joint)
+    assert labels[0].startswith(word)
+
+
+def test_a_gain_that_is_too_small_is_not_called_none():
+    assert improvement("error", 0.006, 0.004, False) == (
+        "improves the error, but not by enough: +0.6 ± 0.4 % of the squared error"
+    )
+    assert improvement("error", -0.006, 0.004, False).startswith("does not improve the error: -0.6")
+    assert improvement("error", 0.06, 0.004, True).startswith("improves the error: +6.0")
 
 
 def test_names_of_files_and_parameters_are_escaped():

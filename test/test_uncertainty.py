@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import LinearTerm, State
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification import identify
+from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification.table import evaluation_text
 from dvrk_gravity.model import TorqueModel, uncertainty_file
 from dvrk_gravity.recording import Recording
+from dvrk_gravity.uncertainty import ModelUncertainty
 from testing.world import World
 
 STEP = 0.1  # of a standard deviation; torque is linear in coefficients
@@ -71,6 +74,40 @@ def test_arrays_of_another_arm_are_refused(saved, model):
 
     with pytest.raises(ConfigError, match=r"error of shape \(7,\)"):
         TorqueModel.load(saved)
+
+
+def test_an_evaluation_tells_which_joints_are_outside_what_was_identified(model):
+    recording = World.draw(5).record(3, 4)
+    inside = evaluate(model, recording, "joint")
+    low, high = (np.degrees(one[4]) for one in (model.uncertainty.lower, model.uncertainty.upper))
+    away = recording.position + np.radians(high - low + 1.0) * np.eye(7)[4]
+    slower = replace(model.uncertainty, speed=0.5 * model.uncertainty.speed)
+
+    outside = evaluate(model, replace(recording, position=away), "joint")
+    faster = evaluate(replace(model, uncertainty=slower), recording, "joint")
+
+    name, speed = model.arm.joint_names[4], np.degrees(slower.speed[4])
+    assert inside.outside == ()
+    assert outside.outside == (
+        f"{name} is outside the identified {low:.0f} to {high:.0f} deg for 100 % of the time",
+    )
+    assert len(faster.outside) == 7
+    assert faster.outside[4].startswith(f"{name} is faster than the identified {speed:.0f} deg/s")
+    assert f"{outside.outside[0]}: extrapolated there" in list(evaluation_text(outside, model))
+
+
+def test_of_joints_that_slide_it_tells_millimetres_and_of_poses_no_speed():
+    joints = Arm.load("psm").joints
+    zeros, none = np.zeros(7), np.zeros((7, 0))
+    of_poses = ModelUncertainty(
+        coefficients={}, deviations={}, offset=none, gravity=np.zeros((3, 0)), error=zeros,
+        band=np.nan, together=zeros, lower=zeros - 0.1, upper=zeros + 0.2,
+        speed=np.full(7, np.nan),
+    )  # fmt: skip
+    q = np.zeros((4, 7))
+    q[0, 2], q[1:, 0] = 0.21, -0.2
+    told = list(of_poses.outside(joints, q, None, np.arange(7) > 0))
+    assert told == ["insertion is outside the identified -100 to 200 mm for 25 % of the poses"]
 
 
 def test_its_torques_are_those_of_models_whose_coefficients_are_changed(model):

@@ -224,7 +224,7 @@ def test_a_poor_model_is_written_and_told_everywhere_with_status_1(tmp_path, cap
     assert told["record"]
     page = (tmp_path / "model.html").read_text()
     assert "mtmr: do not compensate with this</h1>" in page
-    assert "explains" not in page.split("</h1>")[0]
+    assert "R²" not in page.split("</h1>")[0]
     assert TorqueModel.load(out).verdict == "do_not_compensate"
 
 

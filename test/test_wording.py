@@ -246,13 +246,14 @@ def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
             "ambiguous", (found,), (known,), by_joint, by_joint,
             dict.fromkeys(JOINT_NAMES, np.nan), by_joint, "nothing", 100, 30, (), (),
             (Ambiguity(*contenders, 0.9, "a and b", "a or b"),),
-            TorqueModel(Arm.load("mtmr"), ()),
+            TorqueModel(Arm.load("mtmr"), ()), band=8.0,
         ),
         ["<run>.csv"],
     )  # fmt: skip
 
     assert Page(text).open == []
     assert "&lt;run&gt;.csv" in text
+    assert "Errors in joint coordinates, below 8 Hz, on blocks held out of fit and choice." in text
     assert "<li>elbow_pitch is left as it was</li>" in text
     assert "<b>What to do:</b> look at its cables." in text
     assert "<td>moving up</td><td>10.0 ± 5.0 mN·m more</td>" in text

@@ -84,7 +84,10 @@ def _steps() -> Iterator[str]:
     bare, loaded = (evaluate(model, DATA / name, "actuator") for name in (BARE, LOADED))
     yield "\n## 2. Identification\n"
     yield f"    python -m dvrk_gravity identify {FITTED} {AS_READ} --arm psm --out psm.yaml\n"
-    yield f"Error as a part of the torque, by motor. Held out: {fit.validation}.\n"
+    yield (
+        "Error as a part of the torque, of motors, in motor coordinates. "
+        f"Held out: {fit.validation}.\n"
+    )
     yield "| motor | held-out phases | the same motion on another day | published |"
     yield "|---|---|---|---|"
     for (motor, error), published in zip(fit.held_out.items(), PUBLISHED, strict=True):
@@ -189,7 +192,8 @@ def _told(diagnosis: Diagnosis) -> Iterator[str]:
     for known in diagnosis.known:
         if "RMS" not in known.sentence:
             yield f"- known: {known.sentence}"
-    yield f"\nWhat remains, RMS; the floor is {FLOORS[diagnosis.floor_from]}:\n"
+    floor = FLOORS[diagnosis.floor_from]
+    yield f"\nWhat remains, RMS, {diagnosis.compared}; the floor is {floor}:\n"
     yield "| joint | before | after | floor | expected of the model |"
     yield "|---|---|---|---|---|"
     for joint, before in diagnosis.before.items():

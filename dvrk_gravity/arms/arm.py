@@ -146,6 +146,11 @@ class Arm(Description):
         """(n, n) inverse of :attr:`actuator_to_joint`."""
         return np.asarray(np.linalg.inv(self.actuator_to_joint), dtype=float)
 
+    @property
+    def direct_drive(self) -> bool:
+        """Whether each motor's coordinate is its joint's: there is no transmission."""
+        return bool((self.actuator_to_joint == np.eye(self.n)).all())
+
     @cached_property
     def gravity(self) -> Array:
         """(3,) gravity in the base frame as the base is mounted, m/s^2."""

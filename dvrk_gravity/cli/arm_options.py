@@ -1,4 +1,4 @@
-"""Options of command lines that say how an arm's efforts are read."""
+"""Options of command lines that name an arm, or say how its efforts are read."""
 
 from __future__ import annotations
 
@@ -7,10 +7,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files.resources import shipped
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.model import TorqueModel
+
+
+def arms() -> str:
+    """Return what names an arm, for the help of an option."""
+    return f"{', '.join(shipped('arms'))}, or an arm's .yaml or .urdf file"
 
 
 def add_drive_gains(parser: argparse.ArgumentParser) -> None:

@@ -35,9 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--reference", metavar="RECORDING",
                         help="the same motion when all was well: what changed since is told, with "
                         "--arm and no model, too")  # fmt: skip
-    parser.add_argument(
-        "--arm", help="mtml, mtmr, or an arm's .yaml or .urdf file, without --model"
-    )
+    parser.add_argument("--arm", help=f"{arm_options.arms()}, without --model")
     parser.add_argument("--known-payload", metavar="KG", type=float,
                         help="mass that a link is said to carry: is the scale right?")  # fmt: skip
     arm_options.add_drive_gains(parser)
@@ -144,17 +142,23 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
             f"no sign of these, but this data could not tell them apart: {'; '.join(unseen)} "
             "(numbers in the report)"
         )
-    from dvrk_gravity.report.units import milli_effort
-
-    unit = milli_effort(diagnosis.model.arm)
-
-    def shown(value: float) -> str:
-        return f"{1e3 * value:8.3f}" if np.isfinite(value) else " unknown"
+    from dvrk_gravity.report.units import effort_in_table
 
     columns = [diagnosis.before, diagnosis.after, diagnosis.floor, diagnosis.expected]
-    lines.append(f"held-out RMSE [{unit}]      before    after    floor expected")
+    unit, factor, decimals = effort_in_table(
+        diagnosis.model.arm, [value for column in columns for value in column.values()]
+    )
+
+    def shown(value: float) -> str:
+        return f"{factor * value:9.{decimals}f}" if np.isfinite(value) else "  unknown"
+
+    head = f"held-out RMSE [{unit}]"
+    width = max(len(head), *(2 + len(joint) for joint in diagnosis.before))
+    lines.append(f"errors {diagnosis.compared}:")
+    words = ("before", "after", "floor", "expected")
+    lines.append(f"{head:<{width}}" + "".join(f" {word:>9}" for word in words))
     lines += [
-        f"  {joint:<20}  " + " ".join(shown(column[joint]) for column in columns)
+        f"{f'  {joint}':<{width}}" + "".join(f" {shown(column[joint])}" for column in columns)
         for joint in diagnosis.before
     ]
     lines.append(

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Evaluate, print the table and write the JSON."""
+    """Evaluate, write the JSON and print the table."""
     from dvrk_gravity.identification import evaluate
     from dvrk_gravity.identification.table import evaluation_text
     from dvrk_gravity.model import TorqueModel
@@ -44,10 +44,10 @@ def run(arguments: argparse.Namespace) -> int:
         result = evaluate(model, recordings, arguments.coordinates)
     except ConfigError as error:
         raise error.in_file(arguments.model) from None
-    for line in evaluation_text(result, model):
-        print(line)
     if arguments.json is not None:
         text_file.write(arguments.json, json.dumps(result.to_json(), indent=1) + "\n")
+    for line in evaluation_text(result, model):
+        print(line)
     return 0
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dvrk_gravity import command_line
+from dvrk_gravity.cli import arm_options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs
 
@@ -30,9 +31,7 @@ _JOINT_STATE = "sensor_msgs/msg/JointState"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "--arm", required=True, help="mtml, mtmr, psm, ecm, or an arm's .yaml or .urdf file"
-    )
+    parser.add_argument("--arm", required=True, help=arm_options.arms())
     parser.add_argument("--out", type=Path, required=True, help="rosbag2 to write measured_js to")
     parser.add_argument("--namespace", help="of the arm's topics (default: its name, as /MTMR)")
     parser.add_argument("--duration", type=float, default=60.0, metavar="S",

@@ -37,9 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recordings", metavar="RECORDING", type=Path, nargs="+",
         help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
     )  # fmt: skip
-    parser.add_argument(
-        "--arm", required=True, help="mtml, mtmr, psm, ecm, or an arm's .yaml or .urdf file"
-    )
+    parser.add_argument("--arm", required=True, help=arm_options.arms())
     parser.add_argument("--out", type=Path, required=True, help="model .yaml to write")
     parser.add_argument("--report", type=Path, help="HTML report (default: OUT with .html)")
     parser.add_argument("--json", type=Path, help="file to write the result to")

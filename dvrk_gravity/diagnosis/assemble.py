@@ -64,7 +64,6 @@ class ShapelessSettings:
 
 
 _SHAPELESS = ShapelessSettings()
-_OUTSIDE = 0.02  # part of the time, below which nothing is said of it
 Readings = Sequence[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]]
 
 
@@ -147,6 +146,7 @@ def assemble(
         notes=(*_notes(loaded, validation, floor), *(str(one) for one in unconfirmed)),
         ambiguities=ambiguities(validation, named, pool),
         model=model,
+        band=data.band,
     )
 
 
@@ -307,18 +307,10 @@ def _certainty(data: FilteredData) -> list[str]:
         f"the model's parameters could move in {uncertainty.size} directions as far as their "
         "identification left them uncertain, and its known error counted as noise"
     ]
-    for joint in np.flatnonzero(motion.present).tolist():
-        q = motion.true_q[:, joint]
-        low, high = float(uncertainty.lower[joint]), float(uncertainty.upper[joint])
-        outside = float(np.mean((q < low) | (q > high)))
-        if outside > _OUTSIDE:
-            shown = motion.arm.joints[joint].shown
-            notes.append(
-                f"{motion.arm.joint_names[joint]} is outside what the model was identified on "
-                f"({shown(low)} to {shown(high)}) for {100 * outside:.0f} % of the time: what the "
-                "model says there is extrapolated, and counts as uncertain"
-            )
-    return notes
+    qd = None if motion.static else motion.qd
+    outside = uncertainty.outside(motion.arm.joints, motion.true_q, qd, motion.present)
+    extrapolated = "what the model says there is extrapolated, and counts as uncertain"
+    return [*notes, *(f"{line}: {extrapolated}" for line in outside)]
 
 
 def _notes(loaded: Loaded, validation: CrossValidation, floor: Array) -> tuple[str, ...]:

@@ -314,6 +314,7 @@ class Diagnosis:
             for, or if they are the same.
         weighed: How the payload found compares with the mass that is said to be there; ``None`` if
             none is.
+        band: Hz; errors are of what lies below this. ``None`` of static poses.
     """
 
     verdict: Verdict
@@ -332,6 +333,7 @@ class Diagnosis:
     model: TorqueModel = field(repr=False)
     in_simulation: InSimulation | None = None
     weighed: Weighed | None = None
+    band: float | None = None
 
     def __repr__(self) -> str:
         """Give the verdict and the effects, in short."""
@@ -353,6 +355,12 @@ class Diagnosis:
             "Nothing was found that the model lacks: what it leaves is at most "
             f"{ratio[most]:.2g} times {FLOORS[self.floor_from]} ({most})."
         )
+
+    @property
+    def compared(self) -> str:
+        """What the errors are of, in words."""
+        below = "" if self.band is None else f" below {self.band:g} Hz,"
+        return f"in joint coordinates,{below} on blocks held out of fit and choice"
 
     def to_dict(self) -> dict[str, Any]:
         """Return findings.json's content."""

@@ -38,6 +38,8 @@ class CoordinateSettings:
 def detect_coordinates(recording: Source, arm: Arm) -> tuple[Coordinates, str]:
     """Return in which coordinates a plain model predicts held-out blocks better, and why.
 
+    Of an arm whose motors each turn one joint, by as much, both are the same: no reason is given.
+
     Args:
         recording: Trajectory of all joints.
         arm: The arm.
@@ -45,6 +47,8 @@ def detect_coordinates(recording: Source, arm: Arm) -> tuple[Coordinates, str]:
     Raises:
         RecordingError: A recording that cannot serve.
     """
+    if arm.direct_drive:
+        return "joint", ""
     errors = coordinate_errors(recording, arm)
     best = min(errors, key=lambda one: errors[one])
     other = max(errors.values())

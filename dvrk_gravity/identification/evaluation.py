@@ -53,6 +53,7 @@ class Evaluation:
         traces: Measured against predicted.
         with_friction: Joints whose friction the errors hold: of poses, where either they or the
             model do not tell it apart.
+        outside: Where joints are beyond what the model was identified on, one sentence each.
     """
 
     joints: Mapping[str, JointError]
@@ -63,6 +64,7 @@ class Evaluation:
     handling: tuple[str, ...]
     traces: tuple[Trace, ...]
     with_friction: tuple[str, ...] = ()
+    outside: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Give the errors, in short."""
@@ -77,6 +79,7 @@ class Evaluation:
             "detected": self.detected,
             "warnings": [str(warning) for warning in self.warnings],
             "handling": list(self.handling),
+            "outside": list(self.outside),
         }
 
 
@@ -122,6 +125,8 @@ def evaluate(
         def run(coordinates: Coordinates, detected: str) -> Evaluation:
             return _evaluate_dynamic(model, trajectories, coordinates, cutoff, detected)
 
+    if coordinates is None and model.arm.direct_drive:
+        coordinates = "joint"  # the same either way
     evaluated = _in_coordinates(coordinates, run)
     return replace(evaluated, handling=(*held, *evaluated.handling))
 
@@ -171,12 +176,15 @@ def _evaluate_dynamic(
 ) -> Evaluation:
     arm = model.arm
     motions = read_motions(recordings, arm, coordinates, cutoff)
-    traces = []
+    traces, positions, velocities = [], [], []
+    recorded = np.zeros(arm.n, dtype=bool)
     for motion in motions.parts:
         core = slice(motion.filter.edge, len(motion) - motion.filter.edge)
         predicted = motion.filter(arm.actuator_effort(model.prediction(motion.state)))
         q, qd = motion.state.q, motion.state.qd
         assert qd is not None
+        positions.append(q[core])
+        velocities.append(qd[core])
         measured = motion.effort
         if coordinates == "actuator":
             q, qd = arm.actuator_position(q), arm.actuator_position(qd)
@@ -184,6 +192,7 @@ def _evaluate_dynamic(
             measured, predicted = arm.joint_effort(measured), arm.joint_effort(predicted)
         # Of joints that were held nothing was measured.
         seen = [name in recordings[motion.source].joints for name in arm.joint_names]
+        recorded |= np.array(seen)
         traces.append(
             Trace(
                 tuple(compress(arm.joint_names, seen)),
@@ -196,7 +205,9 @@ def _evaluate_dynamic(
                 False,
             )
         )
-    return _result(traces, coordinates, detected, motions.warnings, motions.handling)
+    result = _result(traces, coordinates, detected, motions.warnings, motions.handling)
+    q, qd = np.concatenate(positions), np.concatenate(velocities)
+    return replace(result, outside=_outside(model, q, qd, recorded))
 
 
 def _evaluate_static(
@@ -210,6 +221,7 @@ def _evaluate_static(
     stood = np.array([still.get(joint, 0.0) for joint in arm.joint_names])
     traces: list[Trace] = []
     warnings: list[DataWarning] = []
+    positions: list[Array] = []
     friction_told = np.ones(len(recordings[0].joints), dtype=bool)
     for recording in recordings:
         warnings += prepare(recording).warnings
@@ -219,6 +231,7 @@ def _evaluate_static(
         full = q if len(columns) == arm.n else completed(q, columns, stood, arm, coordinates)
         joint = arm.joint_position(full) if coordinates == "actuator" else full
         warnings += beyond_limits(joint, arm)
+        positions.append(joint)
         direction = recording.direction
         if direction is not None and len(columns) < arm.n:
             direction = np.ones(full.shape)
@@ -232,7 +245,22 @@ def _evaluate_static(
             Trace(recording.joints, None, q, None, measured, predicted, coordinates, False)
         )
     result = _result(traces, coordinates, detected, warnings, ("static poses, used as they are",))
-    return replace(result, with_friction=tuple(compress(recordings[0].joints, ~friction_told)))
+    recorded = np.array([name in recordings[0].joints for name in arm.joint_names])
+    return replace(
+        result,
+        with_friction=tuple(compress(recordings[0].joints, ~friction_told)),
+        outside=_outside(model, np.concatenate(positions), None, recorded),
+    )
+
+
+def _outside(
+    model: TorqueModel, q: Array, qd: Array | None, recorded: NDArray[np.bool_]
+) -> tuple[str, ...]:
+    """Return where (N, n) measured motions lie outside what the model was identified on."""
+    if model.uncertainty is None:
+        return ()
+    true = q - model.joint_offset
+    return tuple(model.uncertainty.outside(model.arm.joints, true, qd, recorded))
 
 
 def _depends_on_approach(

@@ -89,6 +89,21 @@ class Identifiability:
     statements: tuple[str, ...]
 
 
+def improvement(error: str, gain: float, uncertainty: float, kept: bool) -> str:
+    """Return why a change was made, or was not.
+
+    Args:
+        error: What it was judged by.
+        gain: Part of its square that the change removes.
+        uncertainty: Standard error of that.
+        kept: Whether it was made.
+    """
+    did = "improves" if kept or gain > 0.0 else "does not improve"
+    enough = ", but not by enough" if not kept and gain > 0.0 else ""
+    share = f"{100 * gain:+.1f} ± {100 * uncertainty:.1f} %"
+    return f"{did} the {error}{enough}: {share} of the squared error"
+
+
 @dataclass(frozen=True, eq=False)
 class Trace:
     """Measured and predicted torque side by side, for pictures.

@@ -256,7 +256,8 @@ def _dynamic(
             reasons.append(_partial(trajectory, arm, one, still))
         elif one is None:
             one, reason = detect_coordinates(trajectory, arm)
-            reasons.append(reason if sum(complete) == 1 else f"{trajectory.source}: {reason}")
+            if reason:
+                reasons.append(reason if sum(complete) == 1 else f"{trajectory.source}: {reason}")
         else:
             warnings += doubt(trajectory, arm, one)
         readable.append(replace(trajectory, coordinates=one, still={} if full else still))

@@ -17,7 +17,7 @@ from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.kinematic_calibration import kinematic_moves
 from dvrk_gravity.identification.moves import term_moves
-from dvrk_gravity.identification.result import Choice
+from dvrk_gravity.identification.result import Choice, improvement
 from dvrk_gravity.identification.rigid_columns import RIGID
 from dvrk_gravity.recording.data import Array
 
@@ -218,12 +218,9 @@ class Selection:
         joint = int(np.argmax(change))
         old, new = (float(np.sqrt(e.sum(0)[joint] / power[joint])) for e in (before, after))
         gain, uncertainty = self.compare(before, after)
-        did = "improves" if kept else "does not improve"
         name = self.columns.arm.joint_names[joint]
-        reason = (
-            f"{did} the cross-validated error: {100 * gain:+.1f} ± {100 * uncertainty:.1f} % "
-            f"of the squared error, {name} |e|/|tau| {old:.3f} -> {new:.3f}"
-        )
+        reason = improvement("cross-validated error", gain, uncertainty, kept)
+        reason += f", {name} |e|/|tau| {old:.3f} -> {new:.3f}"
         return Choice(trial.move.text, kept, old, new, reason)
 
 

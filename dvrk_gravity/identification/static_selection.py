@@ -12,7 +12,7 @@ from dvrk_gravity.estimation.fold_fits import HeldOutSums, SeenSums
 from dvrk_gravity.estimation.normal_equations import NormalEquations
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
 from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential
-from dvrk_gravity.identification.result import Choice
+from dvrk_gravity.identification.result import Choice, improvement
 from dvrk_gravity.identification.static_columns import Group, describe
 from dvrk_gravity.identification.static_solver import Composition, Table, solve_robust
 from dvrk_gravity.recording.data import Array
@@ -175,8 +175,7 @@ class JointSearch:
             kept,
             old,
             new,
-            f"{'improves' if kept else 'does not improve'} the error on held-out slabs: "
-            f"{100 * trial.worth:+.1f} ± {100 * trial.deviation:.1f} % of the squared error",
+            improvement("error on held-out slabs", trial.worth, trial.deviation, kept),
         )
 
 

@@ -57,7 +57,7 @@ def fit_text(fit: Fit) -> Iterator[str]:
     if len(kept) > len(added):
         yield f"  taken out again of what the search started with: {len(kept) - len(added)}"
     if left:
-        yield f"  {len(left)} further changes were tried and improve nothing (all in the report)"
+        yield f"  {len(left)} further changes were tried and do too little (all in the report)"
     found = fit.identifiability
     yield ""
     yield (
@@ -76,6 +76,8 @@ def evaluation_text(result: Evaluation, model: TorqueModel) -> Iterator[str]:
         yield result.detected
     for line in result.handling:
         yield f"data: {line}"
+    for line in result.outside:
+        yield f"{line}: extrapolated there"
     yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
     yield from error_table(result.joints, model.arm)
     yield compared(model, result.joints, result.coordinates, result.with_friction)

@@ -23,7 +23,7 @@ from dvrk_gravity.diagnosis.words import title as effect_title
 from dvrk_gravity.diagnosis.words import told
 from dvrk_gravity.report import html
 from dvrk_gravity.report.in_simulation import section
-from dvrk_gravity.report.units import milli, milli_effort
+from dvrk_gravity.report.units import effort_in_table, milli
 
 Array = NDArray[np.float64]
 
@@ -167,16 +167,21 @@ def _p_value(value: float) -> str:
 
 
 def _errors(diagnosis: Diagnosis) -> str:
+    columns = (diagnosis.before, diagnosis.after, diagnosis.floor, diagnosis.expected)
+    unit, factor, decimals = effort_in_table(
+        diagnosis.model.arm, [value for column in columns for value in column.values()]
+    )
     rows = []
+
+    def shown(value: float) -> str:
+        return f"{factor * value:.{decimals}f}" if np.isfinite(value) else "unknown"
+
     for joint, before in diagnosis.before.items():
         floor, expected = diagnosis.floor[joint], diagnosis.expected[joint]
         rows.append(
             (
                 joint,
-                f"{1e3 * before:.3f}",
-                f"{1e3 * diagnosis.after[joint]:.3f}",
-                f"{1e3 * floor:.3f}" if np.isfinite(floor) else "unknown",
-                f"{1e3 * expected:.3f}" if np.isfinite(expected) else "unknown",
+                *(shown(value) for value in (before, diagnosis.after[joint], floor, expected)),
                 f"{diagnosis.after[joint] / floor:.1f}" if floor > 0.0 else "",
             )
         )
@@ -185,8 +190,8 @@ def _errors(diagnosis: Diagnosis) -> str:
         f"<p class=small>The noise floor is {FLOORS[diagnosis.floor_from]}; expected is what the "
         "given model expects of itself here, by its parameters' posterior and its known error.</p>"
     )
-    unit = milli_effort(diagnosis.model.arm)
-    return f"<h2>Held-out error, {unit} RMS</h2>" + html.table(head, rows) + told
+    title = f"<h2>Held-out error, {unit} RMS</h2><p class=small>Errors {diagnosis.compared}.</p>"
+    return title + html.table(head, rows) + told
 
 
 def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:

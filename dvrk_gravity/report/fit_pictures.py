@@ -39,7 +39,8 @@ def torque_picture(trace: Trace, column: int, joint: Joint) -> str:
     word = "predicted, held out" if trace.held_out else "predicted"
     axes.plot(x, 1e3 * predicted, color=PREDICTED, linewidth=1.0, label=word)
     axes.plot(x, 1e3 * (measured - predicted), color=LEFT, linewidth=0.7, label="difference")
-    axes.set_ylabel(f"torque [{thousandth(joint.effort_unit)}]")
+    word = "force" if joint.kind == "prismatic" else "torque"
+    axes.set_ylabel(f"{word} [{thousandth(joint.effort_unit)}]")
     figure.legend(loc="outside upper right", ncols=3, fontsize=8, frameon=False)
     axes.grid(alpha=0.25)
     return data_url(png(figure, dpi=100))

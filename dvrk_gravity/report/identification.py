@@ -5,7 +5,7 @@ from __future__ import annotations
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.report.fit_pictures import residual_picture, torque_picture
-from dvrk_gravity.report.units import milli_effort
+from dvrk_gravity.report.units import effort_in_table
 
 _TEMPLATE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>Identification: {{ arm }}</title>
@@ -32,7 +32,7 @@ img{max-width:100%;display:block}
 <th class="n">|e|/|&tau;|</th><th class="n">R&sup2;</th>
 <th class="n">|e|/|&tau;| on the data fitted</th><th>verdict</th></tr>
 {% for name, error in fit.held_out.items() %}
-<tr><td>{{ name }}</td><td class="n">{{ "%.2f"|format(1000 * error.rmse) }}</td>
+<tr><td>{{ name }}</td><td class="n">{{ "%.*f"|format(decimals, factor * error.rmse) }}</td>
 <td class="n">{{ "%.3f"|format(error.nrmse) }}</td><td class="n">{{ "%.3f"|format(error.r2) }}</td>
 <td class="n">{% if name in fit.training %}{{ "%.3f"|format(fit.training[name].nrmse) }}{% endif %}
 </td><td>{{ fit.verdict.joints[name].words }}</td></tr>{% endfor %}</table>
@@ -101,19 +101,19 @@ def render(fit: Fit, sources: str) -> str:
     poor = fit.verdict.level == VERDICTS[-1]
     headline = fit.verdict.words
     if not poor:
-        explained = [100 * (1.0 - error.nrmse**2) for error in fit.held_out.values()]
-        headline += (
-            f": explains {min(explained):.0f} to {max(explained):.0f} % of each joint's torque "
-            "that it had not seen"
-        )
+        found = [error.r2 for error in fit.held_out.values()]
+        headline += f": R² {min(found):.2f} to {max(found):.2f} on torque that it had not seen"
     others = [
         ("Taken out again", [one for one in fit.choices if one.kept and not one.added]),
         (
-            "Tried, and does not improve the cross-validated error",
+            "Tried, and does not improve the cross-validated error by enough",
             [one for one in fit.choices if not one.kept],
         ),
     ]
+    effort, factor, decimals = effort_in_table(
+        fit.model.arm, [error.rmse for error in fit.held_out.values()]
+    )
     return template.render(
         arm=fit.model.arm.name, fit=fit, headline=headline, poor=poor, sources=sources,
-        pictures=pictures, others=others, effort=milli_effort(fit.model.arm),
+        pictures=pictures, others=others, effort=effort, factor=factor, decimals=decimals,
     )  # fmt: skip

@@ -3,14 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import thousandth
+
+_MOST = 1.0  # N·m or N, from which a table is not in thousandths
 
 
 def milli_effort(arm: Arm) -> str:
     """Return mN·m or mN, with the joints named whose unit is the other one."""
     return _milli(arm, arm.effort_units)
+
+
+def effort_in_table(arm: Arm, values: Iterable[float]) -> tuple[str, float, int]:
+    """Return the unit of a table of efforts, its factor, and the decimals to show.
+
+    Thousandths, as :func:`milli_effort` tells them, unless the largest of these has four digits
+    before its point.
+
+    Args:
+        arm: The arm.
+        values: Those of the table, N·m or N; NaN where one is not known.
+    """
+    if max(filter(math.isfinite, values)) < _MOST:
+        return milli_effort(arm), 1e3, 3
+    return _named(arm.effort_units, arm.joint_names), 1.0, 4
 
 
 def milli(arm: Arm, name: str) -> str:
@@ -24,13 +42,13 @@ def milli_position(arm: Arm) -> str:
 
 
 def _milli(arm: Arm, units: tuple[str, ...]) -> str:
+    return _named([thousandth(unit) for unit in units], arm.joint_names)
+
+
+def _named(units: Sequence[str], joints: Sequence[str]) -> str:
     first = units[0]
-    others = [
-        f"{name} {thousandth(unit)}"
-        for name, unit in zip(arm.joint_names, units, strict=True)
-        if unit != first
-    ]
-    return thousandth(first) + (f" ({', '.join(others)})" if others else "")
+    others = [f"{name} {u}" for name, u in zip(joints, units, strict=True) if u != first]
+    return first + (f" ({', '.join(others)})" if others else "")
 
 
 def shown_position(arm: Arm) -> tuple[tuple[float, str], ...]:
