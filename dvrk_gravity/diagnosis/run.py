@@ -246,11 +246,16 @@ def _minor(
     chosen = [*(one.trial.candidate for one in accepted), *(one.candidate for one in unknown)]
     settings = replace(SelectionSettings(), consequence=0.0)
     selection = Selection(validation, pool, _silent, settings=settings)
+    of_consequence = Selection(validation, pool, _silent)
     validation.weigh(validation.out_of_fold(chosen))
+    before = validation.score(chosen)
     told: list[EffectTrial] = []
-    for trial in selection.best(chosen, validation.score(chosen)):
+    for trial in selection.best(chosen, before):
         others = {joint for one in told for joint in one.candidate.hypothesis.joints}
-        if trial.passes and others.isdisjoint(trial.candidate.hypothesis.joints):
+        if not trial.passes or not others.isdisjoint(trial.candidate.hypothesis.joints):
+            continue
+        # What is more than the known error was a finding, had held-out blocks confirmed it.
+        if not of_consequence.tried(chosen, trial.candidate, before).passes:
             told.append(trial)
     return told[: _SETTINGS.most_minor]
 
