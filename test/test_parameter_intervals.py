@@ -41,24 +41,33 @@ def first(data: FilteredData, effect: str, joint: int) -> Candidate:
     )
 
 
+@pytest.mark.parametrize("sure", [True, False])
 @pytest.mark.parametrize(("effect", "joint"), [
     ("torque_offset", 0), ("coulomb_friction", 3), ("elastic_cable", 4), ("payload", 2),
 ])  # fmt: skip
 def test_they_are_as_wide_as_estimates_scatter_when_the_known_error_looks_like_the_cause(
-    data, effect, joint
+    data, effect, joint, sure
 ):
-    """Drawn are errors in the space of the cause's columns, joint by joint, and fitted."""
+    """Drawn are errors in the shapes of the cause's columns, joint by joint, and fitted.
+
+    Of a model that is not sure of its parameters these move along: of a constant at every joint.
+    """
     candidate = first(data, effect, joint)
+    data = replace(data)
+    vars(data)["known_error"] = KNOWN
+    constants = 0.01 * np.eye(7) * np.ones((len(data.residual), 1, 1))
+    vars(data)["model_columns"] = constants[:, :, : 0 if sure else 7]
     validation = CrossValidation(data)
     part = validation.settings.coherent
     _, covariance = validation.fit([candidate])
     validation.settings = replace(validation.settings, coherent=0.0)
     _, without = validation.fit([candidate])
     random, scattered = np.random.default_rng(0), []
-    shapes = []
-    for columns in np.moveaxis(candidate.columns(), 1, 0):
-        left, size, _ = np.linalg.svd(columns, full_matrices=False)
-        shapes.append(left[:, size > 1e-9 * max(size[0], 1e-9)] * np.sqrt(len(columns)))
+    size = np.sqrt(np.mean(candidate.columns() ** 2, axis=0))
+    shapes = [
+        columns[:, rms > 0.0] / rms[rms > 0.0]
+        for columns, rms in zip(np.moveaxis(candidate.columns(), 1, 0), size, strict=True)
+    ]
     for _ in range(400):
         error = np.stack(
             [
@@ -68,7 +77,7 @@ def test_they_are_as_wide_as_estimates_scatter_when_the_known_error_looks_like_t
             axis=1,
         )
         drawn = replace(data, residual=error)
-        vars(drawn)["known_error"] = KNOWN
+        vars(drawn).update(known_error=KNOWN, model_columns=data.model_columns)
         fitted = CrossValidation(drawn)
         fitted.weight = validation.weight
         scattered.append(fitted.parameters([candidate]))

@@ -43,7 +43,7 @@ class CrossValidationSettings:
             exponential correlation four leave an eighth of the variance unseen (Künsch 1989).
         coherent: Part of the model's known error that may look like any one cause in all of another
             motion, as a standard deviation: what a state shows comes back with it, and blocks of
-            one motion do not tell. Regions of causes that are not there then hold zero in 97 %,
+            one motion do not tell. Regions of causes that are not there then hold zero in 96 %,
             without it in 83 % (`benchmark/parameter_intervals.py --seeds 401 411`).
     """
 
@@ -53,7 +53,7 @@ class CrossValidationSettings:
     contained: float = 1e-3
     together: int = 32
     cluster: float = 4.0
-    coherent: float = 0.1
+    coherent: float = 0.15
 
 
 class CrossValidation:
@@ -404,25 +404,29 @@ class CrossValidation:
         own = self.model_size
         inverse = Regression(design, ridge, self.settings.trace).inverse[own:]
         held = self._prior_weight * inverse[:, :own] @ ridge[:own, :own] @ inverse[:, :own].T
-        held += self._coherent(design[:, own:], inverse[:, own:])
+        held += self._coherent(design, inverse)
         wider = student.ppf(norm.cdf(NORMAL_95), max(len(pieces) - 1, 1)) / NORMAL_95
         return theta[own:], wider**2 * (covariance[own:, own:] + held)
 
     def _coherent(self, design: Array, inverse: Array) -> Array:
         """Return the (k, k) covariance of what a known error that looks like a cause adds.
 
-        Of each joint an error of the RMS that is settled, in any direction that its columns X_j of
-        T_j samples span: with X_j = Q M and Q'Q = T_j, X_j'Q Q'X_j is T_j X_j'X_j.
+        Of each joint an error of the RMS that is settled, in the shape of each of its columns.
 
         Args:
-            design: (R n, k) weighted columns.
-            inverse: (k, k) of the normal equations' matrix.
+            design: (R n, d + k) weighted columns, the model's own first.
+            inverse: (k, d + k) rows of the inverse of the normal equations' matrix.
         """
+        own = self.model_size
         error = self.settings.coherent * self.known_error * self._joint_weight
-        columns = design.reshape(-1, self.joints, len(inverse))
-        scaled = columns * (error * np.sqrt(self._counts))[:, None]
+        columns = design.reshape(-1, self.joints, design.shape[1]).transpose(1, 2, 0)
+        # As errors of that RMS over the usable samples: D_j' W x_jk / RMS(x_jk).
+        products = np.matmul(columns, columns[:, own:].transpose(0, 2, 1))
+        square = np.einsum("jkk->jk", products[:, own:]) / self._counts[:, None]
+        per_rms = np.where(square > 0.0, 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0)), 0.0)
+        scaled = products * (error[:, None] * per_rms)[:, None]
         # A square: of columns that are all but the same it stays one to the last digit.
-        root = inverse @ scaled.reshape(design.shape).T
+        root = inverse @ np.hstack(list(scaled))
         return np.asarray(root @ root.T)
 
     def contains(self, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]) -> bool:
