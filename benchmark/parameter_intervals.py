@@ -1,6 +1,6 @@
 """How often the intervals of causes that are not there hold zero, with identified models.
 
-    python benchmark/parameter_intervals.py --seeds 400 412
+    python benchmark/parameter_intervals.py --seeds 401 411
 
 Every seed draws an arm of MuJoCo's (testing/mujoco_world.py), records a calibration motion,
 identifies it, and then records other motions of the same arm with nothing hidden. Hypotheses of
@@ -11,10 +11,8 @@ holds zero, with several sizes of ``CrossValidationSettings.coherent``.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -25,11 +23,8 @@ from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.run import hypotheses
-from dvrk_gravity.identification import identify
-from testing.lab_motion import draw_calibration, draw_other
-from testing.mujoco_world import NAMES, MujocoWorld
+from testing.clean_motions import clean_motions, of_each_arm
 
-MOTIONS = 3  # a seed
 EACH = 6  # hypotheses of an effect in a recording
 COHERENT = (0.0, 0.1, 0.15, 0.2, 0.3)
 Held = tuple[str, str, tuple[bool, ...]]
@@ -38,13 +33,8 @@ Held = tuple[str, str, tuple[bool, ...]]
 
 def regions(name: str, seed: int) -> list[Held]:
     """Return of the hypotheses in every motion of an arm whether their regions hold zero."""
-    world = MujocoWorld.draw(name, seed)
-    calibration = draw_calibration(world.arm, seed)
-    model = identify(world.record(world.truth(calibration), seed), world.arm).model
     random, found = np.random.default_rng([seed, 1]), []
-    for _ in range(MOTIONS):
-        drawn, noise = (int(one) for one in random.integers(1 << 30, size=2))
-        recording = world.record(world.truth(draw_other(world.arm, drawn, calibration)), noise)
+    for model, recording in clean_motions(name, seed, random):
         validation = CrossValidation(FilteredData.of(load([recording], model).motion))
         for candidate in _some(validation, random):
             validation.weigh(validation.out_of_fold([candidate]), final=True)
@@ -91,18 +81,10 @@ def _line(kind: str, held: Sequence[tuple[bool, ...]]) -> str:
 
 def main(given: Sequence[str] | None = None) -> int:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 6), metavar=("FIRST", "END"))
-    parser.add_argument("--arms", default=",".join(NAMES), help="one a seed in turn")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
-    args = parser.parse_args(given)
-    arms, seeds = args.arms.split(","), range(*args.seeds)
-    names = [arms[seed % len(arms)] for seed in seeds]
     found: list[Held] = []
-    with ProcessPoolExecutor(args.jobs) as pool:
-        for name, seed, held in zip(names, seeds, pool.map(regions, names, seeds), strict=True):
-            found += held
-            print(f"{name} {seed}: {len(held)} hypotheses", file=sys.stderr, flush=True)
+    for name, seed, held in of_each_arm(regions, __doc__, given):
+        found += held
+        print(f"{name} {seed}: {len(held)} hypotheses", file=sys.stderr, flush=True)
     heading = "".join(f"{part:7g}" for part in COHERENT)
     print(f"{'% that hold zero':24s} {'of':>5s}  {heading}")
     print(_table((effect, held) for _, effect, held in found))

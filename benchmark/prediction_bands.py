@@ -12,34 +12,23 @@ range and of others apart.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.estimation.covariance import NORMAL_95
-from dvrk_gravity.identification import identify
+from testing.clean_motions import clean_motions, of_each_arm
 from testing.hidden_parts import Hidden
-from testing.lab_motion import draw_calibration, draw_other
-from testing.mujoco_world import NAMES, MujocoWorld
 from testing.score import OUTSIDE, outside
-
-MOTIONS = 3  # a seed
 
 
 def shares(name: str, seed: int) -> list[tuple[bool, list[float]]]:
     """Return of each motion whether it goes outside, and the share within the band by joint."""
-    world = MujocoWorld.draw(name, seed)
-    calibration = draw_calibration(world.arm, seed)
-    model = identify(world.record(world.truth(calibration), seed), world.arm).model
-    random, found = np.random.default_rng([seed, 0]), []
-    for _ in range(MOTIONS):
-        drawn, noise = (int(one) for one in random.integers(1 << 30, size=2))
-        recording = world.record(world.truth(draw_other(world.arm, drawn, calibration)), noise)
+    found = []
+    for model, recording in clean_motions(name, seed, np.random.default_rng([seed, 0])):
         data = FilteredData.of(load([recording], model).motion)
         variance = np.sum(data.model_columns**2, axis=2) + data.known_error**2
         within = np.abs(data.residual) <= NORMAL_95 * np.sqrt(variance)
@@ -51,21 +40,13 @@ def shares(name: str, seed: int) -> list[tuple[bool, list[float]]]:
 
 def main(given: Sequence[str] | None = None) -> int:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 5), metavar=("FIRST", "END"))
-    parser.add_argument("--arms", default=",".join(NAMES), help="one a seed in turn")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
-    args = parser.parse_args(given)
-    arms, seeds = args.arms.split(","), range(*args.seeds)
-    names = [arms[seed % len(arms)] for seed in seeds]
     groups: dict[bool, list[float]] = {False: [], True: []}
-    with ProcessPoolExecutor(args.jobs) as pool:
-        for name, seed, motions in zip(names, seeds, pool.map(shares, names, seeds), strict=True):
-            for beyond, share in motions:
-                groups[beyond] += share
-                told = " ".join(f"{100 * one:.0f}" for one in share)
-                where = "outside the range" if beyond else "within the range"
-                print(f"{name} {seed}, {where}: {told} % by joint", flush=True)
+    for name, seed, motions in of_each_arm(shares, __doc__, given):
+        for beyond, share in motions:
+            groups[beyond] += share
+            told = " ".join(f"{100 * one:.0f}" for one in share)
+            where = "outside the range" if beyond else "within the range"
+            print(f"{name} {seed}, {where}: {told} % by joint", flush=True)
     for beyond, share in groups.items():
         if share:
             where = "outside" if beyond else "within"

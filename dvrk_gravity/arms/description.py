@@ -202,8 +202,12 @@ class Description:
         error = self.drive_gain_error
         if error is None:
             object.__setattr__(self, "drive_gain_error", np.full(n, GAIN_ERROR))
-        elif error.shape != (n,) or not (np.isfinite(error) & (error >= 0.0)).all():
+            return
+        if error.shape != (n,):
             raise ConfigError("drive_gain_error", error.tolist(), f"{n} numbers, 0 or more")
+        for joint, one in zip(self.joints, error.tolist(), strict=True):
+            if not 0.0 <= one < np.inf:
+                raise ConfigError(f"drive_gain_error of {joint.name}", one, "0 or more")
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:

@@ -131,14 +131,8 @@ def _as_read(described: Description, content: dict[str, Any]) -> Description:
         np.array(_of_joints(key, content[key], described.joints)) if key in content else None
         for key in ("drive_gains", "drive_gain_error")
     )
-    if errors is not None:
-        if gains is None:
-            raise ConfigError(
-                "drive_gain_error", content["drive_gain_error"], "drive_gains beside it"
-            )
-        for joint, one in zip(described.joints, errors, strict=True):
-            if one < 0:
-                raise ConfigError(f"drive_gain_error of {joint.name}", one, "0 or more")
+    if gains is None and errors is not None:
+        raise ConfigError("drive_gain_error", content["drive_gain_error"], "drive_gains beside it")
     unit, frictionless = content.get("effort_unit", ""), content.get("frictionless", [])
     if not isinstance(unit, str):
         raise ConfigError("effort_unit", unit, "a unit as A or N·m")

@@ -144,10 +144,8 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         )
     from dvrk_gravity.report.units import effort_in_table
 
-    columns = [diagnosis.before, diagnosis.after, diagnosis.floor, diagnosis.expected]
-    unit, factor, decimals = effort_in_table(
-        diagnosis.model.arm, [value for column in columns for value in column.values()]
-    )
+    values = [value for column in diagnosis.errors for value in column.values()]
+    unit, factor, decimals = effort_in_table(diagnosis.model.arm, values)
 
     def shown(value: float) -> str:
         return f"{factor * value:9.{decimals}f}" if np.isfinite(value) else "  unknown"
@@ -158,7 +156,8 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     words = ("before", "after", "floor", "expected")
     lines.append(f"{head:<{width}}" + "".join(f" {word:>9}" for word in words))
     lines += [
-        f"{f'  {joint}':<{width}}" + "".join(f" {shown(column[joint])}" for column in columns)
+        f"{f'  {joint}':<{width}}"
+        + "".join(f" {shown(column[joint])}" for column in diagnosis.errors)
         for joint in diagnosis.before
     ]
     lines.append(

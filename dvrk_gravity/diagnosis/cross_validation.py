@@ -266,9 +266,8 @@ class CrossValidation:
         """
         ratio = after.likelihood + candidate.cost - before.likelihood
         ratio /= self.correlation(after.error, self._usable, candidate.acts)
-        square = (candidate.values[self._rows] ** 2).sum(axis=2) @ self.weight[
-            candidate.joints
-        ] ** 2
+        weight = self.weight[candidate.joints] ** 2
+        square = (candidate.values[self._rows] ** 2).sum(axis=2) @ weight
         energy = np.bincount(self._block, square, minlength=self.data.count)
         # Blocks in which friction holds the joint decide nothing.
         acts = energy > self.settings.active * energy.max()

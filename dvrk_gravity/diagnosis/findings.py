@@ -357,6 +357,11 @@ class Diagnosis:
         )
 
     @property
+    def errors(self) -> tuple[Mapping[str, float], ...]:
+        """RMS error by joint: before, after, its floor, and what was expected; N·m or N."""
+        return self.before, self.after, self.floor, self.expected
+
+    @property
     def compared(self) -> str:
         """What the errors are of, in words."""
         below = "" if self.band is None else f" below {self.band:g} Hz,"

@@ -29,12 +29,13 @@ from dvrk_gravity.diagnosis.selection import (
     Selection,
     SelectionSettings,
 )
-from dvrk_gravity.diagnosis.weighed import check_mass, weighed
+from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.unknown import nameless
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation.selection import eliminate_backward
+from dvrk_gravity.identification.drive_gains import check_mass
 from dvrk_gravity.identification.effort_unit import in_their_unit
 from dvrk_gravity.identification.motion import known_still
 from dvrk_gravity.model import TorqueModel
@@ -246,16 +247,14 @@ def _minor(
     chosen = [*(one.trial.candidate for one in accepted), *(one.candidate for one in unknown)]
     settings = replace(SelectionSettings(), consequence=0.0)
     selection = Selection(validation, pool, _silent, settings=settings)
-    of_consequence = Selection(validation, pool, _silent)
     validation.weigh(validation.out_of_fold(chosen))
-    before = validation.score(chosen)
+    # What is more than the known error was a finding, had held-out blocks confirmed it.
+    most = SelectionSettings().consequence * validation.known_error
     told: list[EffectTrial] = []
-    for trial in selection.best(chosen, before):
+    for trial in selection.best(chosen, validation.score(chosen)):
         others = {joint for one in told for joint in one.candidate.hypothesis.joints}
-        if not trial.passes or not others.isdisjoint(trial.candidate.hypothesis.joints):
-            continue
-        # What is more than the known error was a finding, had held-out blocks confirmed it.
-        if not of_consequence.tried(chosen, trial.candidate, before).passes:
+        apart = others.isdisjoint(trial.candidate.hypothesis.joints)
+        if trial.passes and apart and not np.any(trial.size > most):
             told.append(trial)
     return told[: _SETTINGS.most_minor]
 

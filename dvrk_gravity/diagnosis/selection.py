@@ -70,12 +70,14 @@ class EffectTrial(Trial[Candidate]):
         p_value: Corrected for the number of hypotheses.
         removed: Largest part of a joint's error that it removes.
         plausible: Whether its parameters are such as it can have.
+        size: (n,) RMS of its torque at the joints that are judged, N·m.
     """
 
     score: Score
     p_value: float
     removed: float
     plausible: bool
+    size: Array
 
     @property
     def candidate(self) -> Candidate:
@@ -247,7 +249,7 @@ class Selection:
         )
         used = (self.validation.weight > 0.0) & candidate.acts
         removed = 1.0 - after.rms / np.maximum(before.rms, 1e-300)
-        size = self.validation.size(candidate, theta)
+        size = np.where(used, self.validation.size(candidate, theta), 0.0)
         if self.validation.model_size:
             # What the model's parameters would make up for as best they can is not theirs.
             both = np.maximum(np.hypot(after.rms, size), 1e-300)
@@ -257,7 +259,9 @@ class Selection:
         matters = bool(np.any((size > self._least)[used]))
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
         passes = passes and matters
-        return EffectTrial(candidate, gain, passes and possible, after, p_value, most, possible)
+        return EffectTrial(
+            candidate, gain, passes and possible, after, p_value, most, possible, size
+        )
 
     @property
     def _least(self) -> Array:

@@ -8,18 +8,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.findings import Finding, Weighed
 from dvrk_gravity.effects import Payload
 from dvrk_gravity.effects.base.meaning import Estimate
-from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.quantity import quantity
-
-
-def check_mass(known: float) -> None:
-    """Refuse a mass that is none.
-
-    Raises:
-        ConfigError: A mass that is not more than 0 kg.
-    """
-    if not 0.0 < known < float("inf"):
-        raise ConfigError("--known-payload", known, "a mass of more than 0 kg")
 
 
 def weighed(findings: Sequence[Finding], known: float, arm: Arm) -> Weighed:

@@ -74,6 +74,16 @@ class GainSettings:
     rounds: int = 4
 
 
+def check_mass(known: float) -> None:
+    """Refuse a known mass that is none.
+
+    Raises:
+        ConfigError: A mass that is not more than 0 kg.
+    """
+    if not 0.0 < known < np.inf:
+        raise ConfigError("--known-payload", known, "a mass of more than 0 kg")
+
+
 @dataclass(frozen=True, eq=False)
 class KnownPayload:
     """A load whose mass is known.
@@ -94,8 +104,7 @@ class KnownPayload:
         Raises:
             ConfigError: A mass that is none, or a link that there is not.
         """
-        if not (np.isfinite(self.mass) and self.mass > 0.0):
-            raise ConfigError("--known-payload", self.mass, "a mass of more than 0 kg")
+        check_mass(self.mass)
         if self.centre is not None and not np.isfinite(self.centre).all():
             raise ConfigError("--payload-centre", self.centre, "finite coordinates, m")
         link = self.link or arm.body_names[-1]

@@ -167,21 +167,18 @@ def _p_value(value: float) -> str:
 
 
 def _errors(diagnosis: Diagnosis) -> str:
-    columns = (diagnosis.before, diagnosis.after, diagnosis.floor, diagnosis.expected)
-    unit, factor, decimals = effort_in_table(
-        diagnosis.model.arm, [value for column in columns for value in column.values()]
-    )
+    values = [value for column in diagnosis.errors for value in column.values()]
+    unit, factor, decimals = effort_in_table(diagnosis.model.arm, values)
     rows = []
 
     def shown(value: float) -> str:
         return f"{factor * value:.{decimals}f}" if np.isfinite(value) else "unknown"
 
-    for joint, before in diagnosis.before.items():
-        floor, expected = diagnosis.floor[joint], diagnosis.expected[joint]
+    for joint, floor in diagnosis.floor.items():
         rows.append(
             (
                 joint,
-                *(shown(value) for value in (before, diagnosis.after[joint], floor, expected)),
+                *(shown(column[joint]) for column in diagnosis.errors),
                 f"{diagnosis.after[joint] / floor:.1f}" if floor > 0.0 else "",
             )
         )

@@ -26,7 +26,7 @@ def effort_in_table(arm: Arm, values: Iterable[float]) -> tuple[str, float, int]
         arm: The arm.
         values: Those of the table, N·m or N; NaN where one is not known.
     """
-    if max(filter(math.isfinite, values)) < _MOST:
+    if max(filter(math.isfinite, values), default=0.0) < _MOST:
         return milli_effort(arm), 1e3, 3
     return _named(arm.effort_units, arm.joint_names), 1.0, 4
 

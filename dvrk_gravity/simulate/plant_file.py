@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
+from dvrk_gravity.arms.range import LARGEST
 from dvrk_gravity.effects import terms
 from dvrk_gravity.effects.base.supposed import supposed_inertias, supposed_rotors
 from dvrk_gravity.errors import ConfigError
@@ -29,7 +30,6 @@ Array = NDArray[np.float64]
 _FOLDER = "plants"
 _MTM = "mtmr_28002"
 _SECTIONS = ("parameters", "links", "rotor_inertia", "sensors")
-_LARGEST = 1e6  # kg, m, kg·m² and so on: no arm's, and the simulation's products stay finite
 _STEPS = ("position_step", "velocity_noise", "effort_step", "effort_noise")
 
 
@@ -180,8 +180,8 @@ def _only(field: str, content: Mapping[str, Any], known: tuple[str, ...]) -> Non
 
 def _number(field: str, value: Any, least: float = -math.inf) -> float:
     bad = isinstance(value, bool) or not isinstance(value, int | float)
-    if bad or not max(least, -_LARGEST) <= value <= _LARGEST:
-        raise ConfigError(field, value, f"a number from {max(least, -_LARGEST):g} to {_LARGEST:g}")
+    if bad or not max(least, -LARGEST) <= value <= LARGEST:
+        raise ConfigError(field, value, f"a number from {max(least, -LARGEST):g} to {LARGEST:g}")
     return float(value)
 
 
