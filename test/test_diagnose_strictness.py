@@ -50,7 +50,13 @@ class Scores:
     def size(self, candidate, theta) -> np.ndarray:
         return np.zeros(7)
 
-    def p_value(self, before, after, candidate) -> float:
+    def like_changed_friction(self, candidate, theta) -> np.ndarray:
+        return np.zeros(7, dtype=bool)
+
+    def inflation(self, error) -> np.ndarray:
+        return np.ones(7)
+
+    def p_value(self, before, after, candidate, inflation) -> float:
         return self._p_value
 
     def weigh(self, residual, final=False) -> None: ...

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.model_error import FrictionChangeSettings
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.estimation import evidence
 from dvrk_gravity.estimation.covariance import NORMAL_95, block_jackknife
@@ -45,6 +46,9 @@ class CrossValidationSettings:
             motion, as a standard deviation: what a state shows comes back with it, and blocks of
             one motion do not tell. Regions of causes that are not there then hold zero in 96 %,
             without it in 83 % (`benchmark/parameter_intervals.py --seeds 401 411`).
+        freedom: Degrees of freedom of the posterior covariance of the model's parameters: about as
+            many stretches of half a minute's motion are independent where errors hang together
+            for a second. Chosen; see `make sensitivity`.
     """
 
     trace: float = 1e-9
@@ -54,6 +58,7 @@ class CrossValidationSettings:
     together: int = 32
     cluster: float = 4.0
     coherent: float = 0.15
+    freedom: float = 20.0
 
 
 class CrossValidation:
@@ -109,7 +114,7 @@ class CrossValidation:
     @property
     def redundancy(self) -> Array:
         """(n,) samples that count as one."""
-        return self.data.redundancy * design_effect(self.data.copies, self._intraclass)
+        return self.data.samples_per_independent * design_effect(self.data.copies, self._intraclass)
 
     def _mean_square(self, error: Array) -> Array:
         """Return (n,) mean squares of (R, n) errors over the usable samples."""
@@ -124,6 +129,7 @@ class CrossValidation:
                 copies of it count once. While causes are missing, it is theirs.
         """
         rms = np.sqrt(self._mean_square(residual))
+        rms = np.where(rms > 0.0, np.maximum(rms, self.known_error), 0.0)
         enough = self._usable.sum(axis=0) > self.settings.least_usable * len(self._rows)
         present = self.data.motion.present & (rms > 0.0) & enough
         self.weight = np.where(present, 1.0 / np.where(present, rms, 1.0), 0.0)
@@ -186,12 +192,11 @@ class CrossValidation:
 
     @property
     def _weights(self) -> Array:
-        return self._usable * self._joint_weight
+        return self._usable * self.weight
 
-    @property
-    def _joint_weight(self) -> Array:
-        """(n,) weights of joints in a fit: of errors that hang together fewer count."""
-        return self.weight * np.sqrt(self.data.samples_per_independent / self.data.redundancy)
+    def _unweighted(self, error: Array) -> Array:
+        """Return (R, n) errors, N·m, of (R n,) weighted ones."""
+        return error.reshape(-1, self.joints) / np.where(self.weight > 0.0, self.weight, 1.0)
 
     def _ridge(self, candidates: Sequence[Candidate]) -> Array:
         """Return (k, k) what is known of parameters before any data, in units of samples."""
@@ -236,8 +241,7 @@ class CrossValidation:
                 error[rows] -= design[rows] @ theta
             theta = solve(whole.gram[0] + ridge, whole.cross[0], self.settings.trace)
             improbable = self._improbable(theta)
-        weight = np.where(self.weight > 0.0, self._joint_weight, 1.0)
-        return error.reshape(-1, self.joints) / weight, improbable
+        return self._unweighted(error), improbable
 
     def _improbable(self, theta: Array) -> float:
         """Return minus the log-density of the model's (d, …) parameters, but for a constant.
@@ -251,45 +255,81 @@ class CrossValidation:
         """Return the out-of-fold score of a set."""
         error, improbable = self._cross_validated(candidates)
         mean = self._mean_square(error)
-        used = self.weight > 0.0
-        likelihood = -0.5 * float(self.samples[used] @ np.log(mean[used]))
+        likelihood = float(self._log_likelihood(mean).sum())
         likelihood -= improbable + sum(candidate.cost for candidate in candidates)
         square = ((error * self._weights) ** 2).sum(axis=1)
         loss = np.bincount(self._block, square, minlength=self.data.count).astype(float)
         return Score(error, np.sqrt(mean), loss, likelihood)
 
-    def p_value(self, before: Score, after: Score, candidate: Candidate) -> float:
+    def _log_likelihood(self, mean: Array) -> Array:
+        """Return (n,) log-likelihoods of (n,) mean squared errors, but for a constant."""
+        return evidence.log_likelihood(
+            mean, self.known_error**2, np.where(self.weight > 0.0, self.samples, 0.0)
+        )
+
+    def p_value(self, before: Score, after: Score, candidate: Candidate, inflation: Array) -> float:
         """Return the one-sided p-value of the gain over the blocks where a candidate acts.
 
-        See :func:`evidence.of_gain`. In the likelihood as many samples count as what is not
-        explained leaves independent.
+        See :meth:`p_value_of_gain`.
         """
-        ratio = after.likelihood + candidate.cost - before.likelihood
-        ratio /= self.correlation(after.error, self._usable, candidate.acts)
+        gain = self._log_likelihood(after.rms**2) - self._log_likelihood(before.rms**2)
+        spared = after.likelihood + candidate.cost - before.likelihood - float(gain.sum())
         weight = self.weight[candidate.joints] ** 2
         square = (candidate.values[self._rows] ** 2).sum(axis=2) @ weight
         energy = np.bincount(self._block, square, minlength=self.data.count)
         # Blocks in which friction holds the joint decide nothing.
         acts = energy > self.settings.active * energy.max()
-        return evidence.of_gain((before.loss - after.loss)[acts], ratio, candidate.size)
+        spared = evidence.of_student(spared, self.settings.freedom)
+        ratio = float((gain / inflation).sum()) + spared
+        return self.p_value_of_gain((before.loss - after.loss)[acts], ratio, candidate.size)
 
-    def correlation(
-        self, error: Array, usable: NDArray[np.bool_], joints: NDArray[np.bool_]
-    ) -> float:
-        """Return how many times longer than noise's the correlation of errors is, at least 1.
+    def p_value_of_gain(self, by_block: Array, ratio: float, parameters: int) -> float:
+        """Return the one-sided p-value of a gain on samples that the fit had not seen.
+
+        Where the model knows an error, blocks of one motion, which share a part of that, are no
+        test; else see :func:`evidence.of_gain`.
+
+        Args:
+            by_block: (k,) squared error that goes, by block.
+            ratio: Gain in log-likelihood of independent samples; see :meth:`inflation`.
+            parameters: That the gain takes.
+        """
+        if self.known_error.any():
+            return evidence.likelihood_ratio(ratio, parameters)
+        return evidence.of_gain(by_block, ratio, parameters)
+
+    def inflation(self, error: Array, usable: NDArray[np.bool_] | None = None) -> Array:
+        """Return (n,) how many times its variance for white noise a score's variance is.
+
+        As many samples count as the correlation of what is left makes independent. Where the model
+        knows an error, a part c of that may look like any cause in all of the motion, which adds
+        c² for each of N independent samples (:class:`CrossValidationSettings`).
+
+        Args:
+            error: (R, n) what is left.
+            usable: (R, n) errors that count; by default those of the choice's samples.
+        """
+        usable = self._usable if usable is None else usable
+        samples = usable.sum(axis=0) / self.data.samples_per_independent
+        known = np.where(self.known_error > 0.0, self.settings.coherent, 0.0)
+        return self.correlation(error, usable) + samples * known**2
+
+    def correlation(self, error: Array, usable: NDArray[np.bool_]) -> Array:
+        """Return (n,) how many times longer than noise's the correlation of errors is, at least 1.
 
         Args:
             error: (R, n).
             usable: (R, n) errors that count.
-            joints: (n,) joints that are looked at.
         """
-        looked = joints & (self.weight > 0.0)
+        longer = np.ones(self.joints)
+        looked = self.weight > 0.0
         if self.data.band is None or not looked.any():
-            return 1.0
+            return longer
         known = np.where(usable, error, 0.0)[:, looked]
         part = np.zeros(len(known), dtype=np.int64)
         length = correlation_time(known, part, len(known) // 4)
-        return max(1.0, float(np.max(length / self.data.redundancy[looked])))
+        longer[looked] = np.fmax(1.0, length / self.data.samples_per_independent)
+        return longer
 
     def screen(
         self,
@@ -310,8 +350,12 @@ class CrossValidation:
         base = self._regression(selected)
         theta = base.coefficients(self._target)
         target = self._target - base.design @ theta
-        square = (target**2).reshape(-1, self.joints).sum(axis=0)
-        samples = self.samples
+
+        def likelihood(error: Array) -> float:
+            mean = (self._unweighted(error) ** 2).sum(axis=0) / self._counts
+            return float(self._log_likelihood(mean).sum())
+
+        before = likelihood(target)
         found = []
         for some in _together(pool, lambda one: one.size, self.settings.together):
             raws = self._design(some)
@@ -326,9 +370,7 @@ class CrossValidation:
                     continue
                 error = target - columns @ its
                 spared = self._improbable(theta) - self._improbable(theta - besides[:, own] @ its)
-                left = (error**2).reshape(-1, self.joints).sum(axis=0)
-                used = (square > 0.0) & (left > 0.0)
-                gain = 0.5 * float(samples[used] @ np.log(square[used] / left[used]))
+                gain = likelihood(error) - before
                 found.append((gain + spared - candidate.cost, candidate))
         found.sort(key=lambda pair: -pair[0])
         return [candidate for gain, candidate in found[:keep] if gain > 0.0]
@@ -373,7 +415,7 @@ class CrossValidation:
         regression = self._regression(candidates)
         theta = regression.coefficients(self._target)
         error = self.out_of_fold(candidates)
-        longer = self.correlation(error, self._usable, np.ones(self.joints, dtype=bool))
+        longer = float(np.max(self.correlation(error, self._usable)))
         return theta, self._prior_weight * longer * regression.inverse
 
     def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
@@ -417,7 +459,7 @@ class CrossValidation:
             inverse: (k, d + k) rows of the inverse of the normal equations' matrix.
         """
         own = self.model_size
-        error = self.settings.coherent * self.known_error * self._joint_weight
+        error = self.settings.coherent * self.known_error * self.weight
         columns = design.reshape(-1, self.joints, design.shape[1]).transpose(1, 2, 0)
         # As errors of that RMS over the usable samples: D_j' W x_jk / RMS(x_jk).
         products = np.matmul(columns, columns[:, own:].transpose(0, 2, 1))
@@ -465,9 +507,24 @@ class CrossValidation:
         regression = self._regression(candidates)
         theta = regression.coefficients(self._target)
         error = self._target - regression.design @ theta
-        mean = (error.reshape(-1, self.joints) ** 2).sum(axis=0) / self._counts
-        used = mean > 0.0
-        return 0.5 * float(self.samples[used] @ np.log(mean[used])) + self._improbable(theta)
+        mean = (self._unweighted(error) ** 2).sum(axis=0) / self._counts
+        return self._improbable(theta) - float(self._log_likelihood(mean).sum())
+
+    def like_changed_friction(self, candidate: Candidate, theta: Array) -> NDArray[np.bool_]:
+        """Return (n,) where a torque is about what the model's friction may change by.
+
+        Where a factor of all its friction reproduces more than half of the torque, and is no more
+        than friction changes by from one day to another.
+        """
+        whole, at = np.zeros((len(self._rows), self.joints)), candidate.joints
+        whole[:, at] = candidate.values[self._rows] @ theta
+        whole *= self._usable
+        friction = self.data.friction[self._rows] * self._usable
+        own = np.maximum((friction**2).sum(axis=0), 1e-300)
+        factor = (friction * whole).sum(axis=0) / own
+        settings = FrictionChangeSettings()
+        shared = factor**2 * own > settings.shared * (whole**2).sum(axis=0)
+        return np.asarray(shared & (np.abs(factor) <= settings.most))
 
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice."""

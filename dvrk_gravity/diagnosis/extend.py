@@ -15,6 +15,7 @@ from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.effects import LinearTerm, Term
 from dvrk_gravity.effects.base.effect import Hypothesis, Values
+from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel, model_parameters
 from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
 
@@ -47,12 +48,22 @@ def extended(
     for i in order:
         hypothesis, theta = found[i]
         changed = hypothesis.merge(values, theta, motion)
-        carried[i] = changed is not None
-        values = values if changed is None else changed
+        carried[i] = changed is not None and _in_range(changed, motion)
+        if changed is not None and carried[i]:
+            values = changed
     model = TorqueModel.from_parameters(values, motion.arm)
     names = {term.NAME for term in effects.terms()}
     others = tuple(term for term in motion.model.terms if term.NAME not in names)
     return replace(model, terms=(*model.terms, *others)), tuple(carried)
+
+
+def _in_range(values: Values, motion: Motion) -> bool:
+    """Tell whether a model file may have such values: of two offsets the sum may be too large."""
+    try:
+        TorqueModel.from_parameters(values, motion.arm)
+    except ConfigError:
+        return False
+    return True
 
 
 def updated(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.findings import FloorFrom
-from dvrk_gravity.diagnosis.model_error import changed_friction, model_columns
+from dvrk_gravity.diagnosis.model_error import changed_friction, friction, model_columns
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.estimation.noise import band_noise, pairs_a_period_apart, repetition_noise
 from dvrk_gravity.estimation.repetition import (
@@ -146,6 +146,11 @@ class FilteredData:
         return np.zeros(self.motion.arm.n) if known is None else np.nan_to_num(known.error)
 
     @cached_property
+    def friction(self) -> Array:
+        """(T, n) torque of the model's friction, N·m; see :func:`model_error.friction`."""
+        return self.reduce(friction(self.motion))
+
+    @cached_property
     def expected_on_another_day(self) -> Array:
         """(n,) the same with what friction may change by from one day to another."""
         return np.hypot(self.known_error, changed_friction(self.motion))
@@ -210,15 +215,6 @@ class FilteredData:
     def samples_per_independent(self) -> float:
         """Samples that count as one where the residual is white below the band."""
         return 1.0 if self.band is None else self.settings.samples_per_independent
-
-    @cached_property
-    def redundancy(self) -> Array:
-        """(n,) samples that count as one, by how long the model's known error hangs together."""
-        least = np.full(self.residual.shape[1], self.samples_per_independent)
-        known = self.motion.model.uncertainty
-        if known is None or self.motion.rate is None:
-            return least
-        return np.fmax(least, known.together * self.motion.rate / self.every)
 
     @property
     def copies(self) -> float:

@@ -231,17 +231,18 @@ class HeldOut:
 
         old, new = losses(before), losses(after)
         low, high = evidence.bootstrap_interval(relative, (new, old))
-        acting = np.isin(np.arange(before.shape[1]), chosen)
-        longer = self._validation.correlation(after, counted, acting)
-        ratio = self._likelihood(after, counted)[chosen] - self._likelihood(before, counted)[chosen]
-        p_value = evidence.of_gain(old - new, float(ratio.sum()) / longer, parameters)
+        by_joint = self._likelihood(after, counted) - self._likelihood(before, counted)
+        by_joint /= self._validation.inflation(after, counted)
+        ratio = float(by_joint[chosen].sum())
+        p_value = self._validation.p_value_of_gain(old - new, ratio, parameters)
         return Gain(float(relative(new, old, 0)), low, high, p_value)
 
     def _likelihood(self, error: Array, counted: NDArray[np.bool_]) -> Array:
         """Return (n,) log-likelihoods of (H, n) errors, independent samples counting."""
         count = counted.sum(axis=0)
         mean = np.where(counted, error**2, 0.0).sum(axis=0) / np.maximum(count, 1)
-        return -0.5 * count / self._validation.redundancy * np.log(np.maximum(mean, 1e-300))
+        known = self._validation.known_error**2
+        return evidence.log_likelihood(mean, known, count / self._validation.redundancy)
 
 
 def estimates(

@@ -41,32 +41,37 @@ class ExtrapolationSettings:
 class FrictionChangeSettings:
     """How friction may differ from what it was when the model was identified.
 
-    By so much an error that no cause explains is expected. A cause that is found is told, however
-    friction changes.
-
     Attributes:
-        part: By which all friction of a joint is another one, as a standard deviation. From a PSM
-            that was recorded twice in one motion: the efforts of its four instrument motors, nearly
-            all of them friction, differ by 24 to 40 % (docs/psm.md).
+        part: By which all friction of a joint is another one, as a standard deviation. By so much
+            an error that no cause explains is expected. From a PSM that was recorded twice in one
+            motion: the efforts of its four instrument motors, nearly all of them friction, differ
+            by 24 to 40 % (docs/psm.md).
+        most: By which it is another one before that is told: the most that was seen there.
+        shared: Part of a torque that all friction times a factor must reproduce to be its change.
+            Chosen.
     """
 
     part: float = 0.3
+    most: float = 0.4
+    shared: float = 0.5
 
 
-def changed_friction(motion: Motion, settings: FrictionChangeSettings | None = None) -> Array:
-    """Return (n,) RMS torque by which a model's friction may be another one on another day, N·m.
+def friction(motion: Motion) -> Array:
+    """Return the (N, n) torque of a model's friction, N·m.
 
     Zero of a model that does not tell how sure it is, and of poses.
     """
     if motion.model.uncertainty is None or motion.static:
-        return np.zeros(motion.arm.n)
+        return np.zeros(motion.q.shape)
     state = State(motion.true_q, motion.qd, motion.qdd)
-    friction = sum(
-        (term.torque(state) for term in motion.model.terms if term.FRICTION),
-        np.zeros(motion.q.shape),
-    )
+    torques = (term.torque(state) for term in motion.model.terms if term.FRICTION)
+    return sum(torques, np.zeros(motion.q.shape))
+
+
+def changed_friction(motion: Motion, settings: FrictionChangeSettings | None = None) -> Array:
+    """Return (n,) RMS torque by which a model's friction may be another one on another day, N·m."""
     part = (settings or FrictionChangeSettings()).part
-    return np.asarray(part * np.sqrt(np.mean(friction**2, axis=0)))
+    return np.asarray(part * np.sqrt(np.mean(friction(motion) ** 2, axis=0)))
 
 
 def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None) -> Array:

@@ -70,7 +70,10 @@ class EffectTrial(Trial[Candidate]):
         p_value: Corrected for the number of hypotheses.
         removed: Largest part of a joint's error that it removes.
         plausible: Whether its parameters are such as it can have.
-        size: (n,) RMS of its torque at the joints that are judged, N·m.
+        size: (n,) RMS of its torque at the joints that are judged, N·m; zero where friction may
+            change by as much.
+        inflation: Log-likelihood that counts as one unit, for errors hang together; see
+            ``CrossValidation.inflation``.
     """
 
     score: Score
@@ -78,6 +81,7 @@ class EffectTrial(Trial[Candidate]):
     removed: float
     plausible: bool
     size: Array
+    inflation: float
 
     @property
     def candidate(self) -> Candidate:
@@ -169,11 +173,11 @@ class Selection:
 
     def choose(self, trials: Sequence[Trial[Candidate]]) -> Trial[Candidate] | None:
         """Return the most parsimonious of the passing trials that are as good as the best."""
-        passing = [trial for trial in trials if trial.passes]
+        passing = [one for one in trials if one.passes and isinstance(one, EffectTrial)]
         if not passing:
             return None
-        best = max(trial.worth for trial in passing)
-        chosen = most_parsimonious([(t.worth, t.move) for t in passing], self._margin(best))
+        margin = self._margin(passing)
+        chosen = most_parsimonious([(t.worth, t.move) for t in passing], margin)
         return next(trial for trial in passing if trial.move is chosen)
 
     def take(self, state: list[Candidate], trial: Trial[Candidate]) -> list[Candidate]:
@@ -243,8 +247,9 @@ class Selection:
         Each hypothesis that is tried is the best of those that it stands for: Bonferroni's
         correction among and within.
         """
+        inflation = self.validation.inflation(after.error)
         p_value = evidence.bonferroni(
-            self.validation.p_value(before, after, candidate),
+            self.validation.p_value(before, after, candidate, inflation),
             self.count * candidate.hypothesis.searched,
         )
         used = (self.validation.weight > 0.0) & candidate.acts
@@ -256,12 +261,15 @@ class Selection:
             removed = np.fmax(removed, 1.0 - after.rms / both)
         most = float(np.max(removed[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
-        matters = bool(np.any((size > self._least)[used]))
+        # What friction may be another one by from day to day is no news.
+        size = np.where(self.validation.like_changed_friction(candidate, theta), 0.0, size)
+        matters = bool(np.any((size >= self._least)[used]))
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
         passes = passes and matters
         return EffectTrial(
-            candidate, gain, passes and possible, after, p_value, most, possible, size
-        )
+            candidate, gain, passes and possible, after, p_value, most, possible, size,
+            float(np.max(inflation[candidate.acts])),
+        )  # fmt: skip
 
     @property
     def _least(self) -> Array:
@@ -298,9 +306,10 @@ class Selection:
         )
         return list(self.validation.candidates(found))
 
-    def _margin(self, gain: float) -> float:
-        """Return how much less than a gain still counts as equal."""
-        return max(self.settings.equal_least, self.settings.equal * gain)
+    def _margin(self, trials: Sequence[EffectTrial]) -> float:
+        """Return how much less than the best of some gains still counts as equal."""
+        best = max(trials, key=lambda trial: trial.gain)
+        return max(self.settings.equal_least * best.inflation, self.settings.equal * best.gain)
 
     def eliminate_backward(self, selected: Sequence[Candidate]) -> list[Candidate]:
         """Return those that are still significant and worth having when all is known.
@@ -344,15 +353,15 @@ class Selection:
             if others:
                 best = self._best_of(mine, others)
                 simpler = parsimony(best) < parsimony(mine.candidate)
-                gain = next(t.gain for t in (mine, *others) if t.candidate is best)
-                if simpler or gain > mine.gain + self._margin(gain):
+                its = next(trial for trial in (mine, *others) if trial.candidate is best)
+                if simpler or its.gain > mine.gain + self._margin([its]):
                     self._report(f"{best.hypothesis} instead of {mine.candidate.hypothesis}")
                     selected[i] = best
         return selected
 
     def _best_of(self, mine: EffectTrial, others: Sequence[EffectTrial]) -> Candidate:
         trials = [mine, *others]
-        margin = self._margin(max(trial.gain for trial in trials))
+        margin = self._margin(trials)
         return most_parsimonious([(trial.gain, trial.candidate) for trial in trials], margin)
 
     def merge(self, selected: list[Candidate]) -> list[Candidate]:
@@ -373,17 +382,18 @@ class Selection:
             without = validation.score(rest)
             key = selected[i].hypothesis.key
             others = [
-                trial.candidate
+                trial
                 for trial in self.best(rest, without)
                 if trial.passes and trial.candidate.hypothesis.key != key
             ]
-            for other in others[: settings.refined]:
+            for trial in others[: settings.refined]:
+                other, equal = trial.candidate, settings.equal_least * trial.inflation
                 replaced = [*selected[:i], other, *selected[i + 1 :]]
                 for second in rest:
                     if second in self._always:
                         continue
                     smaller = [kept for kept in replaced if kept is not second]
-                    if validation.score(smaller).likelihood >= whole - settings.equal_least:
+                    if validation.score(smaller).likelihood >= whole - equal:
                         self._report(
                             f"{other.hypothesis} instead of {selected[i].hypothesis} "
                             f"and {second.hypothesis}"
@@ -407,7 +417,7 @@ class Selection:
             and not validation.contains(trial.candidate, selected[i], rest)
             and validation.overlap(selected[i], trial.candidate, rest) > settings.overlap
         ]
-        least = mine.gain - self._margin(mine.gain)
+        least = mine.gain - self._margin([mine])
         equal = tuple(trial for trial in others if trial.gain > least)
         worse = tuple(trial for trial in others if trial.gain <= least)
         return SelectedEffect(mine, equal, worse[: settings.rejected])

@@ -45,6 +45,36 @@ def holm(p_values: Sequence[float]) -> Array:
     return corrected
 
 
+def log_likelihood(mean_square: Array, least: Array, samples: Array) -> Array:
+    """Return (n,) Gaussian log-likelihoods, highest over variances that are possible.
+
+    But for a constant that does not depend on the errors. An error below the least one that is
+    expected is no evidence of anything.
+
+    Args:
+        mean_square: (n,) of errors.
+        least: (n,) least variance of the noise, known beforehand; may be zero.
+        samples: (n,) independent ones.
+    """
+    mean_square = np.maximum(mean_square, 1e-300)
+    variance = np.maximum(mean_square, least)
+    return np.asarray(-0.5 * samples * (np.log(variance) + mean_square / variance))
+
+
+def of_student(normal: float, freedom: float) -> float:
+    """Return a gain in the log-density of parameters whose covariance was estimated.
+
+    What is ``u²/2`` where the covariance is known is the logarithm of Student's density where it
+    was estimated: large deviations are less of a surprise (Lange, Little and Taylor 1989).
+
+    Args:
+        normal: The gain, were they normal.
+        freedom: Degrees of freedom of the covariance.
+    """
+    size = 0.5 * (freedom + 1.0) * np.log1p(2.0 * abs(normal) / freedom)
+    return float(np.copysign(size, normal))
+
+
 def likelihood_ratio(gain: float, parameters: int) -> float:
     """Return the p-value of a gain in log-likelihood by some parameters (Wilks 1938).
 

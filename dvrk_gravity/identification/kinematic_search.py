@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.identification.kinematic_calibration import KINEMATIC
+from dvrk_gravity.identification.kinematic_calibration import KINEMATIC, KinematicSettings
 from dvrk_gravity.identification.kinematic_statements import kinematic_statements
 from dvrk_gravity.identification.motion import Motion
 from dvrk_gravity.identification.moves import starts
@@ -25,11 +25,15 @@ class KinematicSearchSettings:
             interval.
         roughly: The same before terms are chosen anew, rad. Chosen: the cosine of 0.01 rad is 1 to
             5e-5, so that the slopes there are as good as those at the end.
+        farthest: Of a zero or the tilt, standard deviations of what is plausible
+            (``KinematicSettings``): beyond that they stand for something else. Chosen: what a
+            diagnosis takes for possible, too.
     """
 
     steps: int = 6
     settled: float = 1e-4
     roughly: float = 1e-2
+    farthest: float = 6.0
 
 
 def around_calibration(
@@ -55,7 +59,7 @@ def around_calibration(
     if not any(assumed.allowed(effect) for effect in KINEMATIC):
         return problem, chosen, ()
     report("zeros and tilt", 0.0)
-    around, start = _moved(problem, chosen, solved(problem, chosen).theta, motions)
+    around, start = started = _moved(problem, chosen, solved(problem, chosen).theta, motions)
     selection = around.selection
     selection.choices = []
     found = selection.kinematics(start)
@@ -73,8 +77,31 @@ def around_calibration(
     chosen_anew = around.selection.choices
     choices = [one for one in choices if one not in chosen_anew] + chosen_anew
     around, found = _settled(around, found, motions, settings.settled)
+    beyond = _beyond(around, found)
+    if beyond:
+        return problem, chosen, (*kinematic_statements(*started), *beyond)
     around.selection.choices = choices
     return around, found, kinematic_statements(around, found)
+
+
+def _beyond(problem: Problem, chosen: Sequence[int]) -> tuple[str, ...]:
+    """Return sentences about zeros and a tilt that are too far off to be that."""
+    columns = problem.design.columns
+    theta = np.zeros(len(columns.columns))
+    theta[list(chosen)] = solved(problem, chosen).theta
+    found, arm = columns.corrected(theta), columns.arm
+    most = KinematicSearchSettings().farthest * KinematicSettings().misplaced
+    offsets = found.offset + np.zeros(arm.n)
+    far = [(f"the zero of {arm.joint_names[j]}", offsets[j], arm.units[j])
+           for j in np.flatnonzero(np.abs(offsets) > most * arm.scale).tolist()]  # fmt: skip
+    tilt = float(np.max(np.abs(found.tilt)))
+    if tilt > most:
+        far.append(("the base's tilt", tilt, "rad"))
+    return tuple(
+        f"{what} would have to be off by {value:.2g} {unit} to improve the held-out error, which "
+        "is more than a zero or a tilt can be: taken as the arm's file says"
+        for what, value, unit in far
+    )
 
 
 def _moved(
