@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms.description import ANY_UNIT
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
@@ -26,8 +27,14 @@ class TorqueScale(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: of a joint, of all together, of a motor."""
+        """See :meth:`Effect.hypotheses`: of a joint, of all together, of a motor.
+
+        None in an arbitrary unit: drives have gains of their own there, and a load that is heavier
+        on one joint than on another tells of those, not of a reading that changed.
+        """
         arm = motion.arm
+        if arm.read_in == ANY_UNIT:
+            return
         unit = np.eye(arm.n)
         for joint in np.flatnonzero(motion.present).tolist():
             yield ScaleHypothesis(
