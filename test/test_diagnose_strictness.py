@@ -15,6 +15,7 @@ from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import Gain
 from dvrk_gravity.diagnosis.held_out import HeldOut, JudgementSettings, Unconfirmed
 from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis.model_error import like_changed_friction
 from dvrk_gravity.diagnosis.selection import Selection, SelectionSettings
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.torque_offset import OffsetHypothesis
@@ -50,7 +51,7 @@ class Scores:
     def size(self, candidate, theta) -> np.ndarray:
         return np.zeros(7)
 
-    def like_changed_friction(self, candidate, theta) -> np.ndarray:
+    def like_changed_friction(self, candidate, theta, before) -> np.ndarray:
         return np.zeros(7, dtype=bool)
 
     def inflation(self, error) -> np.ndarray:
@@ -124,3 +125,18 @@ def test_held_out_blocks_ask_for_the_level_of_the_choice_and_for_all_that_is_nam
     assert failed(first) == []
     gains[id(second)] = replace(gains[id(second)], p_value=0.0051)
     assert failed(first, second) == [first, second]
+
+
+def test_friction_is_told_where_it_did_not_change_as_much_at_other_joints():
+    """A torque more than half of which is the model's friction times a factor, and no other."""
+    random = np.random.default_rng(0)
+    friction, other = random.normal(size=(400, 7)), random.normal(size=400)
+    day = friction * [0.3, -0.3, 0.3, 0.4, 0.3, -0.3, 0.3]  # changed at all joints
+    for factor, beside, error, like in (
+        (0.4, 0.1, day, True), (0.6, 0.1, day, False), (0.4, 0.8, day, False),
+        (0.4, 0.1, 0.1 * day, False), (0.05, 0.01, 0.1 * day, True),
+    ):  # fmt: skip
+        torque = np.zeros((400, 7))
+        torque[:, 2] = factor * friction[:, 2] + beside * other
+        said = like_changed_friction(torque, friction, error)
+        assert said.tolist() == [False, False, like, False, False, False, False]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import optimize, stats
 from scipy.signal import lfilter
 
 from dvrk_gravity.estimation import evidence
@@ -71,6 +71,35 @@ def test_likelihood_ratio_p_values_are_uniform_in_the_sample_and_no_smaller_out_
         outside.append(evidence.likelihood_ratio(blind, 1))
     assert stats.kstest(inside, "uniform").pvalue > 0.001
     assert np.mean(np.array(outside) <= 0.05) <= band(0.05, 1500)[1]
+
+
+def test_an_error_below_the_least_noise_is_evidence_of_nothing_more():
+    """Against the likelihood maximised over variances that are possible, by SciPy."""
+    mean, samples = np.array([4.0, 0.5, 0.01]), np.array([30.0, 50.0, 20.0])
+    for least in (0.0, 1.0):
+
+        def negative(log_variance, m, n):
+            return 0.5 * n * (log_variance + m * np.exp(-log_variance))
+
+        best = [
+            -optimize.minimize_scalar(
+                negative, (np.log(max(least, 1e-6)), 5.0), args=(m, n), method="bounded",
+                bounds=(np.log(max(least, 1e-6)), 5.0), options={"xatol": 1e-10},
+            ).fun
+            for m, n in zip(mean, samples, strict=True)
+        ]  # fmt: skip
+        told = evidence.log_likelihood(mean, np.full(3, least), samples)
+        np.testing.assert_allclose(told, best, rtol=1e-6, atol=1e-6)
+
+
+def test_large_deviations_of_what_was_estimated_surprise_as_student_says():
+    """Of ratios to an estimated standard deviation, against SciPy's density."""
+    for freedom in (5.0, 20.0):
+        for deviation in (0.5, 3.0, 9.0):
+            density = stats.t(freedom).logpdf([0.0, deviation])
+            told = evidence.of_student(0.5 * deviation**2, freedom)
+            assert told == pytest.approx(density[0] - density[1])
+            assert evidence.of_student(-0.5 * deviation**2, freedom) == -told
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9])

@@ -203,3 +203,14 @@ def test_the_simulator_and_a_next_diagnosis_take_an_extended_model(tmp_path):
     again = replace(motion(), model=model)
     np.testing.assert_allclose(again.true_q, motion().q - model.joint_offset)
     assert extended(again, [])[0].parameters() == model.parameters()
+
+
+def test_a_zero_that_no_model_file_may_have_is_told_and_not_carried():
+    """The model's own zero and what is found beside it may be more together."""
+    shifted = replace(motion(), model=replace(motion().model, joint_offset=np.full(7, 0.8)))
+    (found,) = [one for one in hypotheses(shifted) if one.effect == "joint_offset"
+                and one.joints == (1,) and one.site.kind is site.Kind.JOINT]  # fmt: skip
+    for offset, fits in ((0.1, True), (0.4, False)):
+        model, (carried,) = extended(shifted, [(found, np.array([offset]))])
+        assert carried == fits
+        assert model.joint_offset[1] == pytest.approx(0.9 if fits else 0.8)

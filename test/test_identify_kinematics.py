@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -16,9 +17,10 @@ from dvrk_gravity.arms.tree import build_tree, link_frames
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification import evaluate, identify, kinematic_search
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.kinematic_calibration import KinematicCalibration, offset_joints
+from dvrk_gravity.identification.kinematic_search import KinematicSearchSettings
 from dvrk_gravity.identification.motion import read_motions
 from dvrk_gravity.model import TorqueModel
 
@@ -112,6 +114,15 @@ def test_an_arm_that_stands_right_acquires_neither(upright):
     assert not zeros(upright)
     tried = {choice.term for choice in upright.choices if not choice.kept}
     assert {"base_tilt", "joint_offset wrist_platform"} <= tried
+
+
+def test_a_zero_that_would_be_off_by_more_than_one_can_be_is_not_taken(monkeypatch):
+    settings = partial(KinematicSearchSettings, farthest=0.8)  # of 0.1 rad; it is off by 0.09
+    monkeypatch.setattr(kinematic_search, "KinematicSearchSettings", settings)
+    fit = identify([off(truth(1))], ARM, "joint", TERMS)
+    assert not fit.model.joint_offset.any()
+    (said,) = [one for one in fit.identifiability.statements if "more than a zero" in one]
+    assert said.startswith("the zero of wrist_platform would have to be off by 0.0")
 
 
 def test_zeros_that_look_alike_are_named(upright):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.model_error import FrictionChangeSettings
+from dvrk_gravity.diagnosis.model_error import like_changed_friction
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.estimation import evidence
 from dvrk_gravity.estimation.covariance import NORMAL_95, block_jackknife
@@ -510,21 +510,14 @@ class CrossValidation:
         mean = (self._unweighted(error) ** 2).sum(axis=0) / self._counts
         return self._improbable(theta) - float(self._log_likelihood(mean).sum())
 
-    def like_changed_friction(self, candidate: Candidate, theta: Array) -> NDArray[np.bool_]:
-        """Return (n,) where a torque is about what the model's friction may change by.
-
-        Where a factor of all its friction reproduces more than half of the torque, and is no more
-        than friction changes by from one day to another.
-        """
-        whole, at = np.zeros((len(self._rows), self.joints)), candidate.joints
-        whole[:, at] = candidate.values[self._rows] @ theta
-        whole *= self._usable
+    def like_changed_friction(
+        self, candidate: Candidate, theta: Array, before: Score
+    ) -> NDArray[np.bool_]:
+        """Return (n,) where the torque of (k,) parameters is what friction may have changed by."""
+        torque, at = np.zeros((len(self._rows), self.joints)), candidate.joints
+        torque[:, at] = candidate.values[self._rows] @ theta
         friction = self.data.friction[self._rows] * self._usable
-        own = np.maximum((friction**2).sum(axis=0), 1e-300)
-        factor = (friction * whole).sum(axis=0) / own
-        settings = FrictionChangeSettings()
-        shared = factor**2 * own > settings.shared * (whole**2).sum(axis=0)
-        return np.asarray(shared & (np.abs(factor) <= settings.most))
+        return like_changed_friction(torque * self._usable, friction, before.error)
 
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice."""

@@ -46,13 +46,17 @@ class FrictionChangeSettings:
             an error that no cause explains is expected. From a PSM that was recorded twice in one
             motion: the efforts of its four instrument motors, nearly all of them friction, differ
             by 24 to 40 % (docs/psm.md).
-        most: By which it is another one before that is told: the most that was seen there.
+        most: By which it is another one before that is told, however it changed elsewhere: half as
+            much again as ``part``.
+        deviations: Of its changes at the other joints, by which it may change likewise: two, a
+            convention.
         shared: Part of a torque that all friction times a factor must reproduce to be its change.
             Chosen.
     """
 
     part: float = 0.3
-    most: float = 0.4
+    most: float = 0.45
+    deviations: float = 2.0
     shared: float = 0.5
 
 
@@ -72,6 +76,32 @@ def changed_friction(motion: Motion, settings: FrictionChangeSettings | None = N
     """Return (n,) RMS torque by which a model's friction may be another one on another day, N·m."""
     part = (settings or FrictionChangeSettings()).part
     return np.asarray(part * np.sqrt(np.mean(friction(motion) ** 2, axis=0)))
+
+
+def like_changed_friction(
+    torque: Array, friction: Array, error: Array, settings: FrictionChangeSettings | None = None
+) -> NDArray[np.bool_]:
+    """Return (n,) where a torque is what friction may have changed by since the model was made.
+
+    Where a factor of the model's friction reproduces most of it, and is no more than friction has
+    changed by at the other joints, within two standard deviations: a day changes many of them.
+
+    Args:
+        torque: (R, n) of a hypothesis.
+        friction: (R, n) of the model.
+        error: (R, n) without the hypothesis.
+        settings: How friction changes.
+    """
+    settings = settings or FrictionChangeSettings()
+    own = (friction**2).sum(axis=0)
+    rubbing = own > 0.0
+    own = np.where(rubbing, own, 1.0)
+    factor, change = ((friction * one).sum(axis=0) / own for one in (torque, error))
+    others = max(int(rubbing.sum()) - 1, 1)
+    elsewhere = np.sqrt(np.maximum((change**2).sum() - change**2, 0.0) / others)
+    most = np.minimum(settings.most, settings.deviations * elsewhere)
+    shared = factor**2 * own > settings.shared * (torque**2).sum(axis=0)
+    return np.asarray(shared & rubbing & (np.abs(factor) <= most))
 
 
 def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None) -> Array:

@@ -262,7 +262,8 @@ class Selection:
         most = float(np.max(removed[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
         # What friction may be another one by from day to day is no news.
-        size = np.where(self.validation.like_changed_friction(candidate, theta), 0.0, size)
+        expected = self.validation.like_changed_friction(candidate, theta, before)
+        size = np.where(expected, 0.0, size)
         matters = bool(np.any((size >= self._least)[used]))
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
         passes = passes and matters
