@@ -51,7 +51,7 @@ class Scores:
     def size(self, candidate, theta) -> np.ndarray:
         return np.zeros(7)
 
-    def like_changed_friction(self, candidate, theta, before) -> np.ndarray:
+    def like_changed_friction(self, candidate, theta) -> np.ndarray:
         return np.zeros(7, dtype=bool)
 
     def inflation(self, error) -> np.ndarray:
@@ -140,3 +140,18 @@ def test_friction_is_told_where_it_did_not_change_as_much_at_other_joints():
         torque[:, 2] = factor * friction[:, 2] + beside * other
         said = like_changed_friction(torque, friction, error)
         assert said.tolist() == [False, False, like, False, False, False, False]
+
+
+def test_friction_of_a_motor_may_change_in_any_shape_and_at_all_of_its_joints_together():
+    random = np.random.default_rng(0)
+    friction = random.normal(size=(400, 7)) * [1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 0.1]
+    day = 0.2 * friction
+    torque = np.zeros((400, 7))
+    torque[:, 5:] = 0.3 * random.normal(size=(400, 1)) * [1.0, 0.15]  # most where most rubs
+    said = like_changed_friction(torque, friction, day, of_friction=True)
+    assert said.tolist() == [False] * 7  # 1.5 times the little friction of the last joint
+    torque[:, 6] /= 5.0
+    said = like_changed_friction(torque, friction, day, of_friction=True)
+    assert said.tolist() == [False] * 5 + [True, True]
+    assert not like_changed_friction(torque, friction, day)[5:].any()  # of another shape
+    assert not like_changed_friction(torque, friction, 0.2 * day, of_friction=True).any()

@@ -510,14 +510,15 @@ class CrossValidation:
         mean = (self._unweighted(error) ** 2).sum(axis=0) / self._counts
         return self._improbable(theta) - float(self._log_likelihood(mean).sum())
 
-    def like_changed_friction(
-        self, candidate: Candidate, theta: Array, before: Score
-    ) -> NDArray[np.bool_]:
+    def like_changed_friction(self, candidate: Candidate, theta: Array) -> NDArray[np.bool_]:
         """Return (n,) where the torque of (k,) parameters is what friction may have changed by."""
         torque, at = np.zeros((len(self._rows), self.joints)), candidate.joints
         torque[:, at] = candidate.values[self._rows] @ theta
         friction = self.data.friction[self._rows] * self._usable
-        return like_changed_friction(torque * self._usable, friction, before.error)
+        return like_changed_friction(
+            torque * self._usable, friction, self._residual,
+            effects.is_friction(candidate.hypothesis.effect),
+        )  # fmt: skip
 
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice."""

@@ -237,9 +237,10 @@ class Known:
     """What the model's own uncertainty, or its known error, accounts for: no news.
 
     Attributes:
-        effect: Name of an effect that is significant, and smaller than that error;
-            ``model_parameters`` for how far the model's own parameters moved; ``model_error`` for
-            what it leaves here as it did when it was identified.
+        effect: Name of an effect that is significant, and smaller than that error, or such as
+            friction changes by from day to day; ``model_parameters`` for how far the model's own
+            parameters moved; ``model_error`` for what it leaves here as it did when it was
+            identified.
         joints: Names of the joints.
         parameters: Estimates by name.
         sentence: It in words, with figures.

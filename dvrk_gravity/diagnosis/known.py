@@ -47,7 +47,8 @@ def known(
     Args:
         validation: The validation.
         held_out: The held-out samples.
-        minor: Effects that are significant, and smaller than the known error.
+        minor: Effects that are significant, and smaller than the known error, or what friction
+            changes by from day to day.
         named: The accepted effects.
         expected: See :func:`expected_error`.
     """
@@ -91,8 +92,11 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     theta, covariance = validation.fit([*named, one])
     own = slice(len(theta) - one.size, len(theta))
     parameters = estimates(hypothesis, theta[own], covariance[own, own], {})
+    no_news = "less than the model is known to miss"
+    if trial.other_day:
+        no_news = "no more than its friction may have changed by, as other joints' has"
     claim = hypothesis.claim(parameters)
     return Known(
         hypothesis.effect, hypothesis.names, parameters,
-        f"{claim}; that is significant, and less than the model is known to miss",
+        f"{claim}; that is significant, and {no_news}",
     )  # fmt: skip

@@ -79,17 +79,21 @@ def changed_friction(motion: Motion, settings: FrictionChangeSettings | None = N
 
 
 def like_changed_friction(
-    torque: Array, friction: Array, error: Array, settings: FrictionChangeSettings | None = None
-) -> NDArray[np.bool_]:
+    torque: Array, friction: Array, error: Array, of_friction: bool = False,
+    settings: FrictionChangeSettings | None = None,
+) -> NDArray[np.bool_]:  # fmt: skip
     """Return (n,) where a torque is what friction may have changed by since the model was made.
 
-    Where a factor of the model's friction reproduces most of it, and is no more than friction has
-    changed by at the other joints, within two standard deviations: a day changes many of them.
+    That is, by no more than friction has changed by at the other joints, within two standard
+    deviations: a day changes many of them. Friction may change in any shape, and a motor's at all
+    of its joints together; another effect looks like its change where a factor of the model's
+    friction reproduces most of it.
 
     Args:
         torque: (R, n) of a hypothesis.
         friction: (R, n) of the model.
-        error: (R, n) without the hypothesis.
+        error: (R, n) of the model, before any is chosen.
+        of_friction: The hypothesis is about friction.
         settings: How friction changes.
     """
     settings = settings or FrictionChangeSettings()
@@ -100,8 +104,14 @@ def like_changed_friction(
     others = max(int(rubbing.sum()) - 1, 1)
     elsewhere = np.sqrt(np.maximum((change**2).sum() - change**2, 0.0) / others)
     most = np.minimum(settings.most, settings.deviations * elsewhere)
-    shared = factor**2 * own > settings.shared * (torque**2).sum(axis=0)
-    return np.asarray(shared & rubbing & (np.abs(factor) <= most))
+    square = (torque**2).sum(axis=0)
+    acts = (square > 0.0) & rubbing
+    if of_friction:
+        # In units of the joints' friction, for joints differ.
+        whole = float((square / own)[acts].sum()) <= float((most**2)[acts].sum())
+        return acts & whole
+    shared = factor**2 * own > settings.shared * square
+    return np.asarray(acts & shared & (np.abs(factor) <= most))
 
 
 def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None) -> Array:

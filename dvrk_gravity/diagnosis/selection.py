@@ -74,6 +74,7 @@ class EffectTrial(Trial[Candidate]):
             change by as much.
         inflation: Log-likelihood that counts as one unit, for errors hang together; see
             ``CrossValidation.inflation``.
+        other_day: Friction changed by as much at other joints.
     """
 
     score: Score
@@ -82,6 +83,7 @@ class EffectTrial(Trial[Candidate]):
     plausible: bool
     size: Array
     inflation: float
+    other_day: bool
 
     @property
     def candidate(self) -> Candidate:
@@ -262,14 +264,15 @@ class Selection:
         most = float(np.max(removed[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
         # What friction may be another one by from day to day is no news.
-        expected = self.validation.like_changed_friction(candidate, theta, before)
+        expected = self.validation.like_changed_friction(candidate, theta)
+        other_day = bool(np.any(expected & (size > 0.0)))
         size = np.where(expected, 0.0, size)
         matters = bool(np.any((size >= self._least)[used]))
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
         passes = passes and matters
         return EffectTrial(
             candidate, gain, passes and possible, after, p_value, most, possible, size,
-            float(np.max(inflation[candidate.acts])),
+            float(np.max(inflation[candidate.acts])), other_day,
         )  # fmt: skip
 
     @property

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.plant_part import FrictionWithMemory, PlantPart
-from dvrk_gravity.effects.base.registry import effects, named, rank, register, terms
+from dvrk_gravity.effects.base.registry import effects, is_friction, named, rank, register, terms
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import LinearTerm, Term
 from dvrk_gravity.effects.base_tilt import BaseTilt
@@ -96,6 +96,7 @@ __all__ = [
     "TorqueOffset",
     "ViscousFriction",
     "effects",
+    "is_friction",
     "named",
     "rank",
     "register",

@@ -57,6 +57,11 @@ def rank(name: str) -> int:
     return effects().index(named(name))
 
 
+def is_friction(name: str) -> bool:
+    """Tell whether an effect dissipates: see :attr:`Term.FRICTION`."""
+    return any(term.FRICTION for term in terms() if name == term.NAME)
+
+
 @cache
 def _load_entry_points() -> None:
     from importlib.metadata import entry_points
