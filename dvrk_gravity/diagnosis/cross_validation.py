@@ -310,7 +310,7 @@ class CrossValidation:
             usable: (R, n) errors that count; by default those of the choice's samples.
         """
         usable = self._usable if usable is None else usable
-        samples = usable.sum(axis=0) / self.data.samples_per_independent
+        samples = usable.sum(axis=0) / self.redundancy
         known = np.where(self.known_error > 0.0, self.settings.coherent, 0.0)
         return self.correlation(error, usable) + samples * known**2
 

@@ -386,18 +386,17 @@ class Selection:
             without = validation.score(rest)
             key = selected[i].hypothesis.key
             others = [
-                trial
+                trial.candidate
                 for trial in self.best(rest, without)
                 if trial.passes and trial.candidate.hypothesis.key != key
             ]
-            for trial in others[: settings.refined]:
-                other, equal = trial.candidate, settings.equal_least * trial.inflation
+            for other in others[: settings.refined]:
                 replaced = [*selected[:i], other, *selected[i + 1 :]]
                 for second in rest:
                     if second in self._always:
                         continue
                     smaller = [kept for kept in replaced if kept is not second]
-                    if validation.score(smaller).likelihood >= whole - equal:
+                    if validation.score(smaller).likelihood >= whole - settings.equal_least:
                         self._report(
                             f"{other.hypothesis} instead of {selected[i].hypothesis} "
                             f"and {second.hypothesis}"
