@@ -76,9 +76,11 @@ class Forking:
         if self._control is None:
             self._control, far = socket.socketpair()
             with far:
+                # Threads of a linear algebra library would be there before anything is forked.
                 self._server = subprocess.Popen(
                     [sys.executable, __file__, str(far.fileno())],
                     pass_fds=[far.fileno()], start_new_session=True,
+                    env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
                 )  # fmt: skip
         output, theirs = os.pipe()
         status, its = os.pipe()

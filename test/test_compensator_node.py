@@ -113,9 +113,10 @@ def test_without_velocity_friction_is_off_and_that_is_said_once(arm, start):
     node = start(*PATIENT, *AT_ONCE)
     arm.velocity = [0.3] * 7  # below every allowance: faster, what was fed would come to count
     np.testing.assert_allclose(arm.answer(), expected(arm), atol=1e-12)
-    effort = arm.answer(velocity=[])
-    np.testing.assert_allclose(effort, MODEL.torque(arm.position), atol=1e-12)
-    assert np.abs(effort - expected(arm)).max() > 1e-3
+    bare = MODEL.torque(arm.position)
+    assert np.abs(bare - expected(arm)).max() > 1e-3
+    # Two messages within a fraction of a millisecond leave less way than that: see slew_limit.
+    arm.run_until(lambda: np.abs(arm.efforts[-1] - bare).max() < 1e-12, "no friction", velocity=[])
     arm.answer(velocity=[])
     arm.client.wait(lambda: "has no velocity" in node.output, "the warning")
     assert node.output.count("has no velocity") == 1
