@@ -15,7 +15,7 @@ from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import Gain
 from dvrk_gravity.diagnosis.held_out import HeldOut, JudgementSettings, Unconfirmed
 from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.model_error import like_changed_friction
+from dvrk_gravity.diagnosis.model_error import friction_change, like_changed_friction
 from dvrk_gravity.diagnosis.selection import Selection, SelectionSettings
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.torque_offset import OffsetHypothesis
@@ -138,7 +138,7 @@ def test_friction_is_told_where_it_did_not_change_as_much_at_other_joints():
     ):  # fmt: skip
         torque = np.zeros((400, 7))
         torque[:, 2] = factor * friction[:, 2] + beside * other
-        said = like_changed_friction(torque, friction, error)
+        said = like_changed_friction(torque, friction, friction_change(friction, error))
         assert said.tolist() == [False, False, like, False, False, False, False]
 
 
@@ -146,12 +146,14 @@ def test_friction_of_a_motor_may_change_in_any_shape_and_at_all_of_its_joints_to
     random = np.random.default_rng(0)
     friction = random.normal(size=(400, 7)) * [1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 0.1]
     day = 0.2 * friction
+    most = friction_change(friction, day)
     torque = np.zeros((400, 7))
     torque[:, 5:] = 0.3 * random.normal(size=(400, 1)) * [1.0, 0.15]  # most where most rubs
-    said = like_changed_friction(torque, friction, day, of_friction=True)
+    said = like_changed_friction(torque, friction, most, of_friction=True)
     assert said.tolist() == [False] * 7  # 1.5 times the little friction of the last joint
     torque[:, 6] /= 5.0
-    said = like_changed_friction(torque, friction, day, of_friction=True)
+    said = like_changed_friction(torque, friction, most, of_friction=True)
     assert said.tolist() == [False] * 5 + [True, True]
-    assert not like_changed_friction(torque, friction, day)[5:].any()  # of another shape
-    assert not like_changed_friction(torque, friction, 0.2 * day, of_friction=True).any()
+    assert not like_changed_friction(torque, friction, most)[5:].any()  # of another shape
+    little = friction_change(friction, 0.2 * day)
+    assert not like_changed_friction(torque, friction, little, of_friction=True).any()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.model_error import like_changed_friction
+from dvrk_gravity.diagnosis.model_error import friction_change, like_changed_friction
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.estimation import evidence
 from dvrk_gravity.estimation.covariance import NORMAL_95, block_jackknife
@@ -267,6 +267,10 @@ class CrossValidation:
             mean, self.known_error**2, np.where(self.weight > 0.0, self.samples, 0.0)
         )
 
+    def _likelihood_of(self, error: Array) -> float:
+        """Return the log-likelihood of (R n,) weighted errors."""
+        return float(self._log_likelihood(self._mean_square(self._unweighted(error))).sum())
+
     def p_value(self, before: Score, after: Score, candidate: Candidate, inflation: Array) -> float:
         """Return the one-sided p-value of the gain over the blocks where a candidate acts.
 
@@ -350,12 +354,7 @@ class CrossValidation:
         base = self._regression(selected)
         theta = base.coefficients(self._target)
         target = self._target - base.design @ theta
-
-        def likelihood(error: Array) -> float:
-            mean = (self._unweighted(error) ** 2).sum(axis=0) / self._counts
-            return float(self._log_likelihood(mean).sum())
-
-        before = likelihood(target)
+        before = self._likelihood_of(target)
         found = []
         for some in _together(pool, lambda one: one.size, self.settings.together):
             raws = self._design(some)
@@ -370,7 +369,7 @@ class CrossValidation:
                     continue
                 error = target - columns @ its
                 spared = self._improbable(theta) - self._improbable(theta - besides[:, own] @ its)
-                gain = likelihood(error) - before
+                gain = self._likelihood_of(error) - before
                 found.append((gain + spared - candidate.cost, candidate))
         found.sort(key=lambda pair: -pair[0])
         return [candidate for gain, candidate in found[:keep] if gain > 0.0]
@@ -507,18 +506,26 @@ class CrossValidation:
         regression = self._regression(candidates)
         theta = regression.coefficients(self._target)
         error = self._target - regression.design @ theta
-        mean = (self._unweighted(error) ** 2).sum(axis=0) / self._counts
-        return self._improbable(theta) - float(self._log_likelihood(mean).sum())
+        return self._improbable(theta) - self._likelihood_of(error)
 
     def like_changed_friction(self, candidate: Candidate, theta: Array) -> NDArray[np.bool_]:
         """Return (n,) where the torque of (k,) parameters is what friction may have changed by."""
+        if not self._friction_change.any():
+            return np.zeros(self.joints, dtype=bool)
         torque, at = np.zeros((len(self._rows), self.joints)), candidate.joints
         torque[:, at] = candidate.values[self._rows] @ theta
-        friction = self.data.friction[self._rows] * self._usable
         return like_changed_friction(
-            torque * self._usable, friction, self._residual,
+            torque * self._usable, self._friction, self._friction_change,
             effects.is_friction(candidate.hypothesis.effect),
         )  # fmt: skip
+
+    @cached_property
+    def _friction(self) -> Array:
+        return self.data.friction[self._rows] * self._usable
+
+    @cached_property
+    def _friction_change(self) -> Array:
+        return friction_change(self._friction, self._residual)
 
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice."""

@@ -43,27 +43,22 @@ def extended(
         found: Hypotheses and their (k,) parameters, in order.
     """
     values: Values = dict(motion.model.parameters())
+    model = TorqueModel.from_parameters(values, motion.arm)
     carried = [False] * len(found)
     order = sorted(range(len(found)), key=lambda i: not found[i][0].shifts_positions)
     for i in order:
         hypothesis, theta = found[i]
         changed = hypothesis.merge(values, theta, motion)
-        carried[i] = changed is not None and _in_range(changed, motion)
-        if changed is not None and carried[i]:
-            values = changed
-    model = TorqueModel.from_parameters(values, motion.arm)
+        if changed is None:
+            continue
+        try:
+            model = TorqueModel.from_parameters(changed, motion.arm)
+        except ConfigError:  # of two offsets, say, the sum may be too large for a file
+            continue
+        values, carried[i] = changed, True
     names = {term.NAME for term in effects.terms()}
     others = tuple(term for term in motion.model.terms if term.NAME not in names)
     return replace(model, terms=(*model.terms, *others)), tuple(carried)
-
-
-def _in_range(values: Values, motion: Motion) -> bool:
-    """Tell whether a model file may have such values: of two offsets the sum may be too large."""
-    try:
-        TorqueModel.from_parameters(values, motion.arm)
-    except ConfigError:
-        return False
-    return True
 
 
 def updated(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.findings import FloorFrom
-from dvrk_gravity.diagnosis.model_error import changed_friction, friction, model_columns
+from dvrk_gravity.diagnosis.model_error import changed_friction, friction_torque, model_columns
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.estimation.noise import band_noise, pairs_a_period_apart, repetition_noise
 from dvrk_gravity.estimation.repetition import (
@@ -147,8 +147,8 @@ class FilteredData:
 
     @cached_property
     def friction(self) -> Array:
-        """(T, n) torque of the model's friction, N·m; see :func:`model_error.friction`."""
-        return self.reduce(friction(self.motion))
+        """(T, n) torque of the model's friction, N·m; see :func:`model_error.friction_torque`."""
+        return self.reduce(friction_torque(self.motion))
 
     @cached_property
     def expected_on_another_day(self) -> Array:

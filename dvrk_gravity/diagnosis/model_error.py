@@ -60,7 +60,7 @@ class FrictionChangeSettings:
     shared: float = 0.5
 
 
-def friction(motion: Motion) -> Array:
+def friction_torque(motion: Motion) -> Array:
     """Return the (N, n) torque of a model's friction, N·m.
 
     Zero of a model that does not tell how sure it is, and of poses.
@@ -75,41 +75,56 @@ def friction(motion: Motion) -> Array:
 def changed_friction(motion: Motion, settings: FrictionChangeSettings | None = None) -> Array:
     """Return (n,) RMS torque by which a model's friction may be another one on another day, N·m."""
     part = (settings or FrictionChangeSettings()).part
-    return np.asarray(part * np.sqrt(np.mean(friction(motion) ** 2, axis=0)))
+    return np.asarray(part * np.sqrt(np.mean(friction_torque(motion) ** 2, axis=0)))
 
 
-def like_changed_friction(
-    torque: Array, friction: Array, error: Array, of_friction: bool = False,
-    settings: FrictionChangeSettings | None = None,
-) -> NDArray[np.bool_]:  # fmt: skip
-    """Return (n,) where a torque is what friction may have changed by since the model was made.
+def friction_change(
+    friction: Array, error: Array, settings: FrictionChangeSettings | None = None
+) -> Array:
+    """Return (n,) by what part the friction of each joint may be another one, without being told.
 
-    That is, by no more than friction has changed by at the other joints, within two standard
-    deviations: a day changes many of them. Friction may change in any shape, and a motor's at all
-    of its joints together; another effect looks like its change where a factor of the model's
-    friction reproduces most of it.
+    By no more than friction has changed by at the other joints, within two standard deviations: a
+    day changes many of them. Zero where the model has none.
 
     Args:
-        torque: (R, n) of a hypothesis.
         friction: (R, n) of the model.
-        error: (R, n) of the model, before any is chosen.
-        of_friction: The hypothesis is about friction.
+        error: (R, n) of the model, before any hypothesis is chosen.
         settings: How friction changes.
     """
     settings = settings or FrictionChangeSettings()
     own = (friction**2).sum(axis=0)
     rubbing = own > 0.0
-    own = np.where(rubbing, own, 1.0)
-    factor, change = ((friction * one).sum(axis=0) / own for one in (torque, error))
+    change = (friction * error).sum(axis=0) / np.where(rubbing, own, 1.0)
     others = max(int(rubbing.sum()) - 1, 1)
     elsewhere = np.sqrt(np.maximum((change**2).sum() - change**2, 0.0) / others)
-    most = np.minimum(settings.most, settings.deviations * elsewhere)
-    square = (torque**2).sum(axis=0)
-    acts = (square > 0.0) & rubbing
+    return np.where(rubbing, np.minimum(settings.most, settings.deviations * elsewhere), 0.0)
+
+
+def like_changed_friction(
+    torque: Array, friction: Array, most: Array, of_friction: bool = False,
+    settings: FrictionChangeSettings | None = None,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Return (n,) where a torque is what friction may have changed by since the model was made.
+
+    Friction may change in any shape, and a motor's at all of its joints together; another effect
+    looks like its change where a factor of the model's friction reproduces most of it.
+
+    Args:
+        torque: (R, n) of a hypothesis.
+        friction: (R, n) of the model.
+        most: (n,) see :func:`friction_change`.
+        of_friction: The hypothesis is about friction.
+        settings: How friction changes.
+    """
+    settings = settings or FrictionChangeSettings()
+    square, own = (torque**2).sum(axis=0), (friction**2).sum(axis=0)
+    acts = (square > 0.0) & (own > 0.0)
+    own = np.where(own > 0.0, own, 1.0)
     if of_friction:
         # In units of the joints' friction, for joints differ.
         whole = float((square / own)[acts].sum()) <= float((most**2)[acts].sum())
         return acts & whole
+    factor = (friction * torque).sum(axis=0) / own
     shared = factor**2 * own > settings.shared * square
     return np.asarray(acts & shared & (np.abs(factor) <= most))
 

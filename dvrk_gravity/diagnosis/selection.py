@@ -169,20 +169,20 @@ class Selection:
         self.validation.weigh(self.validation.out_of_fold(state))
         return [*self.pool, *self._searched(state)]
 
-    def attempt(self, state: list[Candidate], moves: Sequence[Candidate]) -> list[Trial[Candidate]]:
+    def attempt(self, state: list[Candidate], moves: Sequence[Candidate]) -> list[EffectTrial]:
         """Return how the best of some hypotheses do beside those selected."""
-        return [*self.best(state, self.validation.score(state), moves)]
+        return self.best(state, self.validation.score(state), moves)
 
-    def choose(self, trials: Sequence[Trial[Candidate]]) -> Trial[Candidate] | None:
+    def choose(self, trials: Sequence[EffectTrial]) -> EffectTrial | None:
         """Return the most parsimonious of the passing trials that are as good as the best."""
-        passing = [one for one in trials if one.passes and isinstance(one, EffectTrial)]
+        passing = [trial for trial in trials if trial.passes]
         if not passing:
             return None
         margin = self._margin(passing)
         chosen = most_parsimonious([(t.worth, t.move) for t in passing], margin)
         return next(trial for trial in passing if trial.move is chosen)
 
-    def take(self, state: list[Candidate], trial: Trial[Candidate]) -> list[Candidate]:
+    def take(self, state: list[Candidate], trial: EffectTrial) -> list[Candidate]:
         """Return the set with a hypothesis, those left out that are no longer needed."""
         self._report(f"accepted: {trial.move.hypothesis}")
         newest = trial.move

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 State = TypeVar("State")
 Move = TypeVar("Move")
 T = TypeVar("T")
+Found = TypeVar("Found", bound="Trial[Any]")
 
 
 @dataclass(frozen=True)
@@ -41,29 +42,29 @@ class Trial(Generic[Move]):
     passes: bool
 
 
-class Search(Protocol[State, Move]):
+class Search(Protocol[State, Move, Found]):
     """What a selection chooses from."""
 
     def moves(self, state: State) -> Iterable[Move]:
         """Yield every change of a state that is worth a try, once each."""
 
-    def attempt(self, state: State, moves: Sequence[Move]) -> Sequence[Trial[Move]]:
+    def attempt(self, state: State, moves: Sequence[Move]) -> Sequence[Found]:
         """Return what moves would bring, perhaps of the promising ones only."""
 
-    def choose(self, trials: Sequence[Trial[Move]]) -> Trial[Move] | None:
+    def choose(self, trials: Sequence[Found]) -> Found | None:
         """Return the trial to take, ``None`` to stop."""
 
-    def take(self, state: State, trial: Trial[Move]) -> State:
+    def take(self, state: State, trial: Found) -> State:
         """Return the state after a move, whatever that makes needless eliminated."""
 
 
 def select(
-    search: Search[State, Move],
+    search: Search[State, Move, Found],
     state: State,
     settings: SearchSettings,
     key: Callable[[Move], object] = lambda move: move,
     progress: Callable[[int], None] = lambda steps: None,
-) -> tuple[State, list[Trial[Move]]]:
+) -> tuple[State, list[Found]]:
     """Take one move after another for as long as one passes.
 
     Args:

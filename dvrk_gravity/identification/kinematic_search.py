@@ -7,7 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.identification.kinematic_calibration import KINEMATIC, KinematicSettings
+from dvrk_gravity.identification.kinematic_calibration import (
+    KINEMATIC,
+    KinematicCalibration,
+    KinematicSettings,
+)
 from dvrk_gravity.identification.kinematic_statements import kinematic_statements
 from dvrk_gravity.identification.motion import Motion
 from dvrk_gravity.identification.moves import starts
@@ -86,10 +90,8 @@ def around_calibration(
 
 def _beyond(problem: Problem, chosen: Sequence[int]) -> tuple[str, ...]:
     """Return sentences about zeros and a tilt that are too far off to be that."""
-    columns = problem.design.columns
-    theta = np.zeros(len(columns.columns))
-    theta[list(chosen)] = solved(problem, chosen).theta
-    found, arm = columns.corrected(theta), columns.arm
+    found = _calibration(problem, chosen, solved(problem, chosen).theta)
+    arm = problem.design.columns.arm
     most = KinematicSearchSettings().farthest * KinematicSettings().misplaced
     offsets = found.offset + np.zeros(arm.n)
     far = [(f"the zero of {arm.joint_names[j]}", offsets[j], arm.units[j])
@@ -104,14 +106,21 @@ def _beyond(problem: Problem, chosen: Sequence[int]) -> tuple[str, ...]:
     )
 
 
+def _calibration(problem: Problem, chosen: Sequence[int], fitted: Array) -> KinematicCalibration:
+    """Return the kinematics that (k,) coefficients of a fit ask for."""
+    columns = problem.design.columns
+    theta = np.zeros(len(columns.columns))
+    theta[list(chosen)] = fitted
+    return columns.corrected(theta)
+
+
 def _moved(
     problem: Problem, chosen: Sequence[int], fitted: Array, motions: Sequence[Motion]
 ) -> tuple[Problem, list[int]]:
     """Return the problem around the kinematics that (k,) coefficients of a fit ask for."""
     columns, selection = problem.design.columns, problem.selection
-    theta = np.zeros(len(columns.columns))
-    theta[list(chosen)] = fitted
-    around = pose(motions, columns.arm, selection.effects, kinematics=columns.corrected(theta))
+    there = _calibration(problem, chosen, fitted)
+    around = pose(motions, columns.arm, selection.effects, kinematics=there)
     same = columns.same(chosen, around.design.columns)
     return reweighed(around, same), same
 

@@ -181,12 +181,12 @@ class Selection:
         self.choices += [self._choice(trial, found.errors, False) for trial in vain]
         return found.columns
 
-    def taken(self, state: Chosen, trial: Trial[Move]) -> Chosen:
+    def taken(self, state: Chosen, trial: MoveTrial) -> Chosen:
         """Return the columns after a move, and note it."""
         self.choices.append(self._choice(trial, state.errors, True))
-        return Chosen(_apply(state.columns, trial.move), _errors_of(trial))
+        return Chosen(_apply(state.columns, trial.move), trial.errors)
 
-    def tried(self, state: Chosen, moves: Sequence[Move]) -> list[Trial[Move]]:
+    def tried(self, state: Chosen, moves: Sequence[Move]) -> list[MoveTrial]:
         """Return what moves would bring."""
         others = [_apply(state.columns, move) for move in moves]
         if len(others) == 1:
@@ -211,8 +211,8 @@ class Selection:
         added = [self.columns.columns[i] for i in move.add]
         return all(self.allowed(one.effect) and self.columns.offers(one) for one in added)
 
-    def _choice(self, trial: Trial[Move], before: Array, kept: bool) -> Choice:
-        after = _errors_of(trial)
+    def _choice(self, trial: MoveTrial, before: Array, kept: bool) -> Choice:
+        after = trial.errors
         power = np.array([test.power for test in self.test]).sum(axis=0)
         change = np.abs(after.sum(axis=0) - before.sum(axis=0)) / power
         joint = int(np.argmax(change))
@@ -235,20 +235,15 @@ class _MoveSearch:
         found = self.generate(self.selection.columns, set(state.columns))
         return filter(self.selection.permitted, found)
 
-    def attempt(self, state: Chosen, moves: Sequence[Move]) -> list[Trial[Move]]:
+    def attempt(self, state: Chosen, moves: Sequence[Move]) -> list[MoveTrial]:
         return self.selection.tried(state, moves)
 
-    def choose(self, trials: Sequence[Trial[Move]]) -> Trial[Move] | None:
+    def choose(self, trials: Sequence[MoveTrial]) -> MoveTrial | None:
         passing = (trial for trial in trials if trial.passes)
         return max(passing, key=lambda trial: trial.worth, default=None)
 
-    def take(self, state: Chosen, trial: Trial[Move]) -> Chosen:
+    def take(self, state: Chosen, trial: MoveTrial) -> Chosen:
         return self.selection.taken(state, trial)
-
-
-def _errors_of(trial: Trial[Move]) -> Array:
-    assert isinstance(trial, MoveTrial)
-    return trial.errors
 
 
 def _apply(chosen: list[int], move: Move) -> list[int]:

@@ -137,10 +137,10 @@ class JointSearch:
         groups = self.table.joints[self.joint].groups
         return [group for group in groups if group not in state.composition.groups]
 
-    def attempt(self, state: Composed, moves: Sequence[Group]) -> list[Trial[Group]]:
+    def attempt(self, state: Composed, moves: Sequence[Group]) -> list[GroupTrial]:
         """Return what each group would bring."""
         made, settings = state.composition, self.settings
-        trials: list[Trial[Group]] = []
+        trials: list[GroupTrial] = []
         for group in moves:
             after = self.composed(replace(made, groups=(*made.groups, group)))
             gain = (state.errors - after.errors) / state.errors.sum()
@@ -149,22 +149,20 @@ class JointSearch:
             trials.append(GroupTrial(group, worth, passes, after, deviation))
         return trials
 
-    def choose(self, trials: Sequence[Trial[Group]]) -> Trial[Group] | None:
+    def choose(self, trials: Sequence[GroupTrial]) -> GroupTrial | None:
         """Return the best group, if it passes."""
         best = max(trials, key=lambda trial: trial.worth, default=None)
         return best if best is not None and best.passes else None
 
-    def take(self, state: Composed, trial: Trial[Group]) -> Composed:
+    def take(self, state: Composed, trial: GroupTrial) -> Composed:
         """Return the composition with a group, and note it."""
-        assert isinstance(trial, GroupTrial)
         self.note(self._choice(trial, state, True))
         return trial.after
 
     def _best(self, compositions: Sequence[Composition]) -> Composed:
         return min(map(self.composed, compositions), key=lambda made: float(made.errors.sum()))
 
-    def _choice(self, trial: Trial[Group], before: Composed, kept: bool) -> Choice:
-        assert isinstance(trial, GroupTrial)
+    def _choice(self, trial: GroupTrial, before: Composed, kept: bool) -> Choice:
         names = self.table.arm.joint_names
         total = self.factor @ [test.power[0] for test in self.test]
         old, new = (
