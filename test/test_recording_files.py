@@ -20,6 +20,7 @@ from recording_samples import (
     write_messages,
 )
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError, ShapeError
 from dvrk_gravity.recording import (
@@ -119,6 +120,19 @@ def test_bag_samples_are_matched_by_name_and_gripper_and_invalid_ones_left_out(t
     assert (loaded.invalid, loaded.repeated, len(loaded)) == (1, 1, 4)
     assert loaded.start_ns == START
     assert loaded.time.tolist() == [0.0, 0.001, 0.003, 0.004]
+
+
+def test_a_recording_of_a_larger_arm_is_not_taken_for_a_smaller_one_s(tmp_path):
+    psm, ecm = Arm.load("psm"), Arm.load("ecm")
+    assert set(ecm.joint_names) < set(psm.joint_names)
+    path = tmp_path / "psm.csv"
+    header = ",".join(f"{name}.position" for name in psm.joint_names)
+    path.write_text(header + "\n" + ",".join("0" * psm.n))
+    write_messages(tmp_path / "bag", [joint_state(0, psm.joint_names)])
+    for source in (path, tmp_path / "bag"):
+        with pytest.raises(RecordingError, match="the joints of arm psm, expected those of ecm"):
+            Recording.load(source, arm=ecm)
+        assert Recording.load(source, arm=psm).joints == psm.joint_names
 
 
 @pytest.mark.parametrize("chunk", [1, 2, 3, 100])

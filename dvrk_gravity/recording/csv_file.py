@@ -21,7 +21,15 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.samples import CHUNK, LARGEST, QUANTITIES, Array, Coordinates, Samples
+from dvrk_gravity.recording.samples import (
+    CHUNK,
+    LARGEST,
+    QUANTITIES,
+    Array,
+    Coordinates,
+    Samples,
+    check_joints,
+)
 from dvrk_gravity.recording.timeline import Timeline, with_counts
 
 LATEST_TIME = 9e9  # s; beyond it ns since 1970 overflow 64 bits: certainly not seconds
@@ -38,14 +46,15 @@ class _Columns:
     quantities: dict[str, list[int]]
 
     @classmethod
-    def parse(cls, source: str, line: str, known: tuple[str, ...]) -> _Columns:
-        """Read a header line with the joints of an arm, or any if none are known.
+    def parse(cls, source: str, line: str, arm: Arm | None) -> _Columns:
+        """Read a header line with the joints of an arm, or any if none is known.
 
         Beside all joints of an arm others are left out.
 
         Raises:
-            RecordingError: If columns are unknown, twice, or missing.
+            RecordingError: If columns are unknown, twice, or missing, or of another arm.
         """
+        known = arm.joint_names if arm else ()
         header = tuple(name.strip().strip('"') for name in line.rstrip("\r\n").split(","))
         where = f"{source}: line 1"
         if len(header) == 1 and ";" in header[0]:
@@ -69,6 +78,7 @@ class _Columns:
                 raise RecordingError(where, f"column {name!r} appears twice")
             place[name] = column
         named = dict.fromkeys(name.rpartition(".")[0] for name in place if "." in name)
+        check_joints(where, tuple(named), arm)
         joints = tuple(joint for joint in known or named if joint in named)
         if not joints:
             raise RecordingError(where, "no <joint>.position column")
@@ -178,7 +188,7 @@ def _iterate(
     header = file.readline(LINE_LIMIT)
     if not header.strip():
         raise RecordingError(source, "is empty, expected a CSV header")
-    columns = _Columns.parse(source, header, arm.joint_names if arm else ())
+    columns = _Columns.parse(source, header, arm)
     timeline = Timeline()
     begin, rows_read = 2, 0
     while lines := list(islice(_lines(source, file, rows_from=begin), chunk)):

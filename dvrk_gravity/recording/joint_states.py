@@ -14,7 +14,15 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import BagReader
 from dvrk_gravity.recording.cdr import CdrError, JointStateLayout
-from dvrk_gravity.recording.samples import CHUNK, QUANTITIES, Array, Coordinates, Samples, TimeBase
+from dvrk_gravity.recording.samples import (
+    CHUNK,
+    QUANTITIES,
+    Array,
+    Coordinates,
+    Samples,
+    TimeBase,
+    check_joints,
+)
 from dvrk_gravity.recording.timeline import Timeline, with_counts
 
 # Layouts tried on all of a chunk's messages; a stranger stream than that is decoded singly.
@@ -144,7 +152,7 @@ def _iterate(
     arm: Arm | None,
 ) -> Iterator[tuple[Samples | None, int, int]]:
     source = str(path)
-    table = _Table(source, arm.joint_names if arm else ())
+    table = _Table(source, arm)
     timeline = Timeline()
     first = 0
     with BagReader(path) as bag:
@@ -188,9 +196,10 @@ class _Table:
         joints: Known joints of the messages, in the arm's order; empty before the first message.
     """
 
-    def __init__(self, source: str, known: tuple[str, ...]) -> None:
+    def __init__(self, source: str, arm: Arm | None) -> None:
         self.joints: tuple[str, ...] = ()
-        self._known = known
+        self._arm = arm
+        self._known = arm.joint_names if arm else ()
         self._source = source
         self._quantities: tuple[str, ...] = ()
 
@@ -207,6 +216,7 @@ class _Table:
             joints, columns = _columns(self._source, number, batch, self._known or self.joints)
             sent = {q: v for q, v in zip(QUANTITIES, batch.values, strict=True) if v.shape[1]}
             if not self.joints:
+                check_joints(self._source, batch.names, self._arm)
                 self.joints, self._quantities = joints, tuple(sent)
             elif (joints, tuple(sent)) != (self.joints, self._quantities) or (
                 not self._known and len(batch.names) != len(joints)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.shipped import larger_arm
+from dvrk_gravity.errors import RecordingError
 
 Coordinates = Literal["joint", "actuator"]
 TimeBase = Literal["stamp", "receive"]
@@ -58,3 +61,16 @@ class Samples:
     def __len__(self) -> int:
         """Return the number of samples N."""
         return self.position.shape[0]
+
+
+def check_joints(source: str, names: Collection[str], arm: Arm | None) -> None:
+    """Check that a file's joints are not those of a larger arm, of which these are a part.
+
+    Raises:
+        RecordingError: They are.
+    """
+    other = larger_arm(arm.name, names) if arm else ""
+    if arm and other:
+        raise RecordingError(
+            source, f"has the joints of arm {other}, expected those of {arm.name} alone"
+        )

@@ -1,0 +1,33 @@
+"""The arms that the package ships, told from one another by the names of their joints."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from functools import cache
+
+from dvrk_gravity.arms import yaml_arm
+from dvrk_gravity.files.resources import config_path, shipped
+
+
+def larger_arm(arm: str, names: Collection[str]) -> str:
+    """Return the shipped arm that names are of, instead of a smaller one; ``""``: none.
+
+    An ECM's joints are the first ones of a PSM, whose recording would be taken for an ECM's.
+
+    Args:
+        arm: Name of the arm that they are said to be of.
+        names: Names of joints.
+    """
+    joints = _joints()
+    if arm not in joints:
+        return ""
+    for other, its in joints.items():
+        if joints[arm] < its <= set(names):
+            return other
+    return ""
+
+
+@cache
+def _joints() -> dict[str, frozenset[str]]:
+    read = {name: yaml_arm.read(config_path(f"arms/{name}.yaml"), name) for name in shipped("arms")}
+    return {name: frozenset(arm.joint_names) for name, arm in read.items()}
