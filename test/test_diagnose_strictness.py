@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -39,6 +40,7 @@ class Scores:
     def __init__(self, p_value: float) -> None:
         self.weight = np.ones(7)
         self.known_error, self.model_size = np.full(7, -1.0), 0
+        self.data = SimpleNamespace(friction=np.zeros((4, 7)), known_error=self.known_error)
         self._p_value = p_value
 
     def score(self, candidates) -> Score:
@@ -51,10 +53,10 @@ class Scores:
     def size(self, candidate, theta) -> np.ndarray:
         return np.zeros(7)
 
-    def like_changed_friction(self, candidate, theta) -> np.ndarray:
-        return np.zeros(7, dtype=bool)
+    def of_choice(self, values) -> np.ndarray:
+        return values
 
-    def inflation(self, error) -> np.ndarray:
+    def inflation(self, error, torque) -> np.ndarray:
         return np.ones(7)
 
     def p_value(self, before, after, candidate, inflation) -> float:

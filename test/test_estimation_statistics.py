@@ -73,23 +73,54 @@ def test_likelihood_ratio_p_values_are_uniform_in_the_sample_and_no_smaller_out_
     assert np.mean(np.array(outside) <= 0.05) <= band(0.05, 1500)[1]
 
 
-def test_an_error_below_the_least_noise_is_evidence_of_nothing_more():
-    """Against the likelihood maximised over variances that are possible, by SciPy."""
-    mean, samples = np.array([4.0, 0.5, 0.01]), np.array([30.0, 50.0, 20.0])
-    for least in (0.0, 1.0):
+def test_errors_beyond_a_variance_known_before_are_student_s_and_smaller_ones_gaussian():
+    """Against SciPy's densities of n errors of one size."""
+    size, known, freedom = 12, 0.3, 7.0
+    scale = np.sqrt(known)
 
-        def negative(log_variance, m, n):
-            return 0.5 * n * (log_variance + m * np.exp(-log_variance))
+    def told(mean):
+        one = (np.array([mean * known]), np.array([known]), np.array([float(size)]))
+        return evidence.log_likelihood(*one, freedom)[0]
 
-        best = [
-            -optimize.minimize_scalar(
-                negative, (np.log(max(least, 1e-6)), 5.0), args=(m, n), method="bounded",
-                bounds=(np.log(max(least, 1e-6)), 5.0), options={"xatol": 1e-10},
-            ).fun
-            for m, n in zip(mean, samples, strict=True)
-        ]  # fmt: skip
-        told = evidence.log_likelihood(mean, np.full(3, least), samples)
-        np.testing.assert_allclose(told, best, rtol=1e-6, atol=1e-6)
+    student = stats.multivariate_t(np.zeros(size), known * np.eye(size), df=freedom)
+    for mean in (1.5, 4.0, 30.0):
+        above = student.logpdf(np.full(size, np.sqrt(mean) * scale))
+        expected = above - student.logpdf(np.full(size, scale))
+        assert told(mean) - told(1.0) == pytest.approx(expected)
+    for mean in (0.1, 0.9):
+        below = stats.norm.logpdf(np.array([np.sqrt(mean), 1.0]) * scale, scale=scale)
+        assert told(mean) - told(1.0) == pytest.approx(size * (below[0] - below[1]))
+
+
+def test_of_a_variance_that_is_not_known_the_most_likely_counts():
+    """Against the likelihood maximised by SciPy."""
+    for mean, samples in ((4.0, 30.0), (0.01, 20.0)):
+        best = optimize.minimize_scalar(
+            lambda log, m=mean, n=samples: 0.5 * n * (log + m * np.exp(-log)),
+            bounds=(-20.0, 5.0), method="bounded", options={"xatol": 1e-10},
+        ).fun  # fmt: skip
+        told = evidence.log_likelihood(np.array([mean, 1.0]), np.zeros(2), np.full(2, samples), 9.0)
+        assert told[0] - told[1] == pytest.approx(0.5 * samples - best)
+
+
+def test_the_variance_of_a_torque_s_size_grows_by_the_correlation_of_errors_times_torque():
+    """A slow error is in the way of a slow torque, and hardly of a fast one."""
+    random = np.random.default_rng(0)
+    size, draws, memory = 3000, 400, np.exp(-1.0 / 8.0)
+    white = np.sqrt(1.0 - memory**2) * random.normal(size=(size, draws))
+    errors = lfilter([1.0], [1.0, -memory], white, axis=0)
+
+    def growth(period: float) -> tuple[float, float]:
+        torque = np.sin(2.0 * np.pi * np.arange(size) / period)[:, None]
+        told = correlation_time(errors * torque, np.zeros(size, dtype=int), size // 4).mean()
+        return told, np.var((errors * torque).sum(axis=0)) / np.sum(torque**2)
+
+    slow, true = growth(400.0)
+    assert true > 10.0
+    assert slow == pytest.approx(true, rel=0.2)
+    fast, true = growth(12.0)
+    assert true < 1.5
+    assert true < fast < slow / 3.0  # never less than true: no negative correlations count
 
 
 def test_large_deviations_of_what_was_estimated_surprise_as_student_says():

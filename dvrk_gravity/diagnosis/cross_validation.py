@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.model_error import friction_change, like_changed_friction
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.estimation import evidence
 from dvrk_gravity.estimation.covariance import NORMAL_95, block_jackknife
@@ -261,11 +260,15 @@ class CrossValidation:
         loss = np.bincount(self._block, square, minlength=self.data.count).astype(float)
         return Score(error, np.sqrt(mean), loss, likelihood)
 
-    def _log_likelihood(self, mean: Array) -> Array:
+    def _log_likelihood(self, mean: Array, inflation: Array | float = 1.0) -> Array:
         """Return (n,) log-likelihoods of (n,) mean squared errors, but for a constant."""
-        return evidence.log_likelihood(
-            mean, self.known_error**2, np.where(self.weight > 0.0, self.samples, 0.0)
-        )
+        samples = np.where(self.weight > 0.0, self.samples / inflation, 0.0)
+        return self.log_likelihood(mean, samples)
+
+    def log_likelihood(self, mean: Array, samples: Array) -> Array:
+        """Return (n,) log-likelihoods of (n,) mean squares of (n,) independent errors."""
+        known, freedom = self.known_error**2, self.settings.freedom
+        return evidence.log_likelihood(mean, known, samples, freedom)
 
     def _likelihood_of(self, error: Array) -> float:
         """Return the log-likelihood of (R n,) weighted errors."""
@@ -276,15 +279,16 @@ class CrossValidation:
 
         See :meth:`p_value_of_gain`.
         """
-        gain = self._log_likelihood(after.rms**2) - self._log_likelihood(before.rms**2)
-        spared = after.likelihood + candidate.cost - before.likelihood - float(gain.sum())
+        new, old = (self._log_likelihood(score.rms**2) for score in (after, before))
+        spared = after.likelihood + candidate.cost - before.likelihood - float((new - old).sum())
         weight = self.weight[candidate.joints] ** 2
         square = (candidate.values[self._rows] ** 2).sum(axis=2) @ weight
         energy = np.bincount(self._block, square, minlength=self.data.count)
         # Blocks in which friction holds the joint decide nothing.
         acts = energy > self.settings.active * energy.max()
         spared = evidence.of_student(spared, self.settings.freedom)
-        ratio = float((gain / inflation).sum()) + spared
+        new, old = (self._log_likelihood(score.rms**2, inflation) for score in (after, before))
+        ratio = float((new - old).sum()) + spared
         return self.p_value_of_gain((before.loss - after.loss)[acts], ratio, candidate.size)
 
     def p_value_of_gain(self, by_block: Array, ratio: float, parameters: int) -> float:
@@ -302,36 +306,39 @@ class CrossValidation:
             return evidence.likelihood_ratio(ratio, parameters)
         return evidence.of_gain(by_block, ratio, parameters)
 
-    def inflation(self, error: Array, usable: NDArray[np.bool_] | None = None) -> Array:
+    def inflation(
+        self, error: Array, torque: Array, usable: NDArray[np.bool_] | None = None
+    ) -> Array:
         """Return (n,) how many times its variance for white noise a score's variance is.
 
-        As many samples count as the correlation of what is left makes independent. Where the model
-        knows an error, a part c of that may look like any cause in all of the motion, which adds
-        c² for each of N independent samples (:class:`CrossValidationSettings`).
+        By the sum of the autocorrelations of the product of errors with a torque the variance of
+        the torque's size grows (Newey and West 1987): slow errors are hardly in the way of one that
+        changes its sign with each acceleration. Where the model knows an error, a part c of that
+        may look like any cause in all of the motion, which adds c² for each of N independent
+        samples (:class:`CrossValidationSettings`).
 
         Args:
             error: (R, n) what is left.
+            torque: (R, n) what was explained, N·m.
             usable: (R, n) errors that count; by default those of the choice's samples.
         """
         usable = self._usable if usable is None else usable
         samples = usable.sum(axis=0) / self.redundancy
         known = np.where(self.known_error > 0.0, self.settings.coherent, 0.0)
-        return self.correlation(error, usable) + samples * known**2
+        return self.correlation(np.where(usable, error * torque, 0.0)) + samples * known**2
 
-    def correlation(self, error: Array, usable: NDArray[np.bool_]) -> Array:
-        """Return (n,) how many times longer than noise's the correlation of errors is, at least 1.
+    def correlation(self, error: Array) -> Array:
+        """Return (n,) how many times longer than noise's a correlation is, at least 1.
 
         Args:
-            error: (R, n).
-            usable: (R, n) errors that count.
+            error: (R, n), zero where nothing counts.
         """
         longer = np.ones(self.joints)
-        looked = self.weight > 0.0
+        looked = (self.weight > 0.0) & error.any(axis=0)
         if self.data.band is None or not looked.any():
             return longer
-        known = np.where(usable, error, 0.0)[:, looked]
-        part = np.zeros(len(known), dtype=np.int64)
-        length = correlation_time(known, part, len(known) // 4)
+        part = np.zeros(len(error), dtype=np.int64)
+        length = correlation_time(error[:, looked], part, len(error) // 4)
         longer[looked] = np.fmax(1.0, length / self.data.samples_per_independent)
         return longer
 
@@ -414,7 +421,7 @@ class CrossValidation:
         regression = self._regression(candidates)
         theta = regression.coefficients(self._target)
         error = self.out_of_fold(candidates)
-        longer = float(np.max(self.correlation(error, self._usable)))
+        longer = float(np.max(self.correlation(np.where(self._usable, error, 0.0))))
         return theta, self._prior_weight * longer * regression.inverse
 
     def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
@@ -508,31 +515,19 @@ class CrossValidation:
         error = self._target - regression.design @ theta
         return self._improbable(theta) - self._likelihood_of(error)
 
-    def like_changed_friction(self, candidate: Candidate, theta: Array) -> NDArray[np.bool_]:
-        """Return (n,) where the torque of (k,) parameters is what friction may have changed by."""
-        if not self._friction_change.any():
-            return np.zeros(self.joints, dtype=bool)
-        torque, at = np.zeros((len(self._rows), self.joints)), candidate.joints
-        torque[:, at] = candidate.values[self._rows] @ theta
-        return like_changed_friction(
-            torque * self._usable, self._friction, self._friction_change,
-            effects.is_friction(candidate.hypothesis.effect),
-        )  # fmt: skip
+    def of_choice(self, values: Array) -> Array:
+        """Return the (R, n) rows of (T, n) values that the choice may see, zero where unusable."""
+        return np.where(self._usable, values[self._rows], 0.0)
 
-    @cached_property
-    def _friction(self) -> Array:
-        return self.data.friction[self._rows] * self._usable
-
-    @cached_property
-    def _friction_change(self) -> Array:
-        return friction_change(self._friction, self._residual)
+    def torque(self, candidate: Candidate, theta: Array) -> Array:
+        """Return (R, n) torque of a candidate with (k,) parameters, zero where unusable."""
+        torque = np.zeros((len(self._rows), self.joints))
+        torque[:, candidate.joints] = candidate.values[self._rows] @ theta
+        return torque * self._usable
 
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice."""
-        square, at = np.zeros(self.joints), candidate.joints
-        torque = candidate.values[self._rows] @ theta
-        square[at] = (torque**2 * self._usable[:, at]).sum(axis=0) / self._counts[at]
-        return np.sqrt(square)
+        return np.sqrt((self.torque(candidate, theta) ** 2).sum(axis=0) / self._counts)
 
 
 def _together(some: Iterable[T], width: Callable[[T], int], columns: int) -> Iterator[list[T]]:

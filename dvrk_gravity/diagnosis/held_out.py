@@ -231,18 +231,20 @@ class HeldOut:
 
         old, new = losses(before), losses(after)
         low, high = evidence.bootstrap_interval(relative, (new, old))
-        by_joint = self._likelihood(after, counted) - self._likelihood(before, counted)
-        by_joint /= self._validation.inflation(after, counted)
-        ratio = float(by_joint[chosen].sum())
+        inflation = self._validation.inflation(after, before - after, counted)
+        new_likelihood, old_likelihood = (
+            self._likelihood(error, counted, inflation)[chosen].sum() for error in (after, before)
+        )
+        ratio = float(new_likelihood - old_likelihood)
         p_value = self._validation.p_value_of_gain(old - new, ratio, parameters)
         return Gain(float(relative(new, old, 0)), low, high, p_value)
 
-    def _likelihood(self, error: Array, counted: NDArray[np.bool_]) -> Array:
+    def _likelihood(self, error: Array, counted: NDArray[np.bool_], inflation: Array) -> Array:
         """Return (n,) log-likelihoods of (H, n) errors, independent samples counting."""
         count = counted.sum(axis=0)
         mean = np.where(counted, error**2, 0.0).sum(axis=0) / np.maximum(count, 1)
-        known = self._validation.known_error**2
-        return evidence.log_likelihood(mean, known, count / self._validation.redundancy)
+        samples = count / self._validation.redundancy / inflation
+        return self._validation.log_likelihood(mean, samples)
 
 
 def estimates(

@@ -46,16 +46,13 @@ class FrictionChangeSettings:
             an error that no cause explains is expected. From a PSM that was recorded twice in one
             motion: the efforts of its four instrument motors, nearly all of them friction, differ
             by 24 to 40 % (docs/psm.md).
-        most: By which it is another one before that is told, however it changed elsewhere: half as
-            much again as ``part``.
-        deviations: Of its changes at the other joints, by which it may change likewise: two, a
-            convention.
+        deviations: Of its changes at the other joints, by which it may change likewise, and of
+            ``part``, beyond which it is told however it changed elsewhere: two, a convention.
         shared: Part of a torque that all friction times a factor must reproduce to be its change.
             Chosen.
     """
 
     part: float = 0.3
-    most: float = 0.45
     deviations: float = 2.0
     shared: float = 0.5
 
@@ -83,12 +80,12 @@ def friction_change(
 ) -> Array:
     """Return (n,) by what part the friction of each joint may be another one, without being told.
 
-    By no more than friction has changed by at the other joints, within two standard deviations: a
-    day changes many of them. Zero where the model has none.
+    By no more than it has changed by at the other joints, for a day changes many of them, and than
+    it may by all that is known, within two standard deviations. Zero where the model has none.
 
     Args:
         friction: (R, n) of the model.
-        error: (R, n) of the model, before any hypothesis is chosen.
+        error: (R, n) of the model, but for what is due to other causes.
         settings: How friction changes.
     """
     settings = settings or FrictionChangeSettings()
@@ -97,7 +94,18 @@ def friction_change(
     change = (friction * error).sum(axis=0) / np.where(rubbing, own, 1.0)
     others = max(int(rubbing.sum()) - 1, 1)
     elsewhere = np.sqrt(np.maximum((change**2).sum() - change**2, 0.0) / others)
-    return np.where(rubbing, np.minimum(settings.most, settings.deviations * elsewhere), 0.0)
+    likely = np.minimum(settings.part, elsewhere)
+    return np.where(rubbing, settings.deviations * likely, 0.0)
+
+
+def like_friction(
+    torque: Array, friction: Array, settings: FrictionChangeSettings | None = None
+) -> NDArray[np.bool_]:
+    """Return (n,) where a factor of a model's (R, n) friction reproduces most of a torque."""
+    settings = settings or FrictionChangeSettings()
+    square, own = (torque**2).sum(axis=0), (friction**2).sum(axis=0)
+    shared = (friction * torque).sum(axis=0) ** 2 > settings.shared * square * own
+    return np.asarray(shared & (square > 0.0))
 
 
 def like_changed_friction(
@@ -116,7 +124,6 @@ def like_changed_friction(
         of_friction: The hypothesis is about friction.
         settings: How friction changes.
     """
-    settings = settings or FrictionChangeSettings()
     square, own = (torque**2).sum(axis=0), (friction**2).sum(axis=0)
     acts = (square > 0.0) & (own > 0.0)
     own = np.where(own > 0.0, own, 1.0)
@@ -125,8 +132,7 @@ def like_changed_friction(
         whole = float((square / own)[acts].sum()) <= float((most**2)[acts].sum())
         return acts & whole
     factor = (friction * torque).sum(axis=0) / own
-    shared = factor**2 * own > settings.shared * square
-    return np.asarray(acts & shared & (np.abs(factor) <= most))
+    return np.asarray(acts & like_friction(torque, friction, settings) & (np.abs(factor) <= most))
 
 
 def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None) -> Array:

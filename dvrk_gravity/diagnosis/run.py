@@ -230,6 +230,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
     validation.release()
     accepted, unknown = _nameless(validation, selection, accepted, floor)
+    accepted = [one for one in accepted if not one.trial.other_day]
     minor = _minor(validation, sparse, accepted, unknown)
     return Outcome(loaded, tuple(readings), validation, tuple(accepted), tuple(unknown),
                    tuple(unconfirmed), tuple(minor), tuple(pool))  # fmt: skip

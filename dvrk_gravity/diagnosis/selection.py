@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious, parsimony
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.other_day import OtherDay
 from dvrk_gravity.diagnosis.refinement import refined
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.evidence import Residual
@@ -40,7 +41,7 @@ class SelectionSettings:
             Kass and Raftery (1995).
         overlap: Part of a torque that another must reproduce to stand in its place. Chosen.
         rejected: Alternatives that are shown though they are worse.
-        consequence: Times a joint's known error that a finding's torque must be, RMS: at one, a
+        consequence: Times a joint's expected error that a finding's torque must be, RMS: at one, a
             finding is as large as all that the model is known to miss. Chosen.
     """
 
@@ -74,7 +75,8 @@ class EffectTrial(Trial[Candidate]):
             change by as much.
         inflation: Log-likelihood that counts as one unit, for errors hang together; see
             ``CrossValidation.inflation``.
-        other_day: Friction changed by as much at other joints.
+        other_day: Where it is of consequence, friction changed by as much at other joints: that is
+            to be expected on another day, and no finding.
     """
 
     score: Score
@@ -139,6 +141,7 @@ class Selection:
             settings: When a hypothesis is selected.
         """
         self.validation = validation
+        self._other_day = OtherDay(validation)
         self._always = list(always)
         self.pool = list(pool)
         self.settings = settings or SelectionSettings()
@@ -178,9 +181,7 @@ class Selection:
         passing = [trial for trial in trials if trial.passes]
         if not passing:
             return None
-        margin = self._margin(passing)
-        chosen = most_parsimonious([(t.worth, t.move) for t in passing], margin)
-        return next(trial for trial in passing if trial.move is chosen)
+        return self._preferred(passing)
 
     def take(self, state: list[Candidate], trial: EffectTrial) -> list[Candidate]:
         """Return the set with a hypothesis, those left out that are no longer needed."""
@@ -212,7 +213,8 @@ class Selection:
         self.count = max(self.count, len(pool))
         known = {candidate.hypothesis.key for candidate in selected} | self._excluded
         pool = [candidate for candidate in pool if candidate.hypothesis.key not in known]
-        screened = validation.screen(selected, pool, settings.screened, self._least)
+        least = settings.consequence * validation.known_error
+        screened = validation.screen(selected, pool, settings.screened, least)
         trials = [self.tried(selected, candidate, before) for candidate in screened]
         if not trials:
             return []
@@ -239,17 +241,18 @@ class Selection:
         after = self.validation.score([*selected, candidate])
         theta = self.validation.parameters([*selected, candidate])[-candidate.size :]
         possible = candidate.hypothesis.plausible(theta)
-        return self._trial(candidate, before, after, theta, possible)
+        return self._trial(candidate, selected, before, after, theta, possible)
 
     def _trial(
-        self, candidate: Candidate, before: Score, after: Score, theta: Array, possible: bool = True
-    ) -> EffectTrial:
+        self, candidate: Candidate, beside: Sequence[Candidate], before: Score, after: Score,
+        theta: Array, possible: bool = True,
+    ) -> EffectTrial:  # fmt: skip
         """Return how a candidate does, whether it comes or stays: by the same measure.
 
         Each hypothesis that is tried is the best of those that it stands for: Bonferroni's
         correction among and within.
         """
-        inflation = self.validation.inflation(after.error)
+        inflation = self.validation.inflation(after.error, before.error - after.error)
         p_value = evidence.bonferroni(
             self.validation.p_value(before, after, candidate, inflation),
             self.count * candidate.hypothesis.searched,
@@ -263,22 +266,16 @@ class Selection:
             removed = np.fmax(removed, 1.0 - after.rms / both)
         most = float(np.max(removed[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
-        # What friction may be another one by from day to day is no news.
-        expected = self.validation.like_changed_friction(candidate, theta)
-        other_day = bool(np.any(expected & (size > 0.0)))
-        size = np.where(expected, 0.0, size)
-        matters = bool(np.any((size >= self._least)[used]))
+        expected = self._other_day.explains(candidate, theta, beside)
+        least = settings.consequence * self._other_day.error(beside)
+        matters = used & (size >= least)
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
-        passes = passes and matters
+        passes = passes and bool(matters.any())
         return EffectTrial(
-            candidate, gain, passes and possible, after, p_value, most, possible, size,
-            float(np.max(inflation[candidate.acts])), other_day,
+            candidate, gain, passes and possible, after, p_value, most, possible,
+            np.where(expected, 0.0, size), float(np.max(inflation[candidate.acts])),
+            bool(np.any(expected & (size > 0.0))) and not np.any(matters & ~expected),
         )  # fmt: skip
-
-    @property
-    def _least(self) -> Array:
-        """(n,) RMS torque from which on a finding is of consequence, N·m."""
-        return self.settings.consequence * self.validation.known_error
 
     def _without(
         self, selected: Sequence[Candidate], looked_at: Iterable[Candidate]
@@ -287,15 +284,12 @@ class Selection:
         whole, theta = self.validation.score(selected), self.validation.parameters(selected)
         edges = np.cumsum([0, *(candidate.size for candidate in selected)])
         own = {id(c): theta[a:b] for c, a, b in zip(selected, edges, edges[1:], strict=False)}
-        return [
-            self._trial(
-                candidate,
-                self.validation.score([other for other in selected if other is not candidate]),
-                whole,
-                own[id(candidate)],
-            )
-            for candidate in looked_at
-        ]
+        trials = []
+        for candidate in looked_at:
+            rest = [other for other in selected if other is not candidate]
+            before = self.validation.score(rest)
+            trials.append(self._trial(candidate, rest, before, whole, own[id(candidate)]))
+        return trials
 
     def _searched(self, selected: Sequence[Candidate]) -> list[Candidate]:
         """Return the hypotheses that are found in what is not explained."""
@@ -355,18 +349,25 @@ class Selection:
             mine = self.tried(rest, selected[i], without)
             others = [trial for trial in self.best(rest, without) if trial.passes]
             if others:
-                best = self._best_of(mine, others)
-                simpler = parsimony(best) < parsimony(mine.candidate)
-                its = next(trial for trial in (mine, *others) if trial.candidate is best)
-                if simpler or its.gain > mine.gain + self._margin([its]):
-                    self._report(f"{best.hypothesis} instead of {mine.candidate.hypothesis}")
-                    selected[i] = best
+                its = self._preferred([mine, *others])
+                simpler = parsimony(its.candidate) < parsimony(mine.candidate) or its.other_day
+                better = simpler or its.gain > mine.gain + self._margin([its])
+                if better and its is not mine:
+                    self._report(
+                        f"{its.candidate.hypothesis} instead of {mine.candidate.hypothesis}"
+                    )
+                    selected[i] = its.candidate
         return selected
 
-    def _best_of(self, mine: EffectTrial, others: Sequence[EffectTrial]) -> Candidate:
-        trials = [mine, *others]
+    def _preferred(self, trials: Sequence[EffectTrial]) -> EffectTrial:
+        """Return, of those that are as good as the best, what is no news, or most parsimonious."""
         margin = self._margin(trials)
-        return most_parsimonious([(trial.gain, trial.candidate) for trial in trials], margin)
+        least = max(trial.gain for trial in trials) - margin
+        no_news = [trial for trial in trials if trial.other_day and trial.gain >= least]
+        if no_news:
+            return max(no_news, key=lambda trial: trial.gain)
+        chosen = most_parsimonious([(trial.gain, trial.candidate) for trial in trials], margin)
+        return next(trial for trial in trials if trial.candidate is chosen)
 
     def merge(self, selected: list[Candidate]) -> list[Candidate]:
         """Let one hypothesis take the places of two where it explains as well.

@@ -45,20 +45,28 @@ def holm(p_values: Sequence[float]) -> Array:
     return corrected
 
 
-def log_likelihood(mean_square: Array, least: Array, samples: Array) -> Array:
-    """Return (n,) Gaussian log-likelihoods, highest over variances that are possible.
+def log_likelihood(mean_square: Array, known: Array, samples: Array, freedom: float) -> Array:
+    """Return (n,) log-likelihoods, but for a constant, of errors of a variance known before.
 
-    But for a constant that does not depend on the errors. An error below the least one that is
-    expected is no evidence of anything.
+    That makes them Student's: with few degrees of freedom, errors that are larger than they were
+    say that the variance was underestimated (the moderated statistics of Smyth 2004, Statistical
+    Applications in Genetics and Molecular Biology 3:3). Smaller ones are no evidence that it was
+    overestimated: they are Gaussian. Where nothing is known, the variance is the one that makes the
+    errors most likely.
 
     Args:
         mean_square: (n,) of errors.
-        least: (n,) least variance of the noise, known beforehand; may be zero.
+        known: (n,) variance of the noise, known beforehand; zero: it is not.
         samples: (n,) independent ones.
+        freedom: Degrees of freedom with which it is known.
     """
-    mean_square = np.maximum(mean_square, 1e-300)
-    variance = np.maximum(mean_square, least)
-    return np.asarray(-0.5 * samples * (np.log(variance) + mean_square / variance))
+    told = known > 0.0
+    ratio = np.maximum(mean_square, 1e-300) / np.where(told, known, 1.0)
+    beyond = np.maximum(ratio, 1.0) - 1.0
+    total = freedom + samples
+    above = -0.5 * total * np.log1p(samples * beyond / total)
+    below = -0.5 * samples * (np.minimum(ratio, 1.0) - 1.0)
+    return np.asarray(np.where(told, above + below, -0.5 * samples * np.log(ratio)))
 
 
 def of_student(normal: float, freedom: float) -> float:

@@ -1,0 +1,75 @@
+"""What of an error is friction that is another one since the model was identified."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity import effects
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.model_error import friction_change, like_changed_friction, like_friction
+
+Array = NDArray[np.float64]
+
+
+class OtherDay:
+    """Tells friction that changed, as at other joints, from causes that are news."""
+
+    def __init__(self, validation: CrossValidation) -> None:
+        """Look at the samples of choice of a validation."""
+        self._validation = validation
+        self._friction = validation.of_choice(validation.data.friction)
+        self._last: tuple[Sequence[Candidate], Array, NDArray[np.bool_]] | None = None
+
+    def explains(
+        self, candidate: Candidate, theta: Array, beside: Sequence[Candidate]
+    ) -> NDArray[np.bool_]:
+        """Return (n,) where the torque of (k,) parameters is what friction may have changed by.
+
+        Args:
+            candidate: The candidate.
+            theta: Its parameters.
+            beside: The others; how much friction changed elsewhere shows beside them.
+        """
+        if not self._friction.any():
+            return np.zeros(self._friction.shape[1], dtype=bool)
+        change, _ = self._beside(beside)
+        torque = self._validation.torque(candidate, theta)
+        return self._explained(candidate, torque, change)
+
+    def error(self, beside: Sequence[Candidate]) -> Array:
+        """Return (n,) RMS error that is expected beside some candidates, N·m.
+
+        Friction that changed did not do so by just what one of them says: where one of them is that
+        change, more than usual is expected.
+        """
+        data = self._validation.data
+        if not beside or not self._friction.any():
+            return data.known_error
+        _, changed = self._beside(beside)
+        return np.where(changed, data.expected_on_another_day, data.known_error)
+
+    def _beside(self, selected: Sequence[Candidate]) -> tuple[Array, NDArray[np.bool_]]:
+        """Return (n,) by what friction may have changed, and where one selected is its change."""
+        if self._last is None or list(map(id, self._last[0])) != list(map(id, selected)):
+            validation, theta = self._validation, self._validation.parameters(selected)
+            edges = np.cumsum([candidate.size for candidate in selected])[:-1]
+            own = zip(selected, np.split(theta, edges), strict=False)
+            torques = [(candidate, validation.torque(candidate, its)) for candidate, its in own]
+            error = validation.of_choice(validation.data.residual)
+            for candidate, torque in torques:
+                if not effects.is_friction(candidate.hypothesis.effect):
+                    error = error - np.where(like_friction(torque, self._friction), 0.0, torque)
+            change = friction_change(self._friction, error)
+            changed = np.zeros(len(change), dtype=bool)
+            for candidate, torque in torques:
+                changed |= self._explained(candidate, torque, change)
+            self._last = (tuple(selected), change, changed)
+        return self._last[1:]
+
+    def _explained(self, candidate: Candidate, torque: Array, change: Array) -> NDArray[np.bool_]:
+        of_friction = effects.is_friction(candidate.hypothesis.effect)
+        return like_changed_friction(torque, self._friction, change, of_friction)

@@ -1,0 +1,81 @@
+"""Friction that a day has changed at many joints is expected; what goes beyond it is news."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.other_day import OtherDay
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.torque_offset import OffsetHypothesis
+
+ARM = Arm.load("mtmr")
+SAMPLES = 400
+SIGN = np.where(np.arange(SAMPLES) // 20 % 2 == 0, 1.0, -1.0)
+FRICTION = np.tile(SIGN[:, None], 7)
+
+
+class Choice:
+    """What a cross-validation tells of its samples: least squares, joint by joint."""
+
+    def __init__(self, residual: np.ndarray) -> None:
+        self.data = SimpleNamespace(
+            friction=FRICTION, residual=residual,
+            known_error=np.full(7, 0.1), expected_on_another_day=np.full(7, 0.3),
+        )  # fmt: skip
+
+    def of_choice(self, values: np.ndarray) -> np.ndarray:
+        return values
+
+    def torque(self, candidate: Candidate, theta: np.ndarray) -> np.ndarray:
+        torque = np.zeros((SAMPLES, 7))
+        torque[:, candidate.joints] = candidate.values @ theta
+        return torque
+
+    def parameters(self, candidates: list[Candidate]) -> np.ndarray:
+        columns = [candidate.columns().reshape(-1, candidate.size) for candidate in candidates]
+        design = np.concatenate([np.zeros((SAMPLES * 7, 0)), *columns], axis=1)
+        return np.linalg.lstsq(design, self.data.residual.reshape(-1), rcond=None)[0]
+
+
+def offset(joint: int, shape: np.ndarray) -> Candidate:
+    """Return a claim that a joint has a torque of some shape, not called friction."""
+    columns = np.zeros((SAMPLES, 7, 1))
+    columns[:, joint, 0] = shape
+    hypothesis = OffsetHypothesis(arm=ARM, site=site.joint(joint), joints=(joint,))
+    return Candidate.of(hypothesis, columns)
+
+
+def changed(*changes: float) -> np.ndarray:
+    """Return the residual of friction that changed by a part at each of the first joints."""
+    return FRICTION * np.array([*changes, *[0.0] * (7 - len(changes))])
+
+
+def test_a_change_as_at_other_joints_is_explained_and_a_larger_one_is_not():
+    day = OtherDay(Choice(changed(0.4, 0.4, 0.35)))
+    assert day.explains(offset(2, SIGN), np.array([0.35]), []).tolist() == [
+        False, False, True, False, False, False, False,
+    ]  # fmt: skip
+    assert not day.explains(offset(2, SIGN), np.array([0.7]), []).any()
+    assert not day.explains(offset(2, np.ones(SAMPLES)), np.array([0.35]), []).any()
+    alone = OtherDay(Choice(changed(0.0, 0.0, 0.35)))
+    assert not alone.explains(offset(2, SIGN), np.array([0.35]), []).any()
+
+
+def test_what_another_cause_does_is_no_change_of_friction_elsewhere():
+    """A cause at the first joint has as much of friction's shape as hides the change there."""
+    cause = 2.0 * np.cos(np.arange(SAMPLES) / 7.0) - 0.4 * SIGN
+    residual = changed(0.4, 0.0, 0.3)
+    residual[:, 0] += cause
+    day, mine = OtherDay(Choice(residual)), offset(2, SIGN)
+    assert not day.explains(mine, np.array([0.3]), []).any()
+    assert day.explains(mine, np.array([0.3]), [offset(0, cause)])[2]
+
+
+def test_more_is_expected_where_a_selected_cause_is_friction_that_changed():
+    """For that did not change by just what the cause says."""
+    day = OtherDay(Choice(changed(0.4, 0.4, 0.35)))
+    assert day.error([]) == pytest.approx(0.1)
+    assert day.error([offset(2, SIGN)]) == pytest.approx([0.1, 0.1, 0.3, 0.1, 0.1, 0.1, 0.1])
