@@ -31,7 +31,8 @@ class JudgementSettings:
         least_removed: Part of a joint's held-out error, below which nothing is worth a finding.
             Half of what the choice asks for: so far a gain may fall by chance.
         whole_block: Part of a block's samples that must be usable. Chosen; see `make sensitivity`.
-        active: Part of the energy in the block where an effect acts most. Chosen.
+        active: Part of the energy in the block where an effect acts most, held out or not, from
+            which on it acts in a block. Chosen.
         notable: Part of what is removed at the joint that gains most. Chosen.
         draws: Of parameters, for intervals of what is derived from them: ten lie beyond either end.
     """
@@ -183,20 +184,22 @@ class HeldOut:
         theta = self._validation.parameters(chosen)
         place = [other is candidate for other in chosen].index(True)
         first = sum(other.size for other in chosen[:place])
-        torque = candidate.columns(self._held) @ theta[first : first + candidate.size]
-        power = (np.where(self._usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
-        least = self.settings.active * np.bincount(self._block, power).max(initial=0.0)
+        torque = candidate.columns() @ theta[first : first + candidate.size]
+        data = self._validation.data
+        every = (np.where(data.usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
+        inside = data.block >= 0
+        most = np.bincount(data.block[inside], every[inside]).max(initial=0.0)
+        power, least = every[self._held], self.settings.active * most
         settings = candidate.hypothesis.setting
         for edge in (settings[name] for name in candidate.hypothesis.edges):
             # Of an edge within a held-out block the choice could not know where it is.
-            near = np.abs(self._time - edge) < self._validation.data.blocks.settings.duration
+            near = np.abs(self._time - edge) < data.blocks.settings.duration
             before[near] = after[near] = power[near] = 0.0
         blocks = np.flatnonzero(np.bincount(self._block, power) > least)
         if not len(blocks):
             return None
         gain = self.gain(before, after, joints, blocks, candidate.size)
-        names = self._validation.data.motion.arm.joint_names
-        return Unconfirmed(candidate.hypothesis, names[joints[0]], gain)
+        return Unconfirmed(candidate.hypothesis, self.joint_names[joints[0]], gain)
 
     def gain(
         self,
