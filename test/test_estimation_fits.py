@@ -274,6 +274,22 @@ def test_selection_finds_nothing_in_pure_noise_white_or_coloured(a):
     assert found <= 5  # 0.7 % of 200 is 1.5; five or more of that are seen once in fifty
 
 
+class Fickle(Subset):
+    """A search in which every move passes among others, and none when it is tried again alone."""
+
+    def attempt(self, state, moves):
+        return [Trial(move, 1.0, len(moves) > 1) for move in moves]
+
+
+def test_a_selection_ends_though_nothing_that_passed_does_so_again():
+    """Moves that are told by less than what they do are tried in one another's place."""
+    search = Fickle(np.ones((60, 6)), np.ones(60), 3.0)
+    found, vain = select(search, frozenset(), SearchSettings(20, 0.9))
+    assert found == frozenset()
+    assert len(vain) == 6
+    assert not any(trial.passes for trial in vain)
+
+
 def test_the_weakest_goes_first_for_the_others_may_take_its_place():
     kept = ["a", "b", "c"]
 

@@ -89,6 +89,7 @@ def select(
             steps += 1
             continue
         waiting = {key(trial.move): trial.worth for trial in trials if trial.passes}
+        before, vain = steps, list[Found]()
         while waiting and steps < settings.most_steps:
             which = max(waiting, key=waiting.__getitem__)
             move = next((m for m in search.moves(state) if key(m) == which), None)
@@ -97,6 +98,7 @@ def select(
                 continue
             (trial,) = search.attempt(state, [move])
             if not trial.passes:
+                vain.append(trial)
                 continue
             if trial.worth < settings.lazy * max(waiting.values(), default=-float("inf")):
                 waiting[which] = trial.worth
@@ -104,6 +106,9 @@ def select(
             state = search.take(state, trial)
             steps += 1
             progress(steps)
+        if steps == before:  # tried again, none of them passed: nothing is to be had
+            others = [trial for trial in trials if not trial.passes]
+            return state, [*others, *vain]
 
 
 def eliminate_backward(

@@ -176,7 +176,7 @@ class Selection:
     ) -> list[int]:  # fmt: skip
         found, vain = select(
             _MoveSearch(self, moves), Chosen(chosen, self.score(chosen)), settings,
-            lambda move: move.text, progress,
+            lambda move: (move.add, move.remove), progress,
         )  # fmt: skip
         self.choices += [self._choice(trial, found.errors, False) for trial in vain]
         return found.columns
