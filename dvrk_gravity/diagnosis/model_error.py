@@ -29,10 +29,15 @@ class ExtrapolationSettings:
             mtml, ur5, panda and chain).
         powers: Powers of the distance from the range's edge: with three, cables of any smooth
             course are within reach. Chosen.
+        farthest: Parts of the range's width outside it, beyond which the model says nothing of the
+            joint's torque: of a cubic, the least that a cable's course takes, that is off by an
+            error within a range, nothing else bounds it there but 26 times that (Chebyshev's
+            polynomial of degree three, at two).
         faster: Standard deviation likewise where a joint is twice as fast as ever before. Chosen.
     """
 
     growth: float = 25.0
+    farthest: float = 0.5
     powers: int = 3
     faster: float = 10.0
 
@@ -160,6 +165,18 @@ def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None)
         torque -= motion.slope @ uncertainty.offset
     outside = _extrapolated(motion, uncertainty, settings or ExtrapolationSettings())
     return np.concatenate([torque, outside], axis=2)
+
+
+def beyond_model(
+    motion: Motion, settings: ExtrapolationSettings | None = None
+) -> NDArray[np.bool_]:
+    """Return (N, n) where a joint is so far outside the model's range that it says nothing."""
+    known = motion.model.uncertainty
+    if known is None:
+        return np.zeros(motion.q.shape, dtype=bool)
+    slack = (settings or ExtrapolationSettings()).farthest * (known.upper - known.lower)
+    outside = (motion.true_q < known.lower - slack) | (motion.true_q > known.upper + slack)
+    return np.asarray(outside & motion.present)
 
 
 def _extrapolated(
