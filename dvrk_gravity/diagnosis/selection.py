@@ -41,8 +41,9 @@ class SelectionSettings:
             Kass and Raftery (1995).
         overlap: Part of a torque that another must reproduce to stand in its place. Chosen.
         rejected: Alternatives that are shown though they are worse.
-        consequence: Times a joint's expected error that a finding's torque must be, RMS: at one, a
-            finding is as large as all that the model is known to miss. Chosen.
+        consequence: Times a joint's expected error that a finding's torque must be, RMS, and the
+            error without it: at one, both are as large as all that the model is known to miss.
+            Chosen.
     """
 
     alpha: float = 0.01
@@ -268,7 +269,9 @@ class Selection:
         gain, settings = after.likelihood - before.likelihood, self.settings
         expected = self._other_day.explains(candidate, theta, beside)
         least = settings.consequence * self._other_day.error(beside)
-        matters = used & (size >= least)
+        # An error no larger than the model is known to have needs no cause.
+        known = settings.consequence * self.validation.known_error
+        matters = used & (size >= least) & np.any((before.rms > known)[used])
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
         passes = passes and bool(matters.any())
         return EffectTrial(
