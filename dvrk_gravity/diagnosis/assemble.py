@@ -28,7 +28,6 @@ from dvrk_gravity.diagnosis.findings import (
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed, estimates, setting_columns
 from dvrk_gravity.diagnosis.known import expected_error, known
 from dvrk_gravity.diagnosis.load import Loaded
-from dvrk_gravity.diagnosis.model_error import ExtrapolationSettings, beyond_model
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.other_findings import (
     as_read_before,
@@ -311,18 +310,7 @@ def _certainty(data: FilteredData) -> list[str]:
     qd = None if motion.static else motion.qd
     outside = uncertainty.outside(motion.arm.joints, motion.true_q, qd, motion.present)
     extrapolated = "what the model says there is extrapolated, and counts as uncertain"
-    most = 100 * ExtrapolationSettings().farthest
-    far = beyond_model(motion).mean(axis=0)
-    return [
-        *notes,
-        *(f"{line}: {extrapolated}" for line in outside),
-        *(
-            f"{name} is further outside the model's range than {most:.0f} % of its width for "
-            f"{100 * part:.0f} % of the time: left out there"
-            for name, part in zip(motion.arm.joint_names, far, strict=True)
-            if part > 0.0
-        ),
-    ]
+    return [*notes, *(f"{line}: {extrapolated}" for line in outside)]
 
 
 def _notes(loaded: Loaded, validation: CrossValidation, floor: Array) -> tuple[str, ...]:

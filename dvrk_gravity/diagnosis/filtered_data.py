@@ -9,12 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.findings import FloorFrom
-from dvrk_gravity.diagnosis.model_error import (
-    beyond_model,
-    changed_friction,
-    friction_torque,
-    model_columns,
-)
+from dvrk_gravity.diagnosis.model_error import changed_friction, friction_torque, model_columns
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.estimation.noise import band_noise, pairs_a_period_apart, repetition_noise
 from dvrk_gravity.estimation.repetition import (
@@ -162,13 +157,13 @@ class FilteredData:
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:
-        """(T, n) samples that say something: recorded, in motion, in reach of the model.
+        """(T, n) samples that say something: recorded, and not of a joint that is stuck.
 
         A joint that friction holds is held by anything between the two levels: no model can
-        tell which, and neither can its error. And far outside its range a model may say anything.
+        tell which, and neither can its error.
         """
-        silent = self.motion.stuck | beyond_model(self.motion)
-        return (self.reduce(silent.astype(float)) < self.settings.stuck) & self.motion.present
+        stuck = self.reduce(self.motion.stuck.astype(float))
+        return (stuck < self.settings.stuck) & self.motion.present
 
     @property
     def block(self) -> NDArray[np.int64]:

@@ -29,15 +29,16 @@ class ExtrapolationSettings:
             mtml, ur5, panda and chain).
         powers: Powers of the distance from the range's edge: with three, cables of any smooth
             course are within reach. Chosen.
-        farthest: Parts of the range's width outside it, beyond which the model says nothing of the
-            joint's torque: of a cubic, the least that a cable's course takes, that is off by an
-            error within a range, nothing else bounds it there but 26 times that (Chebyshev's
-            polynomial of degree three, at two).
+        farthest: Parts of the range's width outside it, beyond which a torque may have any course
+            over the position: a cubic that is off by an error within a range may be off by 26 times
+            that there (Chebyshev's polynomial of degree three, at two).
+        courses: Powers of the distance that make up such a course: as many as a cable's has.
         faster: Standard deviation likewise where a joint is twice as fast as ever before. Chosen.
     """
 
     growth: float = 25.0
     farthest: float = 0.5
+    courses: int = 6
     powers: int = 3
     faster: float = 10.0
 
@@ -167,18 +168,6 @@ def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None)
     return np.concatenate([torque, outside], axis=2)
 
 
-def beyond_model(
-    motion: Motion, settings: ExtrapolationSettings | None = None
-) -> NDArray[np.bool_]:
-    """Return (N, n) where a joint is so far outside the model's range that it says nothing."""
-    known = motion.model.uncertainty
-    if known is None:
-        return np.zeros(motion.q.shape, dtype=bool)
-    slack = (settings or ExtrapolationSettings()).farthest * (known.upper - known.lower)
-    outside = (motion.true_q < known.lower - slack) | (motion.true_q > known.upper + slack)
-    return np.asarray(outside & motion.present)
-
-
 def _extrapolated(
     motion: Motion, uncertainty: ModelUncertainty, settings: ExtrapolationSettings
 ) -> Array:
@@ -192,10 +181,16 @@ def _extrapolated(
         q, qd = motion.true_q[:, joint], motion.qd[:, joint]
         for beyond in (q - high, low - q):
             away = np.maximum(beyond, 0.0) / width
+            farthest = float(away.max(initial=0.0))
             columns += [
                 (joint, np.minimum(settings.growth * error * away**power, most))
                 for power in range(1, settings.powers + 1)
             ]
+            if farthest > settings.farthest:
+                columns += [
+                    (joint, most * (away / farthest) ** power)
+                    for power in range(1, settings.courses + 1)
+                ]
         faster = np.maximum(np.abs(qd) / max(uncertainty.speed[joint], 1e-9) - 1.0, 0.0)
         faster = np.minimum(settings.faster * error * np.nan_to_num(faster), most)
         columns.append((joint, np.sign(qd) * faster))
