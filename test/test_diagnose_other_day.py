@@ -21,6 +21,7 @@ class Choice:
     """What a cross-validation tells of its samples: least squares, joint by joint."""
 
     def __init__(self, residual: np.ndarray) -> None:
+        self.weight = np.ones(7)
         self.data = SimpleNamespace(
             friction=FRICTION, residual=residual,
             known_error=np.full(7, 0.1), expected_on_another_day=np.full(7, 0.3),

@@ -22,7 +22,8 @@ class OtherDay:
         """Look at the samples of choice of a validation."""
         self._validation = validation
         self._friction = validation.of_choice(validation.data.friction)
-        self._last: tuple[Sequence[Candidate], Array, NDArray[np.bool_]] | None = None
+        self._seen: tuple[list[Candidate], Array] | None = None  # beside which, how weighed
+        self._last = np.zeros(0), np.zeros(0, dtype=bool)
 
     def explains(
         self, candidate: Candidate, theta: Array, beside: Sequence[Candidate]
@@ -54,11 +55,14 @@ class OtherDay:
 
     def _beside(self, selected: Sequence[Candidate]) -> tuple[Array, NDArray[np.bool_]]:
         """Return (n,) by what friction may have changed, and where one selected is its change."""
-        if self._last is None or list(map(id, self._last[0])) != list(map(id, selected)):
-            validation, theta = self._validation, self._validation.parameters(selected)
+        validation = self._validation
+        if self._seen is None or not _same(self._seen, selected, validation.weight):
             edges = np.cumsum([candidate.size for candidate in selected])[:-1]
-            own = zip(selected, np.split(theta, edges), strict=False)
-            torques = [(candidate, validation.torque(candidate, its)) for candidate, its in own]
+            own = np.split(validation.parameters(selected), edges)
+            torques = [
+                (candidate, validation.torque(candidate, theta))
+                for candidate, theta in zip(selected, own, strict=False)
+            ]
             error = validation.of_choice(validation.data.residual)
             for candidate, torque in torques:
                 if not effects.is_friction(candidate.hypothesis.effect):
@@ -67,9 +71,16 @@ class OtherDay:
             changed = np.zeros(len(change), dtype=bool)
             for candidate, torque in torques:
                 changed |= self._explained(candidate, torque, change)
-            self._last = (tuple(selected), change, changed)
-        return self._last[1:]
+            self._seen, self._last = (list(selected), validation.weight), (change, changed)
+        return self._last
 
     def _explained(self, candidate: Candidate, torque: Array, change: Array) -> NDArray[np.bool_]:
         of_friction = effects.is_friction(candidate.hypothesis.effect)
         return like_changed_friction(torque, self._friction, change, of_friction)
+
+
+def _same(
+    seen: tuple[list[Candidate], Array], selected: Sequence[Candidate], weight: Array
+) -> bool:
+    """Tell whether candidates, and the weights of their fit, are those that were seen last."""
+    return seen[1] is weight and list(map(id, seen[0])) == list(map(id, selected))
