@@ -366,7 +366,11 @@ def _nameless(
         validation.weigh(validation.out_of_fold(beside), final=True)
         before = validation.score(beside)
         best = selection.best(beside, before, pool)
-        strong = [one for one in best if one.passes and one.removed > _SETTINGS.least_unknown]
+        strong = [
+            one for one in best
+            if one.passes and not one.other_day and one.removed > _SETTINGS.least_unknown
+            and np.any(one.size > validation.data.expected_on_another_day)
+        ]  # fmt: skip
         if not strong:
             break
         unknown.append(strong[0])

@@ -352,6 +352,8 @@ class Selection:
                 continue
             without = validation.score(rest)
             mine = self.tried(rest, selected[i], without)
+            if mine.other_day:  # nothing more is to be said of it
+                continue
             others = [trial for trial in self.best(rest, without) if trial.passes]
             if others:
                 its = self._preferred([mine, *others])
@@ -390,6 +392,8 @@ class Selection:
             validation.weigh(validation.out_of_fold(selected))
             whole = validation.score(selected).likelihood
             without = validation.score(rest)
+            if self.tried(rest, selected[i], without).other_day:
+                continue
             key = selected[i].hypothesis.key
             others = [
                 trial.candidate
@@ -416,6 +420,8 @@ class Selection:
         validation.weigh(validation.out_of_fold(selected))
         without = validation.score(rest)
         mine = self.tried(rest, selected[i], without)
+        if mine.other_day:
+            return SelectedEffect(mine, (), ())
         key = selected[i].hypothesis.key
         others = [
             trial
