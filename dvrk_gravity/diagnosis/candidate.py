@@ -104,3 +104,9 @@ def most_parsimonious(candidates: Sequence[tuple[float, Candidate]], tolerance: 
 def parsimony(candidate: Candidate) -> tuple[int, int]:
     """Return the order of causes that explain as well: fewest parameters, then commonest."""
     return candidate.size, effects.rank(candidate.hypothesis.effect)
+
+
+def split(candidates: Sequence[Candidate], theta: Array) -> list[tuple[Candidate, Array]]:
+    """Return each candidate with its own of the (k,) parameters that all have together."""
+    edges = np.cumsum([0, *(candidate.size for candidate in candidates)])
+    return [(c, theta[a:b]) for c, a, b in zip(candidates, edges, edges[1:], strict=False)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.findings import Gain
 from dvrk_gravity.diagnosis.refinement import rebuilt
@@ -181,10 +181,8 @@ class HeldOut:
         before = self.error([other for other in chosen if other is not candidate], chosen)
         after = self.error(chosen)
         joints = self.main_joints(candidate, before, after)
-        theta = self._validation.parameters(chosen)
-        place = [other is candidate for other in chosen].index(True)
-        first = sum(other.size for other in chosen[:place])
-        torque = candidate.columns() @ theta[first : first + candidate.size]
+        own = split(chosen, self._validation.parameters(chosen))
+        torque = candidate.columns() @ next(theta for other, theta in own if other is candidate)
         data = self._validation.data
         every = (np.where(data.usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
         inside = data.block >= 0

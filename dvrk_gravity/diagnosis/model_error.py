@@ -37,9 +37,9 @@ class ExtrapolationSettings:
     """
 
     growth: float = 25.0
+    powers: int = 3
     farthest: float = 0.5
     courses: int = 6
-    powers: int = 3
     faster: float = 10.0
 
 

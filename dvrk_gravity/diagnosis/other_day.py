@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
-from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.model_error import friction_change, like_changed_friction, like_friction
 
@@ -57,11 +57,9 @@ class OtherDay:
         """Return (n,) by what friction may have changed, and where one selected is its change."""
         validation = self._validation
         if self._seen is None or not _same(self._seen, selected, validation.weight):
-            edges = np.cumsum([candidate.size for candidate in selected])[:-1]
-            own = np.split(validation.parameters(selected), edges)
             torques = [
                 (candidate, validation.torque(candidate, theta))
-                for candidate, theta in zip(selected, own, strict=False)
+                for candidate, theta in split(selected, validation.parameters(selected))
             ]
             error = validation.of_choice(validation.data.residual)
             for candidate, torque in torques:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious, parsimony
+from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious, parsimony, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.other_day import OtherDay
 from dvrk_gravity.diagnosis.refinement import refined
@@ -287,8 +287,7 @@ class Selection:
     ) -> list[EffectTrial]:
         """Return how some of the selected do beside all others."""
         whole, theta = self.validation.score(selected), self.validation.parameters(selected)
-        edges = np.cumsum([0, *(candidate.size for candidate in selected)])
-        own = {id(c): theta[a:b] for c, a, b in zip(selected, edges, edges[1:], strict=False)}
+        own = {id(candidate): its for candidate, its in split(selected, theta)}
         trials = []
         for candidate in looked_at:
             rest = [other for other in selected if other is not candidate]

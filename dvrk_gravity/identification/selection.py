@@ -174,6 +174,7 @@ class Selection:
         self, chosen: list[int], moves: Moves, settings: SearchSettings,
         progress: Callable[[int], None],
     ) -> list[int]:  # fmt: skip
+        # By what a move does: several may have one text.
         found, vain = select(
             _MoveSearch(self, moves), Chosen(chosen, self.score(chosen)), settings,
             lambda move: (move.add, move.remove), progress,
