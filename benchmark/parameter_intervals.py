@@ -6,7 +6,7 @@ Every seed draws an arm of MuJoCo's (testing/mujoco_world.py), records a calibra
 identifies it, and then records other motions of the same arm with nothing hidden. Hypotheses of
 every effect are fitted to each, chosen at random and not by what they explain: what a parameter is
 estimated to be is an error then. Counted is how often the 95 % region of a hypothesis' parameters
-holds zero, with several sizes of ``CrossValidationSettings.coherent``.
+holds zero, with several sizes of ``SignificanceSettings.coherent``.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ def _some(validation: CrossValidation, random: np.random.Generator) -> Iterator[
 
 
 def _holds_zero(validation: CrossValidation, candidate: Candidate, coherent: float) -> bool:
-    validation.settings = replace(validation.settings, coherent=coherent)
+    significance = validation.significance
+    significance.settings = replace(significance.settings, coherent=coherent)
     theta, covariance = validation.fit([candidate])
     told = np.diag(covariance) > 0.0  # a column that is zero has no estimate
     sd = np.sqrt(np.diag(covariance)[told])

@@ -45,7 +45,7 @@ DATA = Path(
 SIZES = (2.0, 5.0)  # times what the model leaves on the part that is diagnosed
 IDENTIFIED = 0.55  # of a recording's time; the rest is diagnosed
 PLACES = 3  # joints, and sizes, an effect
-BAND = 10.0  # Hz; recorded motions have nothing above that but counts
+BAND = 4.0  # Hz; above that counts make an MTM's wrist accelerate as much again as it moves
 UR10E_GAINS = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])  # N·m/A, published
 
 

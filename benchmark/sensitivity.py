@@ -37,12 +37,14 @@ from dvrk_gravity.diagnosis.load import LoadSettings
 from dvrk_gravity.diagnosis.model_error import ExtrapolationSettings, FrictionChangeSettings
 from dvrk_gravity.diagnosis.motion import MotionSettings
 from dvrk_gravity.diagnosis.nearby import NearbySettings
+from dvrk_gravity.diagnosis.overlap import OverlapSettings
 from dvrk_gravity.diagnosis.readings import ReadingSettings
 from dvrk_gravity.diagnosis.reference import ReferenceSettings
 from dvrk_gravity.diagnosis.reference_error import ReferenceErrorSettings
 from dvrk_gravity.diagnosis.refinement import RefinementSettings
 from dvrk_gravity.diagnosis.run import RunSettings
 from dvrk_gravity.diagnosis.selection import SelectionSettings as EffectSelectionSettings
+from dvrk_gravity.diagnosis.significance import SignificanceSettings
 from dvrk_gravity.estimation.covariance import CovarianceSettings
 from dvrk_gravity.estimation.evidence import EvidenceSettings
 from dvrk_gravity.estimation.noise import NoiseSettings
@@ -276,6 +278,8 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (EffectSelectionSettings, DIAGNOSIS),
     (JudgementSettings, DIAGNOSIS),
     (CrossValidationSettings, DIAGNOSIS),
+    (SignificanceSettings, DIAGNOSIS),
+    (OverlapSettings, DIAGNOSIS),
     (RefinementSettings, DIAGNOSIS),
     (FilterSettings, DIAGNOSIS),
     (BlockSettings, DIAGNOSIS),

@@ -191,6 +191,18 @@ def test_a_push_is_found_wherever_its_edges_lie_among_the_blocks(start):
         assert found.low <= true <= found.high or found.value == pytest.approx(true, abs=0.1)
 
 
+def test_drift_is_found_in_a_recording_whose_stamps_count_from_1970():
+    time, q, qd, qdd = sines(20.0, rate=100.0)
+    warming = MODEL.torque(q, qd, qdd) + 0.5 * noise(len(q))
+    warming[:, 1] += 0.1 * (1.0 - np.exp(-time / 8.0))
+
+    result = diagnose(recording(time + 1.7e9, q, warming), MODEL)
+
+    (finding,) = result.findings
+    assert (finding.effect, finding.joints) == ("thermal_drift", ("shoulder_pitch",))
+    assert finding.parameters["torque"].value == pytest.approx(0.1, rel=0.2)
+
+
 def test_a_wrong_sign_is_seen_although_the_joint_is_held_half_the_time():
     time, q, qd, qdd = sines(30.0)
     held = (time // 4.0) % 2 == 0.0

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.diagnosis.candidate import Candidate, Score
+from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import Gain
@@ -19,7 +21,9 @@ from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.model_error import friction_change, like_changed_friction
 from dvrk_gravity.diagnosis.selection import Selection, SelectionSettings
 from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.payload import PayloadHypothesis
 from dvrk_gravity.effects.torque_offset import OffsetHypothesis
+from dvrk_gravity.effects.viscous_friction import ViscousHypothesis
 from dvrk_gravity.recording import Recording
 from testing.world import World
 
@@ -45,7 +49,7 @@ class Scores:
 
     def score(self, candidates) -> Score:
         rms = np.where(np.arange(7) == 0, 0.5 ** len(candidates), 1.0)
-        return Score(np.zeros((4, 7)), rms, np.zeros(3), 100.0 * len(candidates))
+        return Score(np.zeros((4, 7)), rms, np.zeros(3), 100.0 * len(candidates), 0.0)
 
     def parameters(self, candidates) -> np.ndarray:
         return np.full(len(candidates), 0.1)
@@ -159,3 +163,37 @@ def test_friction_of_a_motor_may_change_in_any_shape_and_at_all_of_its_joints_to
     assert not like_changed_friction(torque, friction, most)[5:].any()  # of another shape
     little = friction_change(friction, 0.2 * day)
     assert not like_changed_friction(torque, friction, little, of_friction=True).any()
+
+
+def test_a_joint_that_a_motor_hardly_rubs_lends_the_others_no_change():
+    random = np.random.default_rng(0)
+    friction = random.normal(size=(400, 7))
+    most = friction_change(friction, 0.2 * friction)
+    torque = np.zeros((400, 7))
+    torque[:, 5] = 0.5 * friction[:, 5]  # of 0.4 that are expected
+    torque[:, 6] = 0.01 * friction[:, 6]
+    assert not like_changed_friction(torque, friction, most, of_friction=True).any()
+
+
+def test_of_causes_with_as_few_parameters_the_best_is_told_or_a_commoner_one_hardly_worse():
+    def told(*likelihoods: float) -> str:
+        """Return which is taken of an offset, Coulomb friction and a payload's four parameters."""
+        candidates = [*one_of_each()]
+        pairs = list(zip(likelihoods, candidates, strict=True))
+        return most_parsimonious(pairs, tolerance=40.0, clearly=3.0).hypothesis.effect
+
+    def one_of_each() -> Iterator[Candidate]:
+        at = {"arm": ARM, "site": site.joint(0), "joints": (0,)}
+        columns = np.ones((4, 7, 4))
+        yield Candidate.of(OffsetHypothesis(**at), columns[..., :1])
+        yield Candidate.of(ViscousHypothesis(**at), columns[..., :1])
+        yield Candidate.of(PayloadHypothesis(arm=ARM, site=site.link(0), joints=(0,)), columns)
+
+    assert told(100.0, 102.0, 130.0) == commonest("torque_offset", "viscous_friction")
+    assert told(100.0, 104.0, 130.0) == "viscous_friction"
+    assert told(104.0, 100.0, 130.0) == "torque_offset"
+    assert told(80.0, 80.0, 130.0) == "payload"
+
+
+def commonest(*names: str) -> str:
+    return min(names, key=effects.rank)

@@ -58,9 +58,10 @@ def test_they_are_as_wide_as_estimates_scatter_when_the_known_error_looks_like_t
     constants = 0.01 * np.eye(7) * np.ones((len(data.residual), 1, 1))
     vars(data)["model_columns"] = constants[:, :, : 0 if sure else 7]
     validation = CrossValidation(data)
-    part = validation.settings.coherent
+    part = validation.significance.settings.coherent
     _, covariance = validation.fit([candidate])
-    validation.settings = replace(validation.settings, coherent=0.0)
+    told = validation.significance.settings
+    validation.significance.settings = replace(told, coherent=0.0)
     _, without = validation.fit([candidate])
     random, scattered = np.random.default_rng(0), []
     size = np.sqrt(np.mean(candidate.columns() ** 2, axis=0))
@@ -92,5 +93,5 @@ def test_of_an_exact_model_they_are_those_of_the_noise(data):
     assert not exact.known_error.any()
     _, with_known = CrossValidation(data).fit([candidate])
     _, of_noise = CrossValidation(exact).fit([candidate])
-    alike = CrossValidation(data).settings.coherent * KNOWN[0]
+    alike = CrossValidation(data).significance.settings.coherent * KNOWN[0]
     assert np.sqrt(of_noise[0, 0]) < 0.2 * alike < alike < np.sqrt(with_known[0, 0])

@@ -380,7 +380,8 @@ def _delay(setting: Setting, random: Random, joint: int, target: float) -> Hidin
 def _drift(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
     constant = float(random.uniform(6.0, 30.0))
     time = setting.truth.time
-    shape = _sign(random) * (1.0 - np.exp(-np.maximum(time, 0.0) / constant))
+    begin = max(time[0], 0.0)  # drift that was over by then would be an offset
+    shape = _sign(random) * (1.0 - np.exp(-np.maximum(time - begin, 0.0) / constant))
     sign = float(np.sign(shape[-1]))
     hiding = _own(setting, joint, shape, target, "thermal_drift", torque=sign)
     return _and(hiding, time_constant=constant)

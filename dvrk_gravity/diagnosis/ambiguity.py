@@ -14,6 +14,7 @@ from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.findings import Ambiguity, Contender
 from dvrk_gravity.diagnosis.held_out import HeldOut, estimates
 from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.overlap import reproduced
 from dvrk_gravity.diagnosis.words import told
 from dvrk_gravity.quantity import pose, quantity
 
@@ -61,7 +62,7 @@ def ambiguities(
             pair = frozenset((zero.hypothesis.key, other.hypothesis.key))
             if other is zero or pair in seen:
                 continue
-            share, theta = validation.reproduced(zero, np.array([_DEGREE]), other, named)
+            share, theta = reproduced(validation, zero, np.array([_DEGREE]), other, named)
             if share > AmbiguitySettings().same:
                 seen.add(pair)
                 result.append(_ambiguity(validation, named, zero, other, share, theta, poses))

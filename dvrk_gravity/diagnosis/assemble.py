@@ -208,7 +208,7 @@ def _finding(
     before = held_out.error([other for k, other in enumerate(named) if k != i], named)
     after = held_out.error(named)
     joints = held_out.main_joints(one.trial.candidate, before, after)
-    gain = held_out.gain(before, after, joints)
+    gain = held_out.gain(before, after, joints, candidate=one.trial.candidate)
     rest_named = [other for k, other in enumerate(named) if k != i]
     alternatives = _alternatives(validation, rest_named, one)
     return Finding(

@@ -81,29 +81,35 @@ class Score:
         loss: (blocks,) squared error of each block in units of the weights.
         likelihood: Sum over joints of -n/2 log(mean squared error), costs taken off.
         error: (R, n) the errors, N·m.
+        improbable: Minus the log-density of the model's own parameters, taken off, too.
     """
 
     error: Array
     rms: Array
     loss: Array
     likelihood: float
+    improbable: float
 
 
-def most_parsimonious(candidates: Sequence[tuple[float, Candidate]], tolerance: float) -> Candidate:
-    """Return the most parsimonious of those as good as the best.
+def most_parsimonious(
+    candidates: Sequence[tuple[float, Candidate]], tolerance: float, clearly: float
+) -> Candidate:
+    """Return one with the fewest parameters of those as good as the best.
+
+    Of several with as few it is the best one, or the commonest of those hardly worse.
 
     Args:
         candidates: (likelihood, candidate), any order.
         tolerance: How much worse than the best still counts as equal.
+        clearly: How much better one must be than a commoner one.
     """
     best = max(likelihood for likelihood, _ in candidates)
     equal = [(value, one) for value, one in candidates if value >= best - tolerance]
-    return min(equal, key=lambda pair: (*parsimony(pair[1]), -pair[0]))[1]
-
-
-def parsimony(candidate: Candidate) -> tuple[int, int]:
-    """Return the order of causes that explain as well: fewest parameters, then commonest."""
-    return candidate.size, effects.rank(candidate.hypothesis.effect)
+    fewest = min(one.size for _, one in equal)
+    simple = [(value, one) for value, one in equal if one.size == fewest]
+    least = max(value for value, _ in simple) - clearly
+    near = [(value, one) for value, one in simple if value >= least]
+    return min(near, key=lambda pair: (effects.rank(pair[1].hypothesis.effect), -pair[0]))[1]
 
 
 def split(candidates: Sequence[Candidate], theta: Array) -> list[tuple[Candidate, Array]]:

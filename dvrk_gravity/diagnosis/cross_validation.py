@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
+from dvrk_gravity.diagnosis.block_fit import OwnParameters, block_fit
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.significance import Significance
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
-from dvrk_gravity.estimation import evidence
-from dvrk_gravity.estimation.covariance import NORMAL_95, block_jackknife
 from dvrk_gravity.estimation.evidence import EvidenceSettings
-from dvrk_gravity.estimation.noise import correlation_time, design_effect, intraclass_correlation
+from dvrk_gravity.estimation.noise import design_effect, intraclass_correlation
 from dvrk_gravity.estimation.normal_equations import NormalEquations, Regression, solve
 
 Array = NDArray[np.float64]
@@ -35,29 +35,17 @@ class CrossValidationSettings:
         active: Part of the most active block's energy from which on a candidate acts in a block.
             Chosen; see `make sensitivity`.
         least_usable: Part of the samples that a joint must have to be judged at all. Chosen.
-        contained: Part of a torque that may lie outside another's columns. Chosen; see
-            `make sensitivity`.
         together: Columns of hypotheses that are filtered or screened at a time, on which no result
             depends: this many take a fraction of the time that they take singly.
         cluster: Correlation times of the model's known error in a block of the jackknife: of an
             exponential correlation four leave an eighth of the variance unseen (Künsch 1989).
-        coherent: Part of the model's known error that may look like any one cause in all of another
-            motion, as a standard deviation: what a state shows comes back with it, and blocks of
-            one motion do not tell. Regions of causes that are not there then hold zero in 96 %,
-            without it in 83 % (`benchmark/parameter_intervals.py --seeds 401 411`).
-        freedom: Degrees of freedom of the posterior covariance of the model's parameters: about as
-            many stretches of half a minute's motion are independent where errors hang together
-            for a second. Chosen; see `make sensitivity`.
     """
 
     trace: float = 1e-9
     active: float = 0.03
     least_usable: float = 0.05
-    contained: float = 1e-3
     together: int = 32
     cluster: float = 4.0
-    coherent: float = 0.15
-    freedom: float = 20.0
 
 
 class CrossValidation:
@@ -67,12 +55,14 @@ class CrossValidation:
         data: Residuals, blocks and folds.
         weight: (n,) one over the error of each joint, 1/(N·m); zero where it was not recorded.
         settings: How hypotheses are compared.
+        significance: How sure a gain is.
     """
 
     def __init__(self, data: FilteredData, settings: CrossValidationSettings | None = None) -> None:
         """Set up the folds."""
         self.data = data
         self.settings = settings or CrossValidationSettings()
+        self.significance = Significance(data)
         order = np.argsort(data.fold, kind="stable")  # in time within a fold
         self._rows = order[np.searchsorted(data.fold[order], 0) :]
         fold = data.fold[self._rows]
@@ -172,7 +162,8 @@ class CrossValidation:
         most = self.data.count // EvidenceSettings().fewest_blocks
         return max(1, min(round(span / self.data.blocks.settings.duration), most))
 
-    def _design(self, candidates: Sequence[Candidate]) -> Array:
+    def design(self, candidates: Sequence[Candidate]) -> Array:
+        """Return (R n, k) weighted columns of candidates."""
         columns = [c.columns(self._rows).reshape(-1, c.size) for c in candidates]
         weight = self._weights.reshape(-1)
         if not columns:
@@ -183,7 +174,7 @@ class CrossValidation:
         """Return the columns of the model's own parameters, and then those of candidates."""
         weight = self._weights.reshape(-1)
         model = self._model.reshape(len(weight), -1) * weight[:, None]
-        return np.hstack([model, self._design(candidates)])
+        return np.hstack([model, self.design(candidates)])
 
     @property
     def _target(self) -> Array:
@@ -214,7 +205,8 @@ class CrossValidation:
         ridge[own:, own:] = self._ridge(candidates)
         return ridge
 
-    def _regression(self, candidates: Sequence[Candidate]) -> Regression:
+    def regression(self, candidates: Sequence[Candidate]) -> Regression:
+        """Return the least squares of the model's own parameters and then those of candidates."""
         return Regression(
             self._beside_model(candidates), self._ridge_beside_model(candidates),
             self.settings.trace,
@@ -258,17 +250,12 @@ class CrossValidation:
         likelihood -= improbable + sum(candidate.cost for candidate in candidates)
         square = ((error * self._weights) ** 2).sum(axis=1)
         loss = np.bincount(self._block, square, minlength=self.data.count).astype(float)
-        return Score(error, np.sqrt(mean), loss, likelihood)
+        return Score(error, np.sqrt(mean), loss, likelihood, improbable)
 
     def _log_likelihood(self, mean: Array, inflation: Array | float = 1.0) -> Array:
         """Return (n,) log-likelihoods of (n,) mean squared errors, but for a constant."""
         samples = np.where(self.weight > 0.0, self.samples / inflation, 0.0)
-        return self.log_likelihood(mean, samples)
-
-    def log_likelihood(self, mean: Array, samples: Array) -> Array:
-        """Return (n,) log-likelihoods of (n,) mean squares of (n,) independent errors."""
-        known, freedom = self.known_error**2, self.settings.freedom
-        return evidence.log_likelihood(mean, known, samples, freedom)
+        return self.significance.log_likelihood(mean, samples)
 
     def _likelihood_of(self, error: Array) -> float:
         """Return the log-likelihood of (R n,) weighted errors."""
@@ -277,70 +264,23 @@ class CrossValidation:
     def p_value(self, before: Score, after: Score, candidate: Candidate, inflation: Array) -> float:
         """Return the one-sided p-value of the gain over the blocks where a candidate acts.
 
-        See :meth:`p_value_of_gain`.
+        See :meth:`Significance.p_value`.
         """
-        new, old = (self._log_likelihood(score.rms**2) for score in (after, before))
-        spared = after.likelihood + candidate.cost - before.likelihood - float((new - old).sum())
         weight = self.weight[candidate.joints] ** 2
         square = (candidate.values[self._rows] ** 2).sum(axis=2) @ weight
         energy = np.bincount(self._block, square, minlength=self.data.count)
         # Blocks in which friction holds the joint decide nothing.
         acts = energy > self.settings.active * energy.max()
-        spared = evidence.of_student(spared, self.settings.freedom)
         new, old = (self._log_likelihood(score.rms**2, inflation) for score in (after, before))
-        ratio = float((new - old).sum()) + spared
-        return self.p_value_of_gain((before.loss - after.loss)[acts], ratio, candidate.size)
+        spared = self.significance.of_model(before.improbable - after.improbable)
+        return self.significance.p_value(
+            (before.loss - after.loss)[acts], float((new - old).sum()) + spared, candidate.size
+        )
 
-    def p_value_of_gain(self, by_block: Array, ratio: float, parameters: int) -> float:
-        """Return the one-sided p-value of a gain on samples that the fit had not seen.
-
-        Where the model knows an error, blocks of one motion, which share a part of that, are no
-        test; else see :func:`evidence.of_gain`.
-
-        Args:
-            by_block: (k,) squared error that goes, by block.
-            ratio: Gain in log-likelihood of independent samples; see :meth:`inflation`.
-            parameters: That the gain takes.
-        """
-        if self.known_error.any():
-            return evidence.likelihood_ratio(ratio, parameters)
-        return evidence.of_gain(by_block, ratio, parameters)
-
-    def inflation(
-        self, error: Array, torque: Array, usable: NDArray[np.bool_] | None = None
-    ) -> Array:
-        """Return (n,) how many times its variance for white noise a score's variance is.
-
-        By the sum of the autocorrelations of the product of errors with a torque the variance of
-        the torque's size grows (Newey and West 1987): slow errors are hardly in the way of one that
-        changes its sign with each acceleration. Where the model knows an error, a part c of that
-        may look like any cause in all of the motion, which adds c² for each of N independent
-        samples (:class:`CrossValidationSettings`).
-
-        Args:
-            error: (R, n) what is left.
-            torque: (R, n) what was explained, N·m.
-            usable: (R, n) errors that count; by default those of the choice's samples.
-        """
-        usable = self._usable if usable is None else usable
-        samples = usable.sum(axis=0) / self.redundancy
-        known = np.where(self.known_error > 0.0, self.settings.coherent, 0.0)
-        return self.correlation(np.where(usable, error * torque, 0.0)) + samples * known**2
-
-    def correlation(self, error: Array) -> Array:
-        """Return (n,) how many times longer than noise's a correlation is, at least 1.
-
-        Args:
-            error: (R, n), zero where nothing counts.
-        """
-        longer = np.ones(self.joints)
-        looked = (self.weight > 0.0) & error.any(axis=0)
-        if self.data.band is None or not looked.any():
-            return longer
-        part = np.zeros(len(error), dtype=np.int64)
-        length = correlation_time(error[:, looked], part, len(error) // 4)
-        longer[looked] = np.fmax(1.0, length / self.data.samples_per_independent)
-        return longer
+    def inflation(self, error: Array, torque: Array) -> Array:
+        """Return (n,) inflations, see :meth:`Significance.inflation`, of (R, n) errors."""
+        product = np.where(self._usable, error * torque, 0.0)
+        return self.significance.inflation(product, self.samples)
 
     def screen(
         self,
@@ -358,13 +298,13 @@ class CrossValidation:
             least: (n,) RMS torque that one must have on some joint: what could not be accepted,
                 however well it fits, takes no place from what could.
         """
-        base = self._regression(selected)
+        base = self.regression(selected)
         theta = base.coefficients(self._target)
         target = self._target - base.design @ theta
         before = self._likelihood_of(target)
         found = []
         for some in _together(pool, lambda one: one.size, self.settings.together):
-            raws = self._design(some)
+            raws = self.design(some)
             besides = base.coefficients(raws)
             all_columns = raws - base.design @ besides
             edges = np.cumsum([0, *(candidate.size for candidate in some)])
@@ -392,12 +332,12 @@ class CrossValidation:
                 default these.
         """
         together = candidates if beside is None else beside
-        theta = self._regression(together).coefficients(self._target)
+        theta = self.regression(together).coefficients(self._target)
         if beside is not None:
             own = theta[: self.model_size]
             model = self._beside_model([]) @ own
             found = Regression(
-                self._design(candidates), self._ridge(candidates), self.settings.trace
+                self.design(candidates), self._ridge(candidates), self.settings.trace
             )
             theta = np.concatenate([own, found.coefficients(self._target - model)])
         columns = [self.data.model_columns, *(candidate.columns() for candidate in candidates)]
@@ -405,11 +345,11 @@ class CrossValidation:
 
     def parameters(self, candidates: Sequence[Candidate]) -> Array:
         """Return parameters (k,) on all the samples of choice."""
-        return self._regression(candidates).coefficients(self._target)[self.model_size :]
+        return self.regression(candidates).coefficients(self._target)[self.model_size :]
 
     def moved(self, candidates: Sequence[Candidate]) -> Array:
         """Return (T, n) torque by which the model's own parameters moved beside candidates."""
-        theta = self._regression(candidates).coefficients(self._target)
+        theta = self.regression(candidates).coefficients(self._target)
         return self.data.model_columns @ theta[: self.model_size]
 
     def posterior(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
@@ -418,99 +358,27 @@ class CrossValidation:
         Of Gaussian noise of which as many samples are independent as the residual's correlation
         leaves.
         """
-        regression = self._regression(candidates)
+        regression = self.regression(candidates)
         theta = regression.coefficients(self._target)
         error = self.out_of_fold(candidates)
-        longer = float(np.max(self.correlation(np.where(self._usable, error, 0.0))))
+        longer = float(np.max(self.significance.correlation(np.where(self._usable, error, 0.0))))
         return theta, self._prior_weight * longer * regression.inverse
 
     def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
 
-        The covariance is the jackknife's over blocks, as many together as errors hang together, and
-        what the model's parameters, which are not free, may be off by as it says, and the part of
-        its known error that looks like a cause (:class:`CrossValidationSettings`). That of few
-        blocks is widened so that normal 95 % intervals are as wide as Student's with one degree of
-        freedom less than there are blocks (Cameron and Miller 2015, section VI).
+        See :func:`block_fit.block_fit`; as many blocks together as errors hang together.
         """
-        from scipy.stats import norm
-        from scipy.stats import t as student
-
-        design, target = self._beside_model(candidates), self._target
-        ridge = self._ridge_beside_model(candidates)
-        block = np.repeat(self._block // self._clustered, self.joints)
-        order = np.argsort(block, kind="stable")
-        edges = np.flatnonzero(np.diff(block[order], prepend=-1))[1:]
-        pieces = list(
-            zip(np.split(design[order], edges), np.split(target[order], edges), strict=True)
-        )
-        theta, covariance = block_jackknife(
-            [x.T @ x for x, _ in pieces], [x.T @ y for x, y in pieces],
-            ridge, self.settings.trace,
+        alike = self.significance.settings.coherent * self.known_error * self.weight
+        return block_fit(
+            self.regression(candidates), self._target,
+            np.repeat(self._block // self._clustered, self.joints),
+            OwnParameters(self.model_size, self._prior_weight), alike, self._counts,
         )  # fmt: skip
-        own = self.model_size
-        inverse = Regression(design, ridge, self.settings.trace).inverse[own:]
-        held = self._prior_weight * inverse[:, :own] @ ridge[:own, :own] @ inverse[:, :own].T
-        held += self._coherent(design, inverse)
-        wider = student.ppf(norm.cdf(NORMAL_95), max(len(pieces) - 1, 1)) / NORMAL_95
-        return theta[own:], wider**2 * (covariance[own:, own:] + held)
-
-    def _coherent(self, design: Array, inverse: Array) -> Array:
-        """Return the (k, k) covariance of what a known error that looks like a cause adds.
-
-        Of each joint an error of the RMS that is settled, in the shape of each of its columns.
-
-        Args:
-            design: (R n, d + k) weighted columns, the model's own first.
-            inverse: (k, d + k) rows of the inverse of the normal equations' matrix.
-        """
-        own = self.model_size
-        error = self.settings.coherent * self.known_error * self.weight
-        columns = design.reshape(-1, self.joints, design.shape[1]).transpose(1, 2, 0)
-        # As errors of that RMS over the usable samples: D_j' W x_jk / RMS(x_jk).
-        products = np.matmul(columns, columns[:, own:].transpose(0, 2, 1))
-        square = np.einsum("jkk->jk", products[:, own:]) / self._counts[:, None]
-        per_rms = np.where(square > 0.0, 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0)), 0.0)
-        scaled = products * (error[:, None] * per_rms)[:, None]
-        # A square: of columns that are all but the same it stays one to the last digit.
-        root = inverse @ np.hstack(list(scaled))
-        return np.asarray(root @ root.T)
-
-    def contains(self, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]) -> bool:
-        """Tell whether a larger hypothesis is a smaller one with needless parameters."""
-        needless = larger.size > smaller.size
-        return needless and self.overlap(smaller, larger, rest) > 1.0 - self.settings.contained
-
-    def overlap(self, mine: Candidate, other: Candidate, rest: Sequence[Candidate]) -> float:
-        """Return the part of a hypothesis' torque that another one's columns reproduce.
-
-        Both are taken beside the rest: what that reproduces anyway does not count.
-        """
-        theta = self.parameters([*rest, mine])
-        return self.reproduced(mine, theta[-mine.size :], other, rest)[0]
-
-    def reproduced(
-        self, mine: Candidate, theta: Array, other: Candidate, rest: Sequence[Candidate]
-    ) -> tuple[float, Array]:
-        """Return which part of a torque another's columns reproduce, and its (k,) parameters there.
-
-        Args:
-            mine: The hypothesis.
-            theta: Its parameters.
-            other: Another one.
-            rest: What both are taken beside.
-        """
-        base = self._regression(rest)
-        torque = base.residual(self._design([mine]) @ theta)
-        columns = base.residual(self._design([other]))
-        free = Regression(columns, np.zeros((other.size, other.size)), self.settings.trace)
-        found = free.coefficients(torque)
-        left = torque - columns @ found
-        return 1.0 - float(left @ left) / max(float(torque @ torque), 1e-300), found
 
     def misfit(self, candidates: Sequence[Candidate]) -> float:
         """Return minus the log-likelihood of a fit to all the samples of choice."""
-        regression = self._regression(candidates)
+        regression = self.regression(candidates)
         theta = regression.coefficients(self._target)
         error = self._target - regression.design @ theta
         return self._improbable(theta) - self._likelihood_of(error)

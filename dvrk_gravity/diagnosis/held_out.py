@@ -117,8 +117,7 @@ class HeldOut:
 
     def rmse(self, error: Array) -> Array:
         """Return (n,) root mean squares over the usable held-out samples, N·m."""
-        count = np.maximum(self._usable.sum(axis=0), 1)
-        return np.sqrt(np.where(self._usable, error**2, 0.0).sum(axis=0) / count)
+        return np.sqrt(_mean_square(error, self._usable))
 
     def lasting(self, error: Array) -> Array:
         """Return (n,) which part of the squared errors is that of their means over the blocks.
@@ -196,7 +195,7 @@ class HeldOut:
         blocks = np.flatnonzero(np.bincount(self._block, power) > least)
         if not len(blocks):
             return None
-        gain = self.gain(before, after, joints, blocks, candidate.size)
+        gain = self.gain(before, after, joints, blocks, candidate)
         return Unconfirmed(candidate.hypothesis, self.joint_names[joints[0]], gain)
 
     def gain(
@@ -205,24 +204,28 @@ class HeldOut:
         after: Array,
         joints: Sequence[int],
         blocks: NDArray[np.int64] | None = None,
-        parameters: int = 1,
+        candidate: Candidate | None = None,
     ) -> Gain:
-        """Return what is gained on some joints, with interval and p-value over the blocks.
+        """Return what is gained on some joints, with interval over the blocks, and p-value.
+
+        The p-value is of all joints that a candidate acts on: what it does to one of them, however
+        little is gained there, tells whether it is there.
 
         Args:
             before: (H, n) errors.
             after: (H, n) errors.
             joints: Indices of the joints.
             blocks: Numbers of the blocks that count; by default all that are held out.
-            parameters: Number of parameters that the gain takes.
+            candidate: What gains; by default something of one parameter at these joints.
         """
-        chosen = list(joints)
-        scale = np.maximum(self.rmse(before)[chosen], 1e-12)
+        shown = list(joints)
+        tested = shown if candidate is None else np.flatnonzero(candidate.acts).tolist()
+        scale = np.maximum(self.rmse(before), 1e-12)
         blocks = np.unique(self._block) if blocks is None else blocks
         counted = self._usable & np.isin(self._block, blocks)[:, None]
 
-        def losses(error: Array) -> Array:
-            square = np.where(self._usable, error**2, 0.0)[:, chosen] / scale**2
+        def losses(error: Array, at: list[int]) -> Array:
+            square = np.where(self._usable, error**2, 0.0)[:, at] / scale[at] ** 2
             return np.asarray(np.bincount(self._block, square.sum(axis=1))[blocks], dtype=float)
 
         def relative(new: Array, old: Array, axis: int) -> Array:
@@ -230,22 +233,27 @@ class HeldOut:
             ratio = new.sum(axis=axis) / np.where(total > 0.0, total, 1.0)
             return np.where(total > 0.0, 1.0 - np.sqrt(ratio), 0.0)
 
-        old, new = losses(before), losses(after)
+        old, new = losses(before, shown), losses(after, shown)
         low, high = evidence.bootstrap_interval(relative, (new, old))
-        inflation = self._validation.inflation(after, before - after, counted)
+        significance = self._validation.significance
+        samples = counted.sum(axis=0) / self._validation.redundancy
+        product = np.where(counted, after * (before - after), 0.0)
+        samples /= significance.inflation(product, samples)
         new_likelihood, old_likelihood = (
-            self._likelihood(error, counted, inflation)[chosen].sum() for error in (after, before)
+            significance.log_likelihood(_mean_square(error, counted), samples)[tested].sum()
+            for error in (after, before)
         )
-        ratio = float(new_likelihood - old_likelihood)
-        p_value = self._validation.p_value_of_gain(old - new, ratio, parameters)
+        p_value = significance.p_value(
+            losses(before, tested) - losses(after, tested),
+            float(new_likelihood - old_likelihood),
+            1 if candidate is None else candidate.size,
+        )
         return Gain(float(relative(new, old, 0)), low, high, p_value)
 
-    def _likelihood(self, error: Array, counted: NDArray[np.bool_], inflation: Array) -> Array:
-        """Return (n,) log-likelihoods of (H, n) errors, independent samples counting."""
-        count = counted.sum(axis=0)
-        mean = np.where(counted, error**2, 0.0).sum(axis=0) / np.maximum(count, 1)
-        samples = count / self._validation.redundancy / inflation
-        return self._validation.log_likelihood(mean, samples)
+
+def _mean_square(error: Array, counted: NDArray[np.bool_]) -> Array:
+    """Return (n,) mean squares of (H, n) errors that count."""
+    return np.where(counted, error**2, 0.0).sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
 
 
 def estimates(

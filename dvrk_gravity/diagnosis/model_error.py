@@ -134,9 +134,9 @@ def like_changed_friction(
     acts = (square > 0.0) & (own > 0.0)
     own = np.where(own > 0.0, own, 1.0)
     if of_friction:
-        # In units of the joints' friction, for joints differ.
-        whole = float((square / own)[acts].sum()) <= float((most**2)[acts].sum())
-        return acts & whole
+        # In units of the joints' friction, for joints differ; each counts as far as it is rubbed.
+        part = np.where(acts, square / own, 0.0)
+        return np.asarray(acts & bool((part * part).sum() <= (part * most**2).sum()))
     factor = (friction * torque).sum(axis=0) / own
     return np.asarray(acts & like_friction(torque, friction, settings) & (np.abs(factor) <= most))
 

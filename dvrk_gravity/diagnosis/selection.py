@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious, parsimony, split
+from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.other_day import OtherDay
+from dvrk_gravity.diagnosis.overlap import contains, overlap
 from dvrk_gravity.diagnosis.refinement import refined
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.evidence import Residual
@@ -338,7 +339,7 @@ class Selection:
 
     def refine(self, selected: list[Candidate]) -> list[Candidate]:
         """Give every place to the most parsimonious of the best for it, the others being known."""
-        validation = self.validation
+        validation, settings = self.validation, self.settings
         for i in range(len(selected)):
             if selected[i] in self._always:
                 continue
@@ -356,8 +357,8 @@ class Selection:
             others = [trial for trial in self.best(rest, without) if trial.passes]
             if others:
                 its = self._preferred([mine, *others])
-                simpler = parsimony(its.candidate) < parsimony(mine.candidate) or its.other_day
-                better = simpler or its.gain > mine.gain + self._margin([its])
+                simpler = its.candidate.size < mine.candidate.size or its.other_day
+                better = simpler or its.gain > mine.gain + settings.equal_least
                 if better and its is not mine:
                     self._report(
                         f"{its.candidate.hypothesis} instead of {mine.candidate.hypothesis}"
@@ -372,7 +373,8 @@ class Selection:
         no_news = [trial for trial in trials if trial.other_day and trial.gain >= least]
         if no_news:
             return max(no_news, key=lambda trial: trial.gain)
-        chosen = most_parsimonious([(trial.gain, trial.candidate) for trial in trials], margin)
+        told = [(trial.gain, trial.candidate) for trial in trials]
+        chosen = most_parsimonious(told, margin, self.settings.equal_least)
         return next(trial for trial in trials if trial.candidate is chosen)
 
     def merge(self, selected: list[Candidate]) -> list[Candidate]:
@@ -422,14 +424,16 @@ class Selection:
         if mine.other_day:
             return SelectedEffect(mine, (), ())
         key = selected[i].hypothesis.key
+        # Needless parameters make no alternative, but those that white noise would make needful do.
+        more = mine.gain + settings.equal_least
         others = [
             trial
             for trial in self.best(rest, without)
             if trial.candidate.hypothesis.key != key
             and trial.gain > 0.0
             and trial.plausible
-            and not validation.contains(trial.candidate, selected[i], rest)
-            and validation.overlap(selected[i], trial.candidate, rest) > settings.overlap
+            and (trial.gain > more or not contains(validation, trial.candidate, selected[i], rest))
+            and overlap(validation, selected[i], trial.candidate, rest) > settings.overlap
         ]
         least = mine.gain - self._margin([mine])
         equal = tuple(trial for trial in others if trial.gain > least)

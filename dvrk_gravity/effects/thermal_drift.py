@@ -42,7 +42,10 @@ class ThermalDrift(Effect):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DriftHypothesis(Hypothesis):
-    """A joint's torque drifts, from a level of its own; in time, so no model file carries it."""
+    """A joint's torque drifts from a level of its own; in time, so no model file carries it.
+
+    Time is counted from the first sample: stamps may be seconds since 1970.
+    """
 
     EFFECT = ThermalDrift
     CLAIM = "the torque of {joint} drifts {torque} with time (time constant {time_constant})"
@@ -54,7 +57,7 @@ class DriftHypothesis(Hypothesis):
 
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`."""
-        rise = 1.0 - np.exp(-motion.time / setting["time_constant"])
+        rise = 1.0 - np.exp(-(motion.time - motion.time[0]) / setting["time_constant"])
         return spread(self.site.row(self.arm), rise, np.ones(len(rise)))
 
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:

@@ -155,6 +155,8 @@ class Regression:
 
     Attributes:
         design: (n, k) columns, weighted.
+        ridge: (k, k) what is known before any data.
+        trace: See :func:`solve`.
     """
 
     def __init__(self, design: Array, ridge: Array, trace: float) -> None:
@@ -165,18 +167,17 @@ class Regression:
             ridge: (k, k) what is known before any data.
             trace: See :func:`solve`.
         """
-        self.design = design
+        self.design, self.ridge, self.trace = design, ridge, trace
         self._gram = design.T @ design + ridge
-        self._trace = trace
 
     def coefficients(self, target: Array) -> Array:
         """Return (k,) or (k, c) coefficients of (n,) or (n, c) targets."""
-        return solve(self._gram, self.design.T @ target, self._trace)
+        return solve(self._gram, self.design.T @ target, self.trace)
 
     @property
     def inverse(self) -> Array:
         """(k, k) inverse of the normal equations' matrix."""
-        return solve(self._gram, np.eye(len(self._gram)), self._trace)
+        return solve(self._gram, np.eye(len(self._gram)), self.trace)
 
     def residual(self, target: Array) -> Array:
         """Return what the columns leave of (n,) or (n, c) targets."""

@@ -1,0 +1,71 @@
+"""How far the torque of one hypothesis is that of another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.estimation.normal_equations import Regression
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OverlapSettings:
+    """When one hypothesis is another.
+
+    Attributes:
+        contained: Part of a torque that may lie outside another's columns. Chosen; see
+            `make sensitivity`.
+    """
+
+    contained: float = 1e-3
+
+
+def contains(
+    validation: CrossValidation, larger: Candidate, smaller: Candidate, rest: Sequence[Candidate]
+) -> bool:
+    """Tell whether a larger hypothesis is a smaller one with more parameters."""
+    more = larger.size > smaller.size
+    return more and overlap(validation, smaller, larger, rest) > 1.0 - OverlapSettings().contained
+
+
+def overlap(
+    validation: CrossValidation, mine: Candidate, other: Candidate, rest: Sequence[Candidate]
+) -> float:
+    """Return the part of a hypothesis' torque that another one's columns reproduce.
+
+    Both are taken beside the rest: what that reproduces anyway does not count.
+    """
+    theta = validation.parameters([*rest, mine])
+    return reproduced(validation, mine, theta[-mine.size :], other, rest)[0]
+
+
+def reproduced(
+    validation: CrossValidation,
+    mine: Candidate,
+    theta: Array,
+    other: Candidate,
+    rest: Sequence[Candidate],
+) -> tuple[float, Array]:
+    """Return which part of a torque another's columns reproduce, and its (k,) parameters there.
+
+    Args:
+        validation: The samples.
+        mine: The hypothesis.
+        theta: Its parameters.
+        other: Another one.
+        rest: What both are taken beside.
+    """
+    base = validation.regression(rest)
+    torque = base.residual(validation.design([mine]) @ theta)
+    columns = base.residual(validation.design([other]))
+    free = Regression(columns, np.zeros((other.size, other.size)), base.trace)
+    found = free.coefficients(torque)
+    left = torque - columns @ found
+    return 1.0 - float(left @ left) / max(float(torque @ torque), 1e-300), found
