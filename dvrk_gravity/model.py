@@ -191,6 +191,7 @@ class TorqueModel:
         verdict: What the identification said of it, one of ``VERDICTS``, or ``NO_VERDICT``.
         reason: Why it said so.
         uncertainty: How sure it is; ``None`` if it was not identified, or does not tell.
+        unsure: Why it does not tell though its file names an uncertainty.
     """
 
     arm: Arm
@@ -201,6 +202,7 @@ class TorqueModel:
     verdict: str = NO_VERDICT
     reason: str = ""
     uncertainty: ModelUncertainty | None = None
+    unsure: str = ""
 
     def __post_init__(self) -> None:
         """Put zeros where no offset is given."""
@@ -212,7 +214,7 @@ class TorqueModel:
         """Load a model from a ROS 2 parameter file (``/**: ros__parameters:``).
 
         Beside it may lie the file of its uncertainty. Without that, or after coefficients were
-        changed by hand, it is a model that does not tell how sure it is.
+        changed by hand, it is a model that does not tell how sure it is, and ``unsure`` says why.
 
         Raises:
             ConfigError: Naming the file, the parameter, the value and what was expected.
@@ -225,10 +227,14 @@ class TorqueModel:
             raise error if error.source else error.in_file(path) from None
         name = str(values.get(UNCERTAINTY_PARAMETER.name, ""))
         beside = Path(path).parent / Path(name).name
-        if not name or not beside.exists():
+        if not name:
             return model
+        if not beside.exists():
+            return replace(model, unsure=f"{beside.name} is not beside {path}")
         uncertainty = ModelUncertainty.load(beside)
-        return replace(model, uncertainty=uncertainty) if uncertainty.fits(model.terms) else model
+        if not uncertainty.fits(model.terms):
+            return replace(model, unsure=f"{beside.name} is of other coefficients than {path} has")
+        return replace(model, uncertainty=uncertainty)
 
     @classmethod
     def of(cls, given: TorqueModel | str | Path) -> TorqueModel:

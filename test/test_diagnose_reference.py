@@ -68,6 +68,19 @@ def test_a_load_is_weighed_without_a_model(world, bare, loaded):
     assert found.model.verdict == "do_not_compensate"  # it holds the change alone
 
 
+def test_what_is_wrong_with_both_recordings_is_said_once(bare, loaded):
+    def frozen(recording: Recording, first: int) -> Recording:
+        position = recording.position.copy()
+        position[first : first + 100, 1] = position[first, 1]
+        return replace(recording, position=position)
+
+    found = diagnose(frozen(loaded, 500), arm=UR5, reference=frozen(bare, 900))
+
+    said = [(one.kind, one.joint) for one in found.warnings]
+    assert said
+    assert len(said) == len(set(said))
+
+
 def test_a_load_makes_the_arm_swing_further_and_is_weighed_all_the_same(world):
     """Efforts by Pinocchio's inverse dynamics: the bare arm with all of the motion's harmonics
     1.5 % smaller, the loaded one a little lower."""

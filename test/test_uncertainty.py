@@ -49,6 +49,7 @@ def test_a_model_without_the_file_works_and_does_not_tell(saved):
     model = TorqueModel.load(saved)
 
     assert model.uncertainty is None
+    assert model.unsure == f"{uncertainty_file(saved).name} is not beside {saved}"
     assert np.isfinite(model.torque(np.zeros(7))).all()
 
 
@@ -57,7 +58,10 @@ def test_coefficients_changed_by_hand_are_no_longer_what_it_is_about(saved):
     beta = next(line for line in text.splitlines() if line.strip().startswith("beta:"))
     saved.write_text(text.replace(beta, beta.replace("[", "[1.0, ", 1).rsplit(",", 1)[0] + "]"))
 
-    assert TorqueModel.load(saved).uncertainty is None
+    model = TorqueModel.load(saved)
+
+    assert model.uncertainty is None
+    assert model.unsure.endswith(f"is of other coefficients than {saved} has")
 
 
 @pytest.mark.parametrize("content", [b"", b"no arrays", b"PK\x03\x04 cut off"])

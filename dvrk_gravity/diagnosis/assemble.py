@@ -299,9 +299,11 @@ def _certainty(data: FilteredData) -> list[str]:
     if motion.reference is not None:
         return ["in the place of a model stood what the reference measured at the same phase"]
     if uncertainty is None:
+        why = f" ({motion.model.unsure})" if motion.model.unsure else ""
         return [
-            "the model does not tell how sure it is: its parameters were taken as exact and, where "
-            "much was left, as free as links plausibly weigh (their prior in docs/diagnosis.md)"
+            f"the model does not tell how sure it is{why}: its parameters were taken as exact and, "
+            "where much was left, as free as links plausibly weigh (their prior in "
+            "docs/diagnosis.md)"
         ]
     notes = [
         f"the model's parameters could move in {uncertainty.size} directions as far as their "

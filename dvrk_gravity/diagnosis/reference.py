@@ -23,7 +23,7 @@ from dvrk_gravity.diagnosis.nearby import NearbyTorque
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation.same_motion import Track, same_motion
 from dvrk_gravity.model import VERDICTS, TorqueModel
-from dvrk_gravity.recording import Recording, RecordingFile
+from dvrk_gravity.recording import DataWarning, Recording, RecordingFile
 from dvrk_gravity.recording.data import Array
 
 ONLY_CHANGES = "it holds only what changed against a reference, and not what holds the arm"
@@ -104,7 +104,7 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
         loaded,
         motion=_cut(replace(motion, reference=measured), pieces),
         handling=(*loaded.handling, line),
-        warnings=(*loaded.warnings, *(w for w in reference.warnings if w not in loaded.warnings)),
+        warnings=(*loaded.warnings, *_further(reference.warnings, loaded.warnings)),
         # Both are noisy.
         floor=np.hypot(loaded.floor, reference.floor),
     )
@@ -174,3 +174,9 @@ def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:
     if arm is not None and arm.joint_names != model.arm.joint_names:
         raise ConfigError("--arm", arm.name, f"that of the model, {model.arm.name}, or none")
     return model.arm
+
+
+def _further(warnings: Sequence[DataWarning], said: Sequence[DataWarning]) -> list[DataWarning]:
+    """Return the warnings of a reference that the recording itself does not deserve as well."""
+    known = {(one.kind, one.joint) for one in said}
+    return [one for one in warnings if (one.kind, one.joint) not in known]
