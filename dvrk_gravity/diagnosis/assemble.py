@@ -75,6 +75,7 @@ def assemble(
     unknown: Sequence[EffectTrial],
     unconfirmed: Sequence[Unconfirmed],
     minor: Sequence[EffectTrial],
+    other_day: Sequence[Candidate],
     pool: Sequence[Candidate],
 ) -> Diagnosis:
     """Put everything together; see :class:`dvrk_gravity.diagnosis.run.Outcome`."""
@@ -107,29 +108,33 @@ def assemble(
         finding = _finding(held_out, validation, accepted, i, parameters, theta[rows], carried[i])
         of_accepted.append(finding)
     findings += ordered(of_accepted)
-    last = held_out.error(named)
     for tried in unknown:
         findings.append(unknown_finding(held_out, validation, named, tried))
-    after = held_out.rmse(last)
+    after = held_out.rmse(held_out.error(named))
+    # Friction of another day is told, if not as a finding: it is no error that nothing explains.
+    explained = [*named, *other_day]
+    unexplained = held_out.error(explained)
+    left = held_out.rmse(unexplained)
     floor = data.noise_rms(loaded.floor, validation.residual(named))
     source = data.noise_source(floor)
     nameless = [finding for finding in findings if finding.effect == Unknown.NAME]
     told = {name for finding in nameless for name in finding.joints}
-    seen = validation.score(named).rms  # out of fold: a push's edge may hide in a held-out block
+    # Out of fold, too: a push's edge may hide in a held-out block.
+    seen = validation.score(explained).rms
     # A floor that high frequencies show takes the noise for white; one of repetition need not.
-    lasting = held_out.lasting(last) > _SHAPELESS.lasting
+    lasting = held_out.lasting(unexplained) > _SHAPELESS.lasting
     noise = np.full(len(after), source != "repetition") & ~lasting
     expected = expected_error(data, held_out)
-    left = np.fmax(floor, expected)
+    likely = np.fmax(floor, expected)
     shapeless = [
         joint
-        for joint in range(len(after))
-        if min(after[joint], seen[joint])
-        > (_SHAPELESS.far_above if noise[joint] else _SHAPELESS.above) * left[joint]
+        for joint in range(len(left))
+        if min(left[joint], seen[joint])
+        > (_SHAPELESS.far_above if noise[joint] else _SHAPELESS.above) * likely[joint]
         and names[joint] not in told
     ]
     findings += [
-        shapeless_finding(arm, joint, after[joint], floor[joint], source) for joint in shapeless
+        shapeless_finding(arm, joint, left[joint], floor[joint], source) for joint in shapeless
     ]
     return Diagnosis(
         verdict=_verdict(findings),

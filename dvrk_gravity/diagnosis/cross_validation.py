@@ -252,9 +252,9 @@ class CrossValidation:
         loss = np.bincount(self._block, square, minlength=self.data.count).astype(float)
         return Score(error, np.sqrt(mean), loss, likelihood, improbable)
 
-    def _log_likelihood(self, mean: Array, inflation: Array | float = 1.0) -> Array:
+    def _log_likelihood(self, mean: Array) -> Array:
         """Return (n,) log-likelihoods of (n,) mean squared errors, but for a constant."""
-        samples = np.where(self.weight > 0.0, self.samples / inflation, 0.0)
+        samples = np.where(self.weight > 0.0, self.samples, 0.0)
         return self.significance.log_likelihood(mean, samples)
 
     def _likelihood_of(self, error: Array) -> float:
@@ -271,10 +271,11 @@ class CrossValidation:
         energy = np.bincount(self._block, square, minlength=self.data.count)
         # Blocks in which friction holds the joint decide nothing.
         acts = energy > self.settings.active * energy.max()
-        new, old = (self._log_likelihood(score.rms**2, inflation) for score in (after, before))
+        samples = np.where(self.weight > 0.0, self.samples / inflation, 0.0)
+        gained = self.significance.gain(before.rms**2, after.rms**2, samples).sum()
         spared = self.significance.of_model(before.improbable - after.improbable)
         return self.significance.p_value(
-            (before.loss - after.loss)[acts], float((new - old).sum()) + spared, candidate.size
+            (before.loss - after.loss)[acts], float(gained) + spared, candidate.size
         )
 
     def inflation(self, error: Array, torque: Array) -> Array:

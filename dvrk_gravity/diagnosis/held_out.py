@@ -239,13 +239,11 @@ class HeldOut:
         samples = counted.sum(axis=0) / self._validation.redundancy
         product = np.where(counted, after * (before - after), 0.0)
         samples /= significance.inflation(product, samples)
-        new_likelihood, old_likelihood = (
-            significance.log_likelihood(_mean_square(error, counted), samples)[tested].sum()
-            for error in (after, before)
-        )
+        without, with_it = (_mean_square(error, counted) for error in (before, after))
+        gained = significance.gain(without, with_it, samples)[tested].sum()
         p_value = significance.p_value(
             losses(before, tested) - losses(after, tested),
-            float(new_likelihood - old_likelihood),
+            float(gained),
             1 if candidate is None else candidate.size,
         )
         return Gain(float(relative(new, old, 0)), low, high, p_value)

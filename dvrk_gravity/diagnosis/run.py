@@ -92,6 +92,7 @@ class Outcome:
         unknown: Structure without a name.
         unconfirmed: Effects that the held-out blocks do not show.
         minor: Effects that are significant, and smaller than what the model is known to miss.
+        other_day: Friction that changed as it does from one day to another: chosen, but no news.
         pool: Hypotheses that need no search.
     """
 
@@ -102,6 +103,7 @@ class Outcome:
     unknown: tuple[EffectTrial, ...]
     unconfirmed: tuple[Unconfirmed, ...]
     minor: tuple[EffectTrial, ...]
+    other_day: tuple[Candidate, ...]
     pool: tuple[Candidate, ...]
 
 
@@ -158,7 +160,7 @@ def diagnose(
     say("measuring gains on held-out blocks")
     diagnosis = assemble(
         outcome.loaded, outcome.readings, outcome.validation, outcome.accepted, outcome.unknown,
-        outcome.unconfirmed, outcome.minor, outcome.pool,
+        outcome.unconfirmed, outcome.minor, outcome.other_day, outcome.pool,
     )  # fmt: skip
     if known_payload is not None:
         diagnosis = replace(diagnosis, weighed=weighed(diagnosis.findings, known_payload, arm))
@@ -230,10 +232,11 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
     validation.release()
     accepted, unknown = _nameless(validation, selection, accepted, floor)
+    other_day = [one.trial.candidate for one in accepted if one.trial.other_day]
     accepted = [one for one in accepted if not one.trial.other_day]
     minor = _minor(validation, sparse, accepted, unknown)
     return Outcome(loaded, tuple(readings), validation, tuple(accepted), tuple(unknown),
-                   tuple(unconfirmed), tuple(minor), tuple(pool))  # fmt: skip
+                   tuple(unconfirmed), tuple(minor), tuple(other_day), tuple(pool))  # fmt: skip
 
 
 def _minor(

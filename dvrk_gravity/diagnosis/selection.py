@@ -44,9 +44,6 @@ class SelectionSettings:
         rejected: Alternatives that are shown though they are worse.
         consequence: Times a joint's expected error that a finding's torque must be, RMS: at one, a
             finding is as large as all that the model is known to miss. Chosen.
-        needless: Part of that, no more than which is left: it needs no cause. The known error holds
-            what the model's parameters were off by, which move here. Chosen: where nothing is
-            hidden, half of the joints are left with less (benchmark/lab_trials.py).
     """
 
     alpha: float = 0.01
@@ -61,7 +58,6 @@ class SelectionSettings:
     overlap: float = 0.5
     rejected: int = 8
     consequence: float = 1.0
-    needless: float = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,10 +142,10 @@ class Selection:
             settings: When a hypothesis is selected.
         """
         self.validation = validation
+        self.settings = settings or SelectionSettings()
         self._other_day = OtherDay(validation)
         self._always = list(always)
         self.pool = list(pool)
-        self.settings = settings or SelectionSettings()
         self.count = len(pool)
         self._excluded: set[tuple[object, ...]] = set()
         self._report = report
@@ -273,8 +269,7 @@ class Selection:
         gain, settings = after.likelihood - before.likelihood, self.settings
         expected = self._other_day.explains(candidate, theta, beside)
         least = settings.consequence * self._other_day.error(beside)
-        needless = settings.needless * settings.consequence * self.validation.known_error
-        matters = used & (size >= least) & np.any((before.rms > needless)[used])
+        matters = used & (size >= least)
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
         passes = passes and bool(matters.any())
         return EffectTrial(

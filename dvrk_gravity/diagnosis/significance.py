@@ -49,6 +49,23 @@ class Significance:
         known = self._data.known_error**2
         return evidence.log_likelihood(mean, known, samples, self.settings.freedom)
 
+    def gain(self, before: Array, after: Array, samples: Array) -> Array:
+        """Return (n,) gains in log-likelihood that are evidence of a cause.
+
+        An error that becomes smaller than the known one is none: that it is known to be there does
+        not say that it must be.
+
+        Args:
+            before: (n,) mean squares of errors without a cause.
+            after: (n,) likewise with it.
+            samples: (n,) independent ones.
+        """
+        known = self._data.known_error**2
+        with_it, without = (
+            self.log_likelihood(np.maximum(mean, known), samples) for mean in (after, before)
+        )
+        return with_it - without
+
     def of_model(self, likelihood: float) -> float:
         """Return what a gain counts that is one in the log-density of the model's parameters."""
         return evidence.of_student(likelihood, self.settings.freedom)
