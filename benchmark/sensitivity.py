@@ -36,6 +36,7 @@ from dvrk_gravity.diagnosis.held_out import JudgementSettings
 from dvrk_gravity.diagnosis.load import LoadSettings
 from dvrk_gravity.diagnosis.model_error import ExtrapolationSettings, FrictionChangeSettings
 from dvrk_gravity.diagnosis.motion import MotionSettings
+from dvrk_gravity.diagnosis.nameless import NamelessSettings
 from dvrk_gravity.diagnosis.nearby import NearbySettings
 from dvrk_gravity.diagnosis.overlap import OverlapSettings
 from dvrk_gravity.diagnosis.readings import ReadingSettings
@@ -285,6 +286,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (BlockSettings, DIAGNOSIS),
     (EvidenceSettings, DIAGNOSIS),
     (RunSettings, DIAGNOSIS),
+    (NamelessSettings, DIAGNOSIS),
     (MotionSettings, DIAGNOSIS),
     (LoadSettings, DIAGNOSIS),
     (ReadingSettings, DIAGNOSIS),

@@ -20,6 +20,7 @@ from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed
 from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.nameless import with_nameless
 from dvrk_gravity.diagnosis.readings import ReadingScore, read_as, try_readings
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
 from dvrk_gravity.diagnosis.refinement import begun
@@ -32,7 +33,6 @@ from dvrk_gravity.diagnosis.selection import (
 from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.site import Kind
-from dvrk_gravity.effects.unknown import nameless
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation.selection import eliminate_backward
 from dvrk_gravity.identification.drive_gains import check_mass
@@ -58,11 +58,6 @@ class RunSettings:
         moving_gain: Log-likelihood that they must then bring, all costs taken off: what five
             parameters cost. Chosen.
         attempts: At a choice that the held-out blocks confirm: a bound on time.
-        at_floor: Times the noise: nothing worth finding is left. Chosen.
-        least_unknown: Part of a joint's error that a function without a name must remove: half as
-            much again as one with a name. Chosen.
-        most_unknown: Functions without a name at most: a bound on time.
-        mimic: Part of a nameless function's gain below which a name does not fit. Chosen.
         most_minor: Effects told that are significant and of no consequence, one a joint. Chosen.
     """
 
@@ -70,10 +65,6 @@ class RunSettings:
     doubtful: float = 1.5
     moving_gain: float = 20.0
     attempts: int = 3
-    at_floor: float = 1.05
-    least_unknown: float = 1.5 * SelectionSettings().least_gain
-    most_unknown: int = 3
-    mimic: float = 0.5
     most_minor: int = 3
 
 
@@ -231,7 +222,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     say("looking for structure without a name")
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
     validation.release()
-    accepted, unknown = _nameless(validation, selection, accepted, floor)
+    accepted, unknown = with_nameless(validation, selection, accepted, floor)
     other_day = [one.trial.candidate for one in accepted if one.trial.other_day]
     accepted = [one for one in accepted if not one.trial.other_day]
     minor = _minor(validation, sparse, accepted, unknown)
@@ -350,54 +341,6 @@ def _prepare(motion: Motion, say: Callable[[str], None]) -> tuple[CrossValidatio
     pool = list(validation.candidates(hypotheses(motion)))
     pool = [one for one in pool if np.isfinite(one.values).all() and one.acts.any()]
     return validation, [begun(validation, one) for one in pool]
-
-
-def _nameless(
-    validation: CrossValidation, selection: Selection, accepted: list[SelectedEffect], floor: Array
-) -> tuple[list[SelectedEffect], list[EffectTrial]]:
-    """Return the accepted effects that bear their name, and structure that no name fits."""
-    named = [one.trial.candidate for one in accepted]
-    present = validation.data.motion.present
-    clean = (
-        validation.score(named).rms <= _SETTINGS.at_floor * floor
-    )  # false where the floor is not known
-    joints = np.flatnonzero(present & ~clean).tolist()
-    pool = list(validation.candidates(nameless(validation.data.motion, joints)))
-    unknown: list[EffectTrial] = []
-    while len(unknown) < _SETTINGS.most_unknown:
-        beside = [*named, *(one.candidate for one in unknown)]
-        validation.weigh(validation.out_of_fold(beside), final=True)
-        before = validation.score(beside)
-        best = selection.best(beside, before, pool)
-        strong = [
-            one for one in best
-            if one.passes and not one.other_day and one.removed > _SETTINGS.least_unknown
-            and np.any(one.size > validation.data.expected_on_another_day)
-        ]  # fmt: skip
-        if not strong:
-            break
-        unknown.append(strong[0])
-    held_out = HeldOut(validation)
-    unknown = [
-        one for one in unknown if not held_out.unconfirmed([*named, one.candidate], [one.candidate])
-    ]
-    for found in unknown:
-        named = [one for one in named if not _mimics(validation, named, one, found.candidate)]
-    kept = [one for one in accepted if any(one.trial.candidate is other for other in named)]
-    return kept, unknown
-
-
-def _mimics(
-    validation: CrossValidation, named: Sequence[Candidate], one: Candidate, nameless: Candidate
-) -> bool:
-    """Tell whether a nameless function does so much better that the name does not fit."""
-    if not set(one.hypothesis.joints) & set(nameless.hypothesis.joints):
-        return False
-    rest = [other for other in named if other is not one]
-    without = validation.score(rest).likelihood
-    mine = validation.score([*rest, one]).likelihood - without
-    its = validation.score([*rest, nameless]).likelihood - without
-    return mine < _SETTINGS.mimic * its
 
 
 def _silent(line: str) -> None:
