@@ -7,6 +7,7 @@ import pytest
 from conftest import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.compensate.sample import DroppedSampleError, SampleReader
 from dvrk_gravity.compensate.settings import CHANGE, Settings
@@ -356,6 +357,18 @@ BAD = {
     "stamp before the last": ({"stamp": 4_000 * MS}, "stamp_backwards"),
     "stamp before 1970": ({"stamp": -1}, "stamp_backwards"),
 }
+
+
+def test_joints_of_a_psm_are_not_answered_for_an_ecm_whose_names_they_hold():
+    psm, ecm = Arm.load("psm"), Arm.load("ecm")
+    reader = SampleReader(ecm.joint_names, arm=ecm.name)
+    still = np.zeros(psm.n)
+    own = reader.read(1, ecm.joint_names, still[: ecm.n], (), ())
+    assert own.position.tolist() == [0.0] * ecm.n
+    with pytest.raises(DroppedSampleError, match="the joints of arm psm, expected those of ecm"):
+        reader.read(2, psm.joint_names, still, (), ())
+    beside = (*ecm.joint_names, "camera_button")
+    assert reader.read(3, beside, np.zeros(ecm.n + 1), (), ()).stamp == 3
 
 
 @pytest.mark.parametrize("case", BAD)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dvrk_gravity.arms.shipped import larger_arm
 from dvrk_gravity.errors import DvrkGravityError
 
 Array = NDArray[np.float64]
@@ -35,6 +36,7 @@ CAUSES = (
     "no_clock",
     "missing_joint",
     "duplicate_joint",
+    "other_arm",
     "wrong_length",
     "not_finite",
     "out_of_range",
@@ -72,11 +74,14 @@ class SampleReader:
         upper: ArrayLike = np.inf,
         units: Sequence[str] = (),
         gains: ArrayLike | None = None,
+        arm: str = "",
     ) -> None:
         """Read samples of these joints, in this order, between (n,) positions, rad or m.
 
-        Efforts are multiplied by (n,) drive gains, where the arm reads them in another unit.
+        Efforts are multiplied by (n,) drive gains, where the arm reads them in another unit. Of a
+        shipped arm's name, joints of a larger shipped arm are refused.
         """
+        self._arm = arm
         self._gains = None if gains is None else np.asarray(gains, dtype=float)
         self._joints = tuple(joint_names)
         self._units = tuple(units) or ("rad",) * len(self._joints)
@@ -130,6 +135,11 @@ class SampleReader:
             if count > 1:
                 raise DroppedSampleError("duplicate_joint", f"joint {joint} appears {count} times")
             places.append(names.index(joint))
+        other = larger_arm(self._arm, names)
+        if other:
+            raise DroppedSampleError(
+                "other_arm", f"the joints of arm {other}, expected those of {self._arm} alone"
+            )
         self._names = names
         self._index = None if names == self._joints else np.array(places)
 

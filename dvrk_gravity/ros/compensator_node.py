@@ -71,8 +71,9 @@ class Compensator(PromptNode):
         margin = settings.position_margin * arm.scale
         self._unpack = JointStateReader().read
         self._reader = SampleReader(
-            arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units, arm.drive_gains
-        )
+            arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units, arm.drive_gains,
+            arm.name,
+        )  # fmt: skip
         self._as_taken = arm.reading_of_torque  # what the arm reads in A, it takes in A
 
         self._statistics = Statistics()
