@@ -159,6 +159,10 @@ def test_a_yaml_names_a_urdf_beside_it_and_adds_what_that_does_not_say(tmp_path)
         ),
         ({"drive_gains": [1, 2, 3, 1], "effort_unit": "A"}, "none beside drive gains"),
         ({"drive_gain_error": [1, 2, 3, 1]}, "expected drive_gains beside it"),
+        (
+            {"effort_unit": "mN.m"},
+            "got 'mN.m', expected drive gains instead, of 0.001",
+        ),
         ({"effort_unit": "milli A"}, "effort_unit: got 'milli A', expected a unit"),
         ({"frictionless": ["elbow"]}, "frictionless: got 'elbow', expected some of yaw"),
         ({"tip": "link4"}, "tip: got 'tip', expected one of"),
@@ -169,6 +173,13 @@ def test_what_an_arm_cannot_be_read_in_is_refused_in_a_line(tmp_path, changes, s
         Arm.load(write_made_up(tmp_path, changes))
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("written", ["N·m", "Nm", "N.m", "N*m", "n m", "newton-metres"])
+def test_newton_metres_are_taken_for_themselves_however_they_are_written(written):
+    arm = Arm.load(UR5).told_in(written)
+    assert set(arm.effort_units) == {"N·m"}
+    assert arm.drive_gains.tolist() == [1.0] * arm.n
 
 
 def test_a_joint_without_friction_is_fitted_without(tmp_path, lab):

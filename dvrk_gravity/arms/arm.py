@@ -13,11 +13,11 @@ import numpy as np
 from dvrk_gravity.arguments import PATH
 from dvrk_gravity.arms import held, urdf_arm, yaml_arm
 from dvrk_gravity.arms.description import (
-    EFFORT_UNITS,
     GRAVITY,
     SCALES,
     Array,
     Description,
+    in_newtons,
     read_in,
 )
 from dvrk_gravity.errors import ArgumentError, ConfigError
@@ -176,7 +176,7 @@ class Arm(Description):
         Raises:
             ConfigError: Words that are no unit, or drive gains, which take efforts to N·m.
         """
-        if unit in EFFORT_UNITS.values():  # said, and not only supposed
+        if in_newtons(unit):  # said, and not only supposed
             return self.with_drive_gains(np.ones(self.n), np.zeros(self.n))
         nominal, factor = self.inertial_parameters, size / self.effort_size
         joints = (

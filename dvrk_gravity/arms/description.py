@@ -27,6 +27,9 @@ the largest robots' geared axes. An effort in N·m divided by it stays a current
 GAIN_ERROR = 0.05
 UNITS: dict[JointKind, str] = {"revolute": "rad", "prismatic": "m"}
 EFFORT_UNITS: dict[JointKind, str] = {"revolute": "N·m", "prismatic": "N"}
+# How people write a unit of torque: N·m itself, and such as are a factor from it.
+_NEWTON_METRES = {"nm", "n", "newtonmeter", "newtonmeters", "newtonmetre", "newtonmetres"}
+_OF_NEWTON_METRES = {"mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2, "kNm": 1e3, "mN": 1e-3, "kN": 1e3}
 ANY_UNIT = "a.u."  # arbitrary unit: that of the recordings, of which only its not being SI is known
 # What counts as much as a rad, or a rad/s: where a threshold is given for joints that turn, that of
 # joints that slide is as far at a lever of 0.1 m.
@@ -42,6 +45,15 @@ def read_in(unit: str, effort: str) -> str:
     if "kg" in unit:
         return ", ".join(f"{part}·{effort}/(N·m)" for part in unit.split(", "))
     return unit.replace("N·m", effort)
+
+
+def in_newtons(unit: str) -> bool:
+    """Tell whether a unit is N·m, or N, however it is written."""
+    return _letters(unit).lower() in _NEWTON_METRES
+
+
+def _letters(unit: str) -> str:
+    return "".join(letter for letter in unit if letter.isalpha())
 
 
 def thousandth(unit: str) -> str:
@@ -186,6 +198,9 @@ class Description:
         unit = self.joints[0].read_in
         if any(letter.isspace() for letter in unit):
             raise ConfigError("effort_unit", unit, "a unit as A or N·m")
+        factor = _OF_NEWTON_METRES.get(_letters(unit))
+        if factor:
+            raise ConfigError("effort_unit", unit, f"drive gains instead, of {factor:g} N·m each")
         if gains is None:
             return
         if unit:

@@ -49,7 +49,7 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity.arms import urdf_arm
-from dvrk_gravity.arms.description import EFFORT_UNITS, Array, Description, Joint, JointKind
+from dvrk_gravity.arms.description import Array, Description, Joint, JointKind, in_newtons
 from dvrk_gravity.arms.dh import CONVENTIONS, Convention, DHRow, Follower, chain, link_frames
 from dvrk_gravity.arms.mtm import parallelogram
 from dvrk_gravity.arms.mtm.published import PUBLISHED_ERROR
@@ -138,7 +138,7 @@ def _as_read(described: Description, content: dict[str, Any]) -> Description:
         raise ConfigError("effort_unit", unit, "a unit as A or N·m")
     if not isinstance(frictionless, list) or not all(isinstance(one, str) for one in frictionless):
         raise ConfigError("frictionless", frictionless, "a list of joints")
-    if unit in EFFORT_UNITS.values() and gains is None:  # said, and not only supposed
+    if in_newtons(unit) and gains is None:  # said, and not only supposed
         unit, gains, errors = "", np.ones(n), np.zeros(n)
     return replace(
         described,
