@@ -199,6 +199,17 @@ def test_from_a_file_of_three_joints_to_a_load_on_the_command_line(tmp_path, cap
     assert "beta" not in page
 
 
+def test_where_a_joint_stood_that_poses_do_not_hold_can_be_said(tmp_path, capsys):
+    poses, model = str(tmp_path / "poses.csv"), tmp_path / "model.yaml"
+    ecm().record(1, 80, 0.0).save(poses)
+
+    said = ["identify", poses, "--arm", "ecm", "--at", "roll=0.3rad", "--out", str(model)]
+    assert main(said) == 0
+
+    assert "held where it was said (rad, m): roll at 0.3: no joints" in capsys.readouterr().out
+    assert TorqueModel.load(model).arm.held == {"roll": 0.3}
+
+
 def test_a_joint_that_slides_is_told_in_its_own_units_where_it_was_not_posed():
     posed = ecm()
     still = posed.record(9, 60)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.effects import terms
 from dvrk_gravity.errors import ArgumentError, ConfigError, RecordingError
 from dvrk_gravity.identification.columns import Columns, identified
@@ -128,16 +129,23 @@ def identify(
 def _with_held(
     recordings: Sequence[Recording | RecordingFile], arm: Arm, still: Mapping[str, float]
 ) -> tuple[Arm, list[Recording | RecordingFile], tuple[str, ...]]:
-    """Return the arm without the joints that lie beyond all that was recorded, and who they are."""
+    """Return the arm without the joints that lie beyond all that was recorded, and who they are.
+
+    Of poses, neither has it those of which only is known where they stood: nothing of them moved.
+    """
     stood, lines = held_beyond(recordings, arm, still)
-    if not lines:
+    held = {name: at for name, at in stood.items() if name not in still}
+    if still and all_static(recordings) and not is_mtm(arm):
+        seen = {joint for one in recordings for joint in head(one).joints}
+        said = {name: at for name, at in still.items() if name not in seen}
+        shown = ", ".join(f"{name} at {at:g}" for name, at in said.items())
+        held |= said
+        lines += (f"held where it was said (rad, m): {shown}",) if said else ()
+    if not held:
         return arm, list(recordings), ()
-    arm = arm.holding({name: at for name, at in stood.items() if name not in still})
-    return (
-        arm,
-        opened(recordings, arm=arm),
-        tuple(f"{line}: no joints of the model" for line in lines),
-    )
+    arm = arm.holding(held)
+    told = tuple(f"{line}: no joints of the model" for line in lines)
+    return arm, opened(recordings, arm=arm), told
 
 
 def _with_gains(
