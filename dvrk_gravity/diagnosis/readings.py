@@ -26,6 +26,9 @@ class ReadingSettings:
         samples: Samples compared: a bound on time.
         blocks: Blocks of the test: Wilcoxon's least p-value is then 6e-8.
         independent: Samples that count as one. Chosen.
+        beyond: Part of the samples, in the mean over the joints, by which a reading may lie further
+            outside the joints' limits, and where the model was identified, than the recording as
+            it is: it is of one arm. Chosen.
     """
 
     alpha: float = 0.001
@@ -33,6 +36,7 @@ class ReadingSettings:
     samples: int = 1500
     blocks: int = 24
     independent: float = 4.0
+    beyond: float = 0.02
 
 
 _SETTINGS = ReadingSettings()
@@ -98,8 +102,12 @@ def try_readings(motion: Motion) -> list[ReadingScore]:
     scale = np.maximum(before.mean(axis=0) + expected, 1e-12)
     alternatives = list(readings(motion.arm, motion.moves))
     scores = []
+    farthest = _beyond(few) + _SETTINGS.beyond
     for reading in alternatives:
-        after = read_as(few, reading).residual ** 2 * usable
+        read = read_as(few, reading)
+        if _beyond(read) > farthest:
+            continue
+        after = read.residual**2 * usable
         mean = np.maximum(after.mean(axis=0) + expected, 1e-12)
         gain = 0.5 * (len(rows) / _SETTINGS.independent) * float(np.log(scale / mean).sum())
         if gain <= 0.0:
@@ -116,6 +124,15 @@ def try_readings(motion: Motion) -> list[ReadingScore]:
         removed = float(1.0 - np.sqrt(np.min(mean / scale)))
         scores.append(ReadingScore(reading, gain, min(1.0, p_value * len(alternatives)), removed))
     return sorted(scores, key=lambda score: -score.gain)
+
+
+def _beyond(motion: Motion) -> float:
+    """Return which part of the positions is outside the limits, and outside what is identified."""
+    q, known = motion.true_q, motion.model.uncertainty
+    ranges = [(motion.arm.lower, motion.arm.upper)]
+    if known is not None:
+        ranges.append((known.lower, known.upper))
+    return float(np.mean([np.mean((q < low) | (q > high)) for low, high in ranges]))
 
 
 def _thinned(motion: Motion, rows: NDArray[np.int_]) -> Motion:

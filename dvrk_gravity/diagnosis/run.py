@@ -197,14 +197,23 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     # Of two recordings of one motion both are read alike.
     alone = loaded.motion.reference is None
     tried = try_readings(loaded.motion) if alone else []
-    if tried and tried[0].passes and _misread(tried[0], Selection(validation, pool, say)):
-        alike = tuple(s for s in tried[1:] if s.gain > 0.97 * tried[0].gain)
-        readings.append((tried[0], loaded.motion, alike))
-        say(f"wrong reading: {tried[0].reading.words}")
-        validation.release()
-        del validation, pool  # of a long recording there is no room for two
-        loaded = replace(loaded, motion=read_as(loaded.motion, tried[0].reading))
-        validation, pool = _prepare(loaded.motion, say)
+    if tried and tried[0].passes:
+        as_it_is = validation.score([]).likelihood
+        best = Selection(validation, pool, say).best([], validation.score([]))
+        least = as_it_is + _SETTINGS.reading * (best[0].gain if best else 0.0)
+        if tried[0].gain > least - as_it_is:
+            validation.release()
+            del validation, pool  # of a long recording there is no room for two
+            before, motion = loaded.motion, read_as(loaded.motion, tried[0].reading)
+            validation, pool = _prepare(motion, say)
+            # By the measure of the hypotheses, too: the model's parameters move beside both.
+            if validation.score([]).likelihood > least:
+                alike = tuple(s for s in tried[1:] if s.gain > 0.97 * tried[0].gain)
+                readings.append((tried[0], before, alike))
+                say(f"wrong reading: {tried[0].reading.words}")
+                loaded = replace(loaded, motion=motion)
+            else:
+                validation, pool = _prepare(before, say)
     # One link before all of them: what every mass together explains is no cause yet.
     sparse = [one for one in pool if not one.hypothesis.of_model]
     selection = Selection(validation, sparse, say)
@@ -252,12 +261,6 @@ def _minor(
         if trial.passes and apart and not np.any(trial.size > most):
             told.append(trial)
     return told[: _SETTINGS.most_minor]
-
-
-def _misread(reading: ReadingScore, selection: Selection) -> bool:
-    """Tell whether another reading does about as well as the best hypothesis, or better."""
-    best = selection.best([], selection.validation.score([]))
-    return not best or reading.gain > _SETTINGS.reading * best[0].gain
 
 
 def _with_model_moving(

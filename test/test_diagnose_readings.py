@@ -1,0 +1,46 @@
+"""Another reading of a recording is of the same arm: of its limits, and of what it was seen at."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis.readings import try_readings
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import Recording
+
+ARM = Arm.load("ecm")
+TIME = np.arange(0.0, 20.0, 0.01)
+
+
+def model(along: float = 0.9) -> TorqueModel:
+    """Return an ECM whose insertion carries a first moment along it, kg·m."""
+    links = {
+        "link1": [4.0, 0.1, 0.2, 0.3],
+        "link2": [3.0, 0.5, 0.4, 0.3],
+        "link3": [2.0, 0.1, 0.2, along],
+    }
+    weights = {f"link_weight.{name}": weight for name, weight in links.items()}
+    return TorqueModel.from_parameters({"arm": "ecm", **weights})
+
+
+def said_of_insertion(arm: TorqueModel, sign: float) -> list[str]:
+    """Return the readings that do better where an arm's insertion is read with a sign."""
+    middle, half = 0.5 * (ARM.upper + ARM.lower), 0.5 * (ARM.upper - ARM.lower)
+    q = middle + 0.8 * half * np.sin(TIME[:, None] * (0.6 + 0.23 * np.arange(ARM.n)))
+    effort = arm.torque(q, np.gradient(q, TIME, axis=0))
+    read = q * [1.0, 1.0, sign, 1.0]
+    tried = try_readings(
+        load([Recording(ARM.joint_names, TIME, read, None, effort)], model()).motion
+    )
+    return [score.reading.words for score in tried if "insertion" in score.reading.words]
+
+
+def test_a_position_that_is_read_with_the_wrong_sign_is_seen():
+    assert "the position of insertion has the wrong sign" in said_of_insertion(model(), -1.0)
+
+
+def test_no_reading_takes_an_arm_beyond_its_limits():
+    """A centre of mass that lies nearer is as if the insertion slid the other way: it cannot."""
+    assert said_of_insertion(model(along=0.4), 1.0) == []
