@@ -53,6 +53,7 @@ class RunSettings:
     Attributes:
         reading: Part of the best hypothesis' gain that another reading of the recording must
             reach. Chosen: a wrong reading explains nearly all, a cause beside it some.
+        alike: ... and of its gain, that yet another must reach to be told beside it. Chosen.
         doubtful: Times the noise, above which the masses of a model that does not tell how sure it
             is may move along. Chosen.
         moving_gain: Log-likelihood that they must then bring, all costs taken off: what five
@@ -62,6 +63,7 @@ class RunSettings:
     """
 
     reading: float = 0.7
+    alike: float = 0.97
     doubtful: float = 1.5
     moving_gain: float = 20.0
     attempts: int = 3
@@ -69,6 +71,7 @@ class RunSettings:
 
 
 _SETTINGS = RunSettings()
+Readings = tuple[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +91,7 @@ class Outcome:
     """
 
     loaded: Loaded
-    readings: tuple[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]], ...]
+    readings: Readings
     validation: CrossValidation
     accepted: tuple[SelectedEffect, ...]
     unknown: tuple[EffectTrial, ...]
@@ -191,29 +194,7 @@ def _beside_reference(
 
 def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     """Choose readings, effects and nameless structure."""
-    model = loaded.motion.model
-    readings: list[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]] = []
-    validation, pool = _prepare(loaded.motion, say)
-    # Of two recordings of one motion both are read alike.
-    alone = loaded.motion.reference is None
-    tried = try_readings(loaded.motion) if alone else []
-    if tried and tried[0].passes:
-        as_it_is = validation.score([]).likelihood
-        best = Selection(validation, pool, say).best([], validation.score([]))
-        least = as_it_is + _SETTINGS.reading * (best[0].gain if best else 0.0)
-        if tried[0].gain > least - as_it_is:
-            validation.release()
-            del validation, pool  # of a long recording there is no room for two
-            before, motion = loaded.motion, read_as(loaded.motion, tried[0].reading)
-            validation, pool = _prepare(motion, say)
-            # By the measure of the hypotheses, too: the model's parameters move beside both.
-            if validation.score([]).likelihood > least:
-                alike = tuple(s for s in tried[1:] if s.gain > 0.97 * tried[0].gain)
-                readings.append((tried[0], before, alike))
-                say(f"wrong reading: {tried[0].reading.words}")
-                loaded = replace(loaded, motion=motion)
-            else:
-                validation, pool = _prepare(before, say)
+    loaded, readings, validation, pool = _read_rightly(loaded, say)
     # One link before all of them: what every mass together explains is no cause yet.
     sparse = [one for one in pool if not one.hypothesis.of_model]
     selection = Selection(validation, sparse, say)
@@ -221,7 +202,8 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     chosen = selection.run()
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
     # A model that tells how sure it is has been free to move as far as it says, and no further.
-    telling = model.uncertainty is not None or not alone
+    motion = loaded.motion
+    telling = motion.model.uncertainty is not None or motion.reference is not None
     if not telling and np.any(validation.score(chosen).rms > _SETTINGS.doubtful * floor):
         selection, chosen = _with_model_moving(validation, pool, selection, chosen, say)
     chosen, unconfirmed = _confirmed(validation, selection, chosen, say)
@@ -235,8 +217,38 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     other_day = [one.trial.candidate for one in accepted if one.trial.other_day]
     accepted = [one for one in accepted if not one.trial.other_day]
     minor = _minor(validation, sparse, accepted, unknown)
-    return Outcome(loaded, tuple(readings), validation, tuple(accepted), tuple(unknown),
+    return Outcome(loaded, readings, validation, tuple(accepted), tuple(unknown),
                    tuple(unconfirmed), tuple(minor), tuple(other_day), tuple(pool))  # fmt: skip
+
+
+def _read_rightly(
+    loaded: Loaded, say: Callable[[str], None]
+) -> tuple[Loaded, Readings, CrossValidation, list[Candidate]]:
+    """Return the motion as it is to be read, how it is not, and what it is examined with.
+
+    Another reading must do about as well as the best hypothesis, by its own rough measure and then
+    by that of the hypotheses: the model's parameters move beside both.
+    """
+    validation, pool = _prepare(loaded.motion, say)
+    # Of two recordings of one motion both are read alike.
+    tried = try_readings(loaded.motion) if loaded.motion.reference is None else []
+    if not tried or not tried[0].passes:
+        return loaded, (), validation, pool
+    as_it_is = validation.score([])
+    best = Selection(validation, pool, say).best([], as_it_is)
+    least = _SETTINGS.reading * (best[0].gain if best else 0.0)
+    if tried[0].gain <= least:
+        return loaded, (), validation, pool
+    validation.release()
+    del validation, pool  # of a long recording there is no room for two
+    motion = read_as(loaded.motion, tried[0].reading)
+    validation, pool = _prepare(motion, say)
+    if validation.score([]).likelihood - as_it_is.likelihood <= least:
+        return loaded, (), *_prepare(loaded.motion, say)
+    say(f"wrong reading: {tried[0].reading.words}")
+    alike = tuple(one for one in tried[1:] if one.gain > _SETTINGS.alike * tried[0].gain)
+    readings = ((tried[0], loaded.motion, alike),)
+    return replace(loaded, motion=motion), readings, validation, pool
 
 
 def _minor(
