@@ -54,6 +54,11 @@ class Candidate:
         return self.values.shape[2]
 
     @property
+    def parameters(self) -> int:
+        """Number of parameters, with those that are searched for."""
+        return self.size + len(self.hypothesis.refine)
+
+    @property
     def ridge(self) -> Array:
         """(k,) inverse variances of the parameters before any data."""
         size = self.hypothesis.plausible_size
@@ -62,9 +67,7 @@ class Candidate:
     @property
     def cost(self) -> float:
         """Log-likelihood that it has to bring before it is worth having."""
-        return PENALTY * (self.size + len(self.hypothesis.refine)) + float(
-            np.log(self.hypothesis.searched)
-        )
+        return PENALTY * self.parameters + float(np.log(self.hypothesis.searched))
 
     @property
     def acts(self) -> NDArray[np.bool_]:
@@ -105,8 +108,8 @@ def most_parsimonious(
     """
     best = max(likelihood for likelihood, _ in candidates)
     equal = [(value, one) for value, one in candidates if value >= best - tolerance]
-    fewest = min(one.size for _, one in equal)
-    simple = [(value, one) for value, one in equal if one.size == fewest]
+    fewest = min(one.parameters for _, one in equal)
+    simple = [(value, one) for value, one in equal if one.parameters == fewest]
     least = max(value for value, _ in simple) - clearly
     near = [(value, one) for value, one in simple if value >= least]
     return min(near, key=lambda pair: (effects.rank(pair[1].hypothesis.effect), -pair[0]))[1]

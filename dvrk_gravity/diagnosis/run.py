@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,6 +31,7 @@ from dvrk_gravity.diagnosis.selection import (
     Selection,
     SelectionSettings,
 )
+from dvrk_gravity.diagnosis.significance import Significance
 from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.site import Kind
@@ -257,9 +259,15 @@ def _minor(
     accepted: Sequence[SelectedEffect],
     unknown: Sequence[EffectTrial],
 ) -> list[EffectTrial]:
-    """Return what is significant beside the findings, and less than the model's known error."""
+    """Return what is significant beside the findings, and less than the model's known error.
+
+    Of that error, too, it may be a part: what the model is known to miss has causes as well.
+    """
     if not validation.known_error.any():
         return []
+    validation = copy(validation)
+    lenient = replace(validation.significance.settings, least=0.0)
+    validation.significance = Significance(validation.data, lenient)
     chosen = [*(one.trial.candidate for one in accepted), *(one.candidate for one in unknown)]
     settings = replace(SelectionSettings(), consequence=0.0)
     selection = Selection(validation, pool, _silent, settings=settings)

@@ -352,7 +352,7 @@ class Selection:
             others = [trial for trial in self.best(rest, without) if trial.passes]
             if others:
                 its = self._preferred([mine, *others])
-                simpler = its.candidate.size < mine.candidate.size or its.other_day
+                simpler = its.candidate.parameters < mine.candidate.parameters or its.other_day
                 better = simpler or its.gain > mine.gain + settings.equal_least
                 if better and its is not mine:
                     self._report(

@@ -23,12 +23,15 @@ class SignificanceSettings:
             motion, as a standard deviation: what a state shows comes back with it, and blocks of
             one motion do not tell. Regions of causes that are not there then hold zero in 96 %,
             without it in 83 % (`benchmark/parameter_intervals.py --seeds 401 411`).
+        least: Part of the known error, and what becomes smaller than that is no evidence: that an
+            error is known to be there does not say that it must be. One, by that.
         freedom: Degrees of freedom of the posterior covariance of the model's parameters, and of
             its known error: about as many stretches of half a minute's motion are independent
             where errors hang together for a second. Chosen; see `make sensitivity`.
     """
 
     coherent: float = 0.15
+    least: float = 1.0
     freedom: float = 20.0
 
 
@@ -52,17 +55,16 @@ class Significance:
     def gain(self, before: Array, after: Array, samples: Array) -> Array:
         """Return (n,) gains in log-likelihood that are evidence of a cause.
 
-        An error that becomes smaller than the known one is none: that it is known to be there does
-        not say that it must be.
+        An error that becomes smaller than the known one is none (:class:`SignificanceSettings`).
 
         Args:
             before: (n,) mean squares of errors without a cause.
             after: (n,) likewise with it.
             samples: (n,) independent ones.
         """
-        known = self._data.known_error**2
+        least = (self.settings.least * self._data.known_error) ** 2
         with_it, without = (
-            self.log_likelihood(np.maximum(mean, known), samples) for mean in (after, before)
+            self.log_likelihood(np.maximum(mean, least), samples) for mean in (after, before)
         )
         return with_it - without
 
