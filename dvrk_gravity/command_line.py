@@ -39,6 +39,8 @@ VERBS: dict[str, tuple[str, str]] = {
     ),
 }
 
+_INTERRUPTED = 128 + signal.SIGINT
+
 
 def run(module_name: str, argv: Sequence[str] | None = None) -> int:
     """Run one verb: parse ``argv`` and call the module's ``run``.
@@ -80,7 +82,17 @@ def run(module_name: str, argv: Sequence[str] | None = None) -> int:
         print(f"dvrk_gravity {module.NAME}: {one_line(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        return 130
+        return _INTERRUPTED
+    except Exception as error:
+        if not _of_interrupt(error):
+            raise
+        return _INTERRUPTED
+
+
+def _of_interrupt(error: BaseException) -> bool:
+    """Tell whether an error is what compiled code made of Ctrl-C, which is its cause then."""
+    cause = error.__cause__
+    return cause is not None and (isinstance(cause, KeyboardInterrupt) or _of_interrupt(cause))
 
 
 def one_line(error: Exception) -> str:

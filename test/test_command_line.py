@@ -6,10 +6,12 @@ import os
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from conftest import CONFIG, MODEL_FILE, REPOSITORY
 
+from dvrk_gravity import command_line
 from dvrk_gravity.command_line import VERBS
 from dvrk_gravity.files.resources import shipped
 
@@ -78,6 +80,28 @@ def test_an_output_that_nobody_reads_any_more_ends_quietly(tmp_path):
         process.stdout.close()
         assert process.stderr.read() == ""
         assert process.wait(timeout=60) == 128 + signal.SIGPIPE
+
+
+def test_ctrl_c_within_compiled_code_ends_as_ctrl_c_and_an_error_of_its_own_does_not(monkeypatch):
+    """rclpy makes a TypeError of an interrupt that comes while it builds a message."""
+
+    def verb(cause: BaseException) -> SimpleNamespace:
+        def work(arguments) -> int:
+            raise TypeError("Unable to convert function return value") from cause
+
+        return SimpleNamespace(
+            NAME="made-up", EXAMPLE="", add_arguments=lambda parser: None, run=work
+        )
+
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        monkeypatch.setitem(sys.modules, "interrupted", verb(KeyboardInterrupt()))
+        assert command_line.run("interrupted", []) == 130
+        monkeypatch.setitem(sys.modules, "broken", verb(ValueError()))
+        with pytest.raises(TypeError):
+            command_line.run("broken", [])
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize("verb", ["identify", "diagnose", "excite"])
