@@ -28,7 +28,6 @@ from dvrk_gravity.diagnosis.findings import (
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed, estimates, setting_columns
 from dvrk_gravity.diagnosis.known import expected_error, known
 from dvrk_gravity.diagnosis.load import Loaded
-from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.other_findings import (
     as_read_before,
     picture_of,
@@ -36,7 +35,7 @@ from dvrk_gravity.diagnosis.other_findings import (
     shapeless_finding,
     unknown_finding,
 )
-from dvrk_gravity.diagnosis.readings import ReadingScore
+from dvrk_gravity.diagnosis.readings import Readings
 from dvrk_gravity.diagnosis.refinement import RefinementSettings, plateau
 from dvrk_gravity.diagnosis.selection import EffectTrial, SelectedEffect
 from dvrk_gravity.diagnosis.separate import separation
@@ -64,7 +63,6 @@ class ShapelessSettings:
 
 
 _SHAPELESS = ShapelessSettings()
-Readings = Sequence[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]]]
 
 
 def assemble(

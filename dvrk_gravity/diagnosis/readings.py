@@ -65,6 +65,10 @@ class ReadingScore:
         return large and self.p_value < _SETTINGS.alpha
 
 
+Readings = tuple[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]], ...]
+"""Wrong readings: the right one, the motion as it was read before, and others that do as well."""
+
+
 def read_as(motion: Motion, reading: Reading) -> Motion:
     """Return a motion read another way."""
     direction = motion.direction

@@ -22,7 +22,7 @@ from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.motion import Motion
 from dvrk_gravity.diagnosis.nameless import with_nameless
-from dvrk_gravity.diagnosis.readings import ReadingScore, read_as, try_readings
+from dvrk_gravity.diagnosis.readings import Readings, read_as, try_readings
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
 from dvrk_gravity.diagnosis.refinement import begun
 from dvrk_gravity.diagnosis.selection import (
@@ -73,7 +73,6 @@ class RunSettings:
 
 
 _SETTINGS = RunSettings()
-Readings = tuple[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]], ...]
 
 
 @dataclass(frozen=True, eq=False)
