@@ -44,7 +44,7 @@ from dvrk_gravity.diagnosis.reference import ReferenceSettings
 from dvrk_gravity.diagnosis.reference_error import ReferenceErrorSettings
 from dvrk_gravity.diagnosis.refinement import RefinementSettings
 from dvrk_gravity.diagnosis.run import RunSettings
-from dvrk_gravity.diagnosis.selection import SelectionSettings as EffectSelectionSettings
+from dvrk_gravity.diagnosis.selection import SelectionSettings
 from dvrk_gravity.diagnosis.significance import SignificanceSettings
 from dvrk_gravity.estimation.covariance import CovarianceSettings
 from dvrk_gravity.estimation.evidence import EvidenceSettings
@@ -69,7 +69,7 @@ from dvrk_gravity.identification.model_uncertainty import PosteriorSettings
 from dvrk_gravity.identification.motion import RateSettings
 from dvrk_gravity.identification.physical import BodySettings
 from dvrk_gravity.identification.problem import WeightSettings
-from dvrk_gravity.identification.selection import SelectionSettings as TermSelectionSettings
+from dvrk_gravity.identification.selection import ColumnSelectionSettings
 from dvrk_gravity.identification.static_columns import PoseColumnSettings
 from dvrk_gravity.identification.static_gravity import PoseGravitySettings
 from dvrk_gravity.identification.static_model import DirectionSettings
@@ -276,7 +276,7 @@ DIAGNOSIS, REFERENCE = (diagnosed,), (referenced,)
 TRAJECTORY, POSES, CURRENTS = (identified,), (posed,), (in_amperes,)
 READING = (read,)
 CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
-    (EffectSelectionSettings, DIAGNOSIS),
+    (SelectionSettings, DIAGNOSIS),
     (JudgementSettings, DIAGNOSIS),
     (CrossValidationSettings, DIAGNOSIS),
     (SignificanceSettings, DIAGNOSIS),
@@ -304,7 +304,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (PosteriorSettings, TRAJECTORY),
     (FoldSettings, TRAJECTORY),
     (CovarianceSettings, TRAJECTORY),
-    (TermSelectionSettings, TRAJECTORY),
+    (ColumnSelectionSettings, TRAJECTORY),
     (DesignSettings, TRAJECTORY),
     (WeightSettings, TRAJECTORY),
     (BodySettings, TRAJECTORY),

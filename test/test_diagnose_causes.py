@@ -15,7 +15,7 @@ from scipy import signal
 from dvrk_gravity import TorqueModel, diagnose, gravity
 from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.readings import try_readings
 from dvrk_gravity.effects import Gravity
 from dvrk_gravity.recording import Recording, check, prepare
@@ -149,7 +149,7 @@ def test_where_a_motor_turns_back_the_joints_that_it_moves_say_nothing():
     motor = qd[:, 1] + qd[:, 2]
     nothing = np.zeros_like(q)
 
-    motion = Motion(MODEL, q, qd, nothing, nothing, None, time, (slice(0, len(q)),), RATE,
+    motion = MeasuredMotion(MODEL, q, qd, nothing, nothing, None, time, (slice(0, len(q)),), RATE,
                     np.ones(7, dtype=bool), np.zeros(7))  # fmt: skip
 
     turning = np.flatnonzero(np.diff(np.sign(motor)))
@@ -164,7 +164,7 @@ def test_a_coarse_encoder_does_not_show_the_direction_of_slow_motion():
 
     effort = MODEL.torque(q, qd, qdd)
 
-    def motion(step: float) -> Motion:
+    def motion(step: float) -> MeasuredMotion:
         return load([recording(time, np.round(q / step) * step, effort)], MODEL).motion
 
     coarse, fine = motion(0.004), motion(0.0001)

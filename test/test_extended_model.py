@@ -13,7 +13,7 @@ from dvrk_gravity import effects
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.diagnosis.extend import extended
 from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.run import hypotheses
 from dvrk_gravity.effects import Hypothesis
 from dvrk_gravity.effects.base import site
@@ -50,7 +50,7 @@ NOT_CARRIED = {
 
 
 @lru_cache(maxsize=1)
-def motion() -> Motion:
+def motion() -> MeasuredMotion:
     world = World.draw(5)
     return load([world.record(1, 2, duration=10.0)], world.model()).motion
 

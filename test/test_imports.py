@@ -123,3 +123,12 @@ def test_what_the_package_imports_is_declared_in_package_xml_or_setup_py():
             assert name.startswith("dvrk_gravity") or (
                 f'"{DISTRIBUTIONS.get(name, name)}>=' in setup
             ), f"{module} imports {name}"
+
+
+def test_a_class_has_a_name_of_its_own():
+    defined: dict[str, list[str]] = {}
+    for module, path in modules(PACKAGE).items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                defined.setdefault(node.name, []).append(module)
+    assert {name: where for name, where in defined.items() if len(where) > 1} == {}

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.newton_euler import (
-    Joint,
     JointType,
     Link,
+    LinkJoint,
     Mechanism,
     inverse_dynamics,
     rotation_matrix,
@@ -41,7 +41,7 @@ def random_chain(rng, n, loads=2):
             "k,kij->ij", masses, [(a @ a) * np.eye(3) - np.outer(a, a) for a in arms]
         )
         links.append(Link(rng.uniform(0, 1), masses.sum(), com, inertia))
-        joints.append(Joint(JointType(kind), Rotation.random(random_state=rng).as_matrix()))
+        joints.append(LinkJoint(JointType(kind), Rotation.random(random_state=rng).as_matrix()))
     numbers = rng.integers(1, n + 1, (2, loads))
     forces = np.column_stack(
         [rng.normal(size=(loads, 3)) * 20, numbers[0], rng.normal(size=(loads, 3))]
@@ -272,11 +272,11 @@ def test_order_of_the_rotation_angles():
 def test_a_held_beam_on_paper():
     """Beam of 2 kg, centre 0.3 m out, held level: torque m g r, reaction m g upward."""
     link = Link(1.0, 2.0, np.array([0.3, 0, 0]), np.zeros((3, 3)))
-    held = Mechanism((link,), (Joint(JointType.REVOLUTE, np.eye(3)),))
+    held = Mechanism((link,), (LinkJoint(JointType.REVOLUTE, np.eye(3)),))
     loads = inverse_dynamics(held, [0.0], [0.0], [0.0])
     np.testing.assert_allclose(loads.tau, [2 * 9.81 * 0.3], rtol=1e-14)
     np.testing.assert_allclose(loads.reactions, [[0, 2 * 9.81, 0, 0, 0, 0]], atol=1e-14)
-    welded = replace(held, joints=(Joint(JointType.RIGID, np.eye(3)),))
+    welded = replace(held, joints=(LinkJoint(JointType.RIGID, np.eye(3)),))
     loads = inverse_dynamics(welded, [0.0], [0.0], [0.0])
     assert loads.tau == 0
     np.testing.assert_allclose(loads.reactions[0, 5], 2 * 9.81 * 0.3, rtol=1e-14)
@@ -285,7 +285,9 @@ def test_a_held_beam_on_paper():
 def test_a_slider_on_paper():
     """Slider q = 0.5 m out along x: its moment is about the joint's seat, not about P."""
     link = Link(0.0, 2.0, np.zeros(3), np.zeros((3, 3)))
-    slider = Mechanism((link,), (Joint(JointType.PRISMATIC, rotation_matrix([0, np.pi / 2, 0])),))
+    slider = Mechanism(
+        (link,), (LinkJoint(JointType.PRISMATIC, rotation_matrix([0, np.pi / 2, 0])),)
+    )
     loads = inverse_dynamics(slider, [0.5], [0.0], [3.0])
     np.testing.assert_allclose(loads.tau, [6.0], rtol=1e-14)
     expected = [0, 2 * 9.81, 0, -2 * 9.81 * 0.5, 0, 0]

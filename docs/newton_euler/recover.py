@@ -21,10 +21,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from dvrk_gravity.newton_euler import (
-    Joint,
+    JointMotion,
     JointType,
+    LinkJoint,
     Mechanism,
-    Motion,
     inverse_dynamics,
     read,
     rotation_matrix,
@@ -143,7 +143,7 @@ def distinct(problem: Problem, solutions: list[np.ndarray], determined: np.ndarr
 
 
 @cache
-def exercise(name: str) -> tuple[Mechanism, Motion]:
+def exercise(name: str) -> tuple[Mechanism, JointMotion]:
     """Return what the exercise's file holds."""
     return read(EXERCISES / f"{name}.yaml")
 
@@ -197,7 +197,7 @@ def sliding(ixx: float) -> Problem:
 
     def loads(x: np.ndarray) -> np.ndarray:
         rotation = Rotation.from_rotvec(x[2:]).as_matrix()
-        chain = replace(mechanism, joints=(first, Joint(second.type, rotation)))
+        chain = replace(mechanism, joints=(first, LinkJoint(second.type, rotation)))
         return constraint_loads(name, chain, x[:2])
 
     def start(generator: np.random.Generator) -> np.ndarray:
@@ -237,7 +237,7 @@ def spatial(izz: float) -> Problem:
         )
         turns = [first_frame(x[0], x[1])]
         turns += [Rotation.from_rotvec(x[k : k + 3]).as_matrix() for k in (3, 6)]
-        joints = tuple(Joint(JointType.REVOLUTE, turn) for turn in turns)
+        joints = tuple(LinkJoint(JointType.REVOLUTE, turn) for turn in turns)
         parts = []
         for name, (mechanism, _) in zip(names, chains, strict=True):
             chain = replace(mechanism, links=moved, joints=joints)
@@ -293,7 +293,7 @@ def report_files() -> int:
         rounded = replace(
             mechanism,
             joints=tuple(
-                Joint(joint.type, rotation_matrix(np.round(angles(joint), 4)))
+                LinkJoint(joint.type, rotation_matrix(np.round(angles(joint), 4)))
                 for joint in mechanism.joints
             ),
         )
@@ -306,7 +306,7 @@ def report_files() -> int:
     return status
 
 
-def angles(joint: Joint) -> np.ndarray:
+def angles(joint: LinkJoint) -> np.ndarray:
     """Return a joint's angles about x, y and z, rad."""
     if abs(joint.rotation[2, 0]) > 1 - 1e-9:  # y at 90 deg: x and z turn about one axis
         return np.array([0.0, np.pi / 2, 0.0])

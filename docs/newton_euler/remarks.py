@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from printed import EXERCISES, HALF_DECIMAL, reactions
 
-from dvrk_gravity.newton_euler import Mechanism, Motion, inverse_dynamics, read
+from dvrk_gravity.newton_euler import JointMotion, Mechanism, inverse_dynamics, read
 
 
 class Remark(NamedTuple):
@@ -21,7 +21,7 @@ class Remark(NamedTuple):
     holds: bool
 
 
-def exercise(name: str) -> tuple[Mechanism, Motion]:
+def exercise(name: str) -> tuple[Mechanism, JointMotion]:
     """Return what an exercise's file holds."""
     return read(EXERCISES / f"{name}.yaml")
 

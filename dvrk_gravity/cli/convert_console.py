@@ -14,7 +14,7 @@ from dvrk_gravity.command_line import one_line
 from dvrk_gravity.console.check import FILE_NAME, check_file
 from dvrk_gravity.console.conversion import Conversion, convert_model
 from dvrk_gravity.console.file import ConsoleFile
-from dvrk_gravity.console.finding import Finding, Severity
+from dvrk_gravity.console.finding import ConsoleFinding, Severity
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.model import TorqueModel
@@ -111,7 +111,7 @@ def check(paths: Sequence[Path], report: Path | None = None) -> int:
     """
     outputs.check({"--json": report}, paths)
     status = 0
-    findings: dict[str, tuple[Finding, ...]] = {}
+    findings: dict[str, tuple[ConsoleFinding, ...]] = {}
     for path in paths:
         try:
             found = check_file(path)
@@ -132,7 +132,7 @@ def check(paths: Sequence[Path], report: Path | None = None) -> int:
     return status
 
 
-def _summary(found: Sequence[Finding]) -> str:
+def _summary(found: Sequence[ConsoleFinding]) -> str:
     counts = {level: sum(finding.severity is level for finding in found) for level in Severity}
     return (
         ", ".join(f"{count} {level}" for level, count in counts.items() if count) or "no findings"

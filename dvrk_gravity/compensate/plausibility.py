@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class MotionLimits:
+class PlausibleMotion:
     """What is taken for possible.
 
     Attributes:
@@ -49,14 +49,14 @@ class MotionCheck:
     def __init__(
         self,
         joint_names: tuple[str, ...],
-        limits: MotionLimits | None = None,
+        limits: PlausibleMotion | None = None,
         scale: Array | None = None,
     ) -> None:
         """Start with nothing known; ``scale`` (n,): what counts as much as a rad, ``Arm.scale``."""
         self._names = joint_names
         self._scale = np.ones(len(joint_names)) if scale is None else scale
         self._least = float(self._scale.min())
-        self._limits = limits or MotionLimits()
+        self._limits = limits or PlausibleMotion()
         self._last: Sample | None = None  # and the monotonic time at which it came
         self._time = 0.0
         self._dropped: Sample | None = None  # the last one, if it was out of reach

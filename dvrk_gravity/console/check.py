@@ -16,7 +16,7 @@ from dvrk_gravity.console.file import (
     ConsoleFile,
     field_problems,
 )
-from dvrk_gravity.console.finding import Finding, Severity
+from dvrk_gravity.console.finding import ConsoleFinding, Severity
 from dvrk_gravity.console.model_check import check_model
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
@@ -29,7 +29,7 @@ _DATA_OF = re.compile(r"(MTM[LR])[_-](\d+)")
 _OTHER = {"mtml": "mtmr", "mtmr": "mtml"}
 
 
-def check_file(path: str | Path) -> tuple[Finding, ...]:
+def check_file(path: str | Path) -> tuple[ConsoleFinding, ...]:
     """Return what is wrong with a console file, the serious findings first.
 
     Args:
@@ -51,11 +51,11 @@ def check_file(path: str | Path) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
 
 
-def check(document: Mapping[str, Any]) -> Iterator[Finding]:
+def check(document: Mapping[str, Any]) -> Iterator[ConsoleFinding]:
     """Yield what is wrong with a file's content, taken by itself."""
     problems = list(field_problems(document))
     for problem in problems:
-        yield Finding("field", Severity.SERIOUS, problem.field, str(problem))
+        yield ConsoleFinding("field", Severity.SERIOUS, problem.field, str(problem))
     if problems:
         return
     console = ConsoleFile.from_document(document)
@@ -66,31 +66,31 @@ def check(document: Mapping[str, Any]) -> Iterator[Finding]:
     try:
         model = console.model()
     except ConfigError as error:
-        yield Finding("gravity_differs", Severity.SERIOUS, error.field, str(error))
+        yield ConsoleFinding("gravity_differs", Severity.SERIOUS, error.field, str(error))
         return
     yield from check_model(console, model)
 
 
-def _name(document: Mapping[str, Any], name: str) -> Iterator[Finding]:
+def _name(document: Mapping[str, Any], name: str) -> Iterator[ConsoleFinding]:
     match = FILE_NAME.fullmatch(name)
     if match is None:
         text = f"file name {name}: the console's is gc-<ARM>-<serial number>.json"
-        yield Finding("file_name", Severity.WARNING, "file name", text)
+        yield ConsoleFinding("file_name", Severity.WARNING, "file name", text)
         return
     for entry, part in (("ARM_NAME", "arm"), ("SN", "serial")):
         if entry in document and str(document[entry]) != match[part]:
             text = f"{entry} is {document[entry]!r}, but the file is named for {match[part]}"
-            yield Finding("file_name", Severity.SERIOUS, entry, text)
+            yield ConsoleFinding("file_name", Severity.SERIOUS, entry, text)
     for entry, value in document.items():
         for arm, serial in _DATA_OF.findall(value) if isinstance(value, str) else ():
             if (arm, serial) != (match["arm"], match["serial"]):
                 text = f"{value!r}: the parameters may come from {arm} {serial}'s data"
-                yield Finding("other_data", Severity.WARNING, entry, text)
+                yield ConsoleFinding("other_data", Severity.WARNING, entry, text)
 
 
 def _copies(
     document: Mapping[str, Any], others: Mapping[str, Mapping[str, Any]]
-) -> Iterator[Finding]:
+) -> Iterator[ConsoleFinding]:
     def parameters(content: Mapping[str, Any]) -> Any:
         section = content.get(SECTION)
         names = ("gc_dynamic_params_pos", "gc_dynamic_params_neg")
@@ -102,33 +102,33 @@ def _copies(
     for name, other in others.items():
         if parameters(other) == own and other.get("SN") != document.get("SN"):
             text = f"all parameters are those of {name}: one of the two arms was never calibrated"
-            yield Finding("copy", Severity.SERIOUS, name, text)
+            yield ConsoleFinding("copy", Severity.SERIOUS, name, text)
 
 
-def _console_quirks(console: ConsoleFile) -> Iterator[Finding]:
+def _console_quirks(console: ConsoleFile) -> Iterator[ConsoleFinding]:
     lse = console.document.get("lse")
     g = lse.get("g_constant") if isinstance(lse, dict) else None
     if isinstance(g, int | float) and abs(g - GRAVITY) > 0.005:
         text = f"g_constant {g:g}, but the console always multiplies by {GRAVITY}"
-        yield Finding("g_constant", Severity.SERIOUS, "lse.g_constant", text, {"g_m_s2": g})
+        yield ConsoleFinding("g_constant", Severity.SERIOUS, "lse.g_constant", text, {"g_m_s2": g})
     if console.version == 1:
         text = (
             "version 1.0: the console asks for a new calibration, and above beta_vel_amplitude "
             "its blend follows the sine on instead of staying full"
         )
-        yield Finding("version_1", Severity.WARNING, "version", text)
+        yield ConsoleFinding("version_1", Severity.WARNING, "version", text)
     if console.lower is None:
         text = "no joint_position_lower/upper_limit: the calibrated range is not known"
-        yield Finding("no_range", Severity.WARNING, SECTION, text)
+        yield ConsoleFinding("no_range", Severity.WARNING, SECTION, text)
 
 
-def _hand(console: ConsoleFile, arm: Arm) -> Iterator[Finding]:
+def _hand(console: ConsoleFile, arm: Arm) -> Iterator[ConsoleFinding]:
     """Yield signs and ranges that belong to the arm of the other hand."""
     expected = BETA6 if console.arm == "mtmr" else -BETA6
     beta6 = float(console.positive[_BETA6])
     if beta6 * expected < 0 and abs(beta6) > 0.5 * BETA6:
         text = f"beta6 is {beta6:+.4f} kg·m, about {expected:+.3f} on an {console.arm.upper()}"
-        yield Finding("other_hand", Severity.SERIOUS, "beta6", text, {"beta6_kg_m": beta6})
+        yield ConsoleFinding("other_hand", Severity.SERIOUS, "beta6", text, {"beta6_kg_m": beta6})
     if console.lower is None or console.upper is None:
         return
     slack = np.radians(1.0)
@@ -143,10 +143,10 @@ def _hand(console: ConsoleFile, arm: Arm) -> Iterator[Finding]:
         text = "calibrated from {:.0f} to {:.0f} deg, but the joint goes from {:.0f} to {:.0f}"
         numbers = {"lower_deg": float(edges[0]), "upper_deg": float(edges[1])}
         code = "other_hand" if fits else "range"
-        yield Finding(code, Severity.SERIOUS, joint, text.format(*edges) + hand, numbers)
+        yield ConsoleFinding(code, Severity.SERIOUS, joint, text.format(*edges) + hand, numbers)
 
 
-def _limits(console: ConsoleFile, arm: Arm) -> Iterator[Finding]:
+def _limits(console: ConsoleFile, arm: Arm) -> Iterator[ConsoleFinding]:
     """Yield safe limits that make no sense whatever the model is."""
     for i, joint in enumerate(JOINT_NAMES):
         low, high = float(console.safe_lower[i]), float(console.safe_upper[i])
@@ -155,10 +155,10 @@ def _limits(console: ConsoleFile, arm: Arm) -> Iterator[Finding]:
         most = float(arm.effort_limit[i])
         if low > high:
             text = f"{span}: the lower one is above the upper one"
-            yield Finding("limits_reversed", Severity.SERIOUS, joint, text, numbers)
+            yield ConsoleFinding("limits_reversed", Severity.SERIOUS, joint, text, numbers)
         elif low > 0 or high < 0:
             text = f"{span} exclude zero: the joint is pushed even where the model asks for nothing"
-            yield Finding("limits_exclude_zero", Severity.WARNING, joint, text, numbers)
+            yield ConsoleFinding("limits_exclude_zero", Severity.WARNING, joint, text, numbers)
         if max(abs(low), abs(high)) > most:
             text = f"{span}: the actuator gives {most:g} N·m, so they protect nothing"
-            yield Finding("limits_beyond_actuator", Severity.SERIOUS, joint, text, numbers)
+            yield ConsoleFinding("limits_beyond_actuator", Severity.SERIOUS, joint, text, numbers)

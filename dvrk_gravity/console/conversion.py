@@ -18,7 +18,7 @@ from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.console.check import check
 from dvrk_gravity.console.export import Export, FormError, export, require_arm
 from dvrk_gravity.console.file import N_POLYNOMIALS, ConsoleFile
-from dvrk_gravity.console.finding import Finding, Severity
+from dvrk_gravity.console.finding import ConsoleFinding, Severity
 from dvrk_gravity.console.projection import (
     calibrated_range,
     left_out,
@@ -97,7 +97,7 @@ class Conversion:
     joints: Mapping[str, JointCost]
     lower: Array
     upper: Array
-    findings: tuple[Finding, ...]
+    findings: tuple[ConsoleFinding, ...]
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of ``convert --json``."""
@@ -206,7 +206,7 @@ def _refuse_what_costs_too_much(model: TorqueModel, joints: Mapping[str, JointCo
             )
 
 
-def _refuse_the_wrong_arm(model: TorqueModel, serious: tuple[Finding, ...]) -> None:
+def _refuse_the_wrong_arm(model: TorqueModel, serious: tuple[ConsoleFinding, ...]) -> None:
     limits = dict(zip(JOINT_NAMES, np.degrees([model.arm.lower, model.arm.upper]).T, strict=True))
     for finding in serious:
         if finding.code == "range":

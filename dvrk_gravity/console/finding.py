@@ -16,7 +16,7 @@ class Severity(StrEnum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class ConsoleFinding:
     """One thing that is wrong, or worth knowing, about a console file.
 
     Attributes:

@@ -10,7 +10,7 @@ import numpy as np
 from dvrk_gravity.arms import GRAVITY
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.console.file import Array, ConsoleFile, sample_torques
-from dvrk_gravity.console.finding import Finding, Severity
+from dvrk_gravity.console.finding import ConsoleFinding, Severity
 from dvrk_gravity.effects import DirectionalCable
 from dvrk_gravity.effects.base.polynomial import evaluate
 from dvrk_gravity.model import TorqueModel
@@ -47,7 +47,7 @@ SETTINGS = ModelCheckSettings()
 _K2 = 16  # place of joint 2's linear coefficient among the console's parameters
 
 
-def check_model(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
+def check_model(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFinding]:
     """Yield what the model does that it should not, within the arm's limits.
 
     Args:
@@ -59,7 +59,7 @@ def check_model(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
     yield from _pair(console, model)
 
 
-def _clipping(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
+def _clipping(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFinding]:
     """Yield safe limits that the model passes inside its range, or never comes near."""
     torques = sample_torques(model)
     over = np.maximum(torques - console.safe_upper, console.safe_lower - torques)
@@ -75,17 +75,17 @@ def _clipping(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
             text = f"{span} clip the model on {100 * share:.1f} % of poses; worst {worst:.3f} N·m"
             severity = Severity.SERIOUS if share > SETTINGS.serious_share else Severity.WARNING
             found = {**numbers, "worst_Nm": worst}
-            yield Finding("limits_clip", severity, joint, text, found)
+            yield ConsoleFinding("limits_clip", severity, joint, text, found)
         elif (
             SETTINGS.wide * (most - least) + 2 * SETTINGS.tolerance
             < high - low
             <= 2 * model.arm.effort_limit[i]
         ):
             text = f"{span}, but the model asks for {least:.3f} … {most:.3f}"
-            yield Finding("limits_wide", Severity.WARNING, joint, text, numbers)
+            yield ConsoleFinding("limits_wide", Severity.WARNING, joint, text, numbers)
 
 
-def _growth(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
+def _growth(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFinding]:
     """Yield joints whose polynomials grow outside the calibrated range, as the console has them."""
     cable = model.term(DirectionalCable.NAME)
     if console.lower is None or not isinstance(cable, DirectionalCable):
@@ -113,7 +113,7 @@ def _growth(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
         )
         numbers = {"growth_Nm": float(growth[i]), "inside_Nm": float(inside[i])}
         severity = Severity.SERIOUS if severe else Severity.WARNING
-        yield Finding("growth", severity, joint, text, numbers)
+        yield ConsoleFinding("growth", severity, joint, text, numbers)
 
 
 def _own_torque(console: ConsoleFile, coefficients: Array, q: Array) -> Array:
@@ -124,7 +124,7 @@ def _own_torque(console: ConsoleFile, coefficients: Array, q: Array) -> Array:
     return torque
 
 
-def _pair(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
+def _pair(console: ConsoleFile, model: TorqueModel) -> Iterator[ConsoleFinding]:
     """Yield what the file knows of beta1 and joint 2's linear column: only their sum."""
     gravity = GRAVITY * float(console.positive[0])
     linear = np.array([console.positive[_K2], console.negative[_K2]])
@@ -153,10 +153,10 @@ def _pair(console: ConsoleFile, model: TorqueModel) -> Iterator[Finding]:
         "gravity_Nm": gravity, "positive_Nm_rad": float(sums[0]),
         "negative_Nm_rad": float(sums[1]), "held_growth_Nm": growth,
     }  # fmt: skip
-    yield Finding("pair", severity, JOINT_NAMES[1], text, numbers)
+    yield ConsoleFinding("pair", severity, JOINT_NAMES[1], text, numbers)
     low, high = SETTINGS.pair_range
     if not low <= round(sums.min(), 2) or not round(sums.max(), 2) <= high:
         text = (
             f"9.81 beta1 + k2 is {sums[0]:.3f}/{sums[1]:.3f} N·m/rad, {low:.2f} … {high:.2f} usual"
         )
-        yield Finding("pair_sum", Severity.WARNING, JOINT_NAMES[1], text, numbers)
+        yield ConsoleFinding("pair_sum", Severity.WARNING, JOINT_NAMES[1], text, numbers)

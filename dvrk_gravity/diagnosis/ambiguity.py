@@ -13,7 +13,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.findings import Ambiguity, Contender
 from dvrk_gravity.diagnosis.held_out import HeldOut, estimates
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.overlap import reproduced
 from dvrk_gravity.diagnosis.words import told
 from dvrk_gravity.quantity import pose, quantity
@@ -76,7 +76,7 @@ def _ambiguity(
     other: Candidate,
     share: float,
     theta: Array,
-    poses: Motion,
+    poses: MeasuredMotion,
 ) -> Ambiguity:
     both = _estimates(validation, named, (zero, other))
     contenders = []
@@ -126,7 +126,7 @@ def _estimates(
     ]
 
 
-def _poses(motion: Motion) -> Motion:
+def _poses(motion: MeasuredMotion) -> MeasuredMotion:
     """Return static poses all over the range of the arm."""
     arm, random, poses = motion.arm, np.random.default_rng(0), AmbiguitySettings().poses
     q = random.uniform(np.maximum(arm.lower, -3.3), np.minimum(arm.upper, 3.3), (poses, arm.n))
@@ -139,7 +139,11 @@ def _poses(motion: Motion) -> Motion:
 
 
 def _pose(
-    validation: CrossValidation, zero: Candidate, other: Candidate, theta: Array, poses: Motion
+    validation: CrossValidation,
+    zero: Candidate,
+    other: Candidate,
+    theta: Array,
+    poses: MeasuredMotion,
 ) -> str:
     """Return in which pose one degree of zero differs most from what mimics it in the motion."""
     arm = poses.arm

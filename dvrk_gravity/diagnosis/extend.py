@@ -12,7 +12,7 @@ from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import HeldOut
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.effects import LinearTerm, Term
 from dvrk_gravity.effects.base.effect import Hypothesis, Values
 from dvrk_gravity.errors import ConfigError
@@ -25,7 +25,7 @@ _ROUNDING = 1e-9  # of a term's largest coefficient
 
 
 def extended(
-    motion: Motion, found: Sequence[tuple[Hypothesis, Array]]
+    motion: MeasuredMotion, found: Sequence[tuple[Hypothesis, Array]]
 ) -> tuple[TorqueModel, tuple[bool, ...]]:
     """Return the model with what was found, and which findings it carries.
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.findings import FloorFrom
 from dvrk_gravity.diagnosis.model_error import changed_friction, friction_torque, model_columns
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.estimation.noise import band_noise, pairs_a_period_apart, repetition_noise
 from dvrk_gravity.estimation.repetition import (
     CommonTime,
@@ -76,7 +76,7 @@ class FilteredData:
         settings: How torques are compared.
     """
 
-    motion: Motion
+    motion: MeasuredMotion
     band: float | None
     every: int
     residual: Array
@@ -86,7 +86,7 @@ class FilteredData:
     settings: FilterSettings
 
     @classmethod
-    def of(cls, motion: Motion, settings: FilterSettings | None = None) -> FilteredData:
+    def of(cls, motion: MeasuredMotion, settings: FilterSettings | None = None) -> FilteredData:
         """Reduce a motion."""
         settings = settings or FilterSettings()
         rate = motion.rate

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import SimulatedArm, simulate
@@ -104,7 +104,7 @@ class InSimulation:
 def in_simulation(
     given: TorqueModel,
     extended: TorqueModel,
-    motion: Motion,
+    motion: MeasuredMotion,
     held_out: Sequence[tuple[float, float]],
 ) -> InSimulation:
     """Compare two models in the simulator.
@@ -223,7 +223,7 @@ def _drift(
     return Drift(part, np.arange(before.shape[1]) / _RATE, before, after)
 
 
-def _poses(motion: Motion) -> Array:
+def _poses(motion: MeasuredMotion) -> Array:
     """Return (P, n) poses of the motion that are far from one another."""
     arm = motion.arm
     q = np.clip(motion.q[:: max(1, len(motion.q) // 500)], arm.lower, arm.upper)
@@ -235,7 +235,7 @@ def _poses(motion: Motion) -> Array:
     return q[chosen]
 
 
-def _starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[np.int64]:
+def _starts(motion: MeasuredMotion, held_out: Sequence[tuple[float, float]]) -> NDArray[np.int64]:
     """Return where the predicted pieces begin: within what is held out, evenly spread."""
     inside = np.zeros(len(motion.q), dtype=bool)
     for first, last in held_out:
@@ -246,7 +246,7 @@ def _starts(motion: Motion, held_out: Sequence[tuple[float, float]]) -> NDArray[
     return found[np.unique(np.linspace(0, len(found) - 1, min(_WINDOWS, len(found))).astype(int))]
 
 
-def _missed(simulated: ModelArm, motion: Motion, starts: NDArray[np.int64]) -> Array:
+def _missed(simulated: ModelArm, motion: MeasuredMotion, starts: NDArray[np.int64]) -> Array:
     """Return (n,) RMS error of the positions that a model predicts at the end of each piece."""
     plant = simulated.plant()
     arm, offset = plant.model.arm, plant.model.joint_offset
@@ -267,7 +267,7 @@ def _missed(simulated: ModelArm, motion: Motion, starts: NDArray[np.int64]) -> A
     return np.sqrt(np.mean(np.square(missed), axis=0))
 
 
-def _applied(plant: Plant, motion: Motion, rows: slice, offset: Array) -> Array:
+def _applied(plant: Plant, motion: MeasuredMotion, rows: slice, offset: Array) -> Array:
     """Return (N, n) efforts that acted on the arm: measured ones less what its sensors add."""
     efforts = motion.effort[rows].copy()
     for part in plant.parts:

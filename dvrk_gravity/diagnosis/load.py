@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.filtered_data import BAND
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.identification.motion import completed, held_beyond, require_all
@@ -69,7 +69,7 @@ class Loaded:
             NaN where it cannot be told.
     """
 
-    motion: Motion
+    motion: MeasuredMotion
     warnings: tuple[DataWarning, ...]
     handling: tuple[str, ...]
     floor: Array
@@ -109,7 +109,7 @@ def load(
         require_all(one, model.arm, still)
     if {one.joints for one in heads} != {heads[0].joints}:
         raise RecordingError(heads[0].source, "the recordings hold different joints")
-    pieces: list[Motion] = []
+    pieces: list[MeasuredMotion] = []
     recordings, left_out, repeated = counted_once(recordings)
     warnings, handling = list(repeated), [*held, *left_out]
     floors = []
@@ -196,7 +196,7 @@ def _piece(
     start: float,
     still: Mapping[str, float],
     step: Array,
-) -> Motion:
+) -> MeasuredMotion:
     recording, rows = segment.recording, segment.core
     names = model.arm.joint_names
 
@@ -230,7 +230,7 @@ def _piece(
         time = recording.time[rows][::thin] + start
         rate = (recording.rate or 1.0) / thin
     parts = (slice(0, len(q)),)
-    return Motion(model, q, qd, qdd, effort, direction, time, parts, rate, present, step)
+    return MeasuredMotion(model, q, qd, qdd, effort, direction, time, parts, rate, present, step)
 
 
 def _step(recording: Recording, arm: Arm) -> Array:
@@ -260,7 +260,7 @@ def _rounding(recording: Recording, arm: Arm) -> Array:
     return density
 
 
-def _join(pieces: Sequence[Motion]) -> Motion:
+def _join(pieces: Sequence[MeasuredMotion]) -> MeasuredMotion:
     edges = np.concatenate([[0], np.cumsum([len(piece.q) for piece in pieces])]).tolist()
     first = pieces[0]
     directions = [piece.direction for piece in pieces]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.reference_error import reference_columns
 from dvrk_gravity.effects import State
 from dvrk_gravity.uncertainty import ModelUncertainty
@@ -63,7 +63,7 @@ class FrictionChangeSettings:
     shared: float = 0.5
 
 
-def friction_torque(motion: Motion) -> Array:
+def friction_torque(motion: MeasuredMotion) -> Array:
     """Return the (N, n) torque of a model's friction, N·m.
 
     Zero of a model that does not tell how sure it is, and of poses.
@@ -75,7 +75,9 @@ def friction_torque(motion: Motion) -> Array:
     return sum(torques, np.zeros(motion.q.shape))
 
 
-def changed_friction(motion: Motion, settings: FrictionChangeSettings | None = None) -> Array:
+def changed_friction(
+    motion: MeasuredMotion, settings: FrictionChangeSettings | None = None
+) -> Array:
     """Return (n,) RMS torque by which a model's friction may be another one on another day, N·m."""
     part = (settings or FrictionChangeSettings()).part
     return np.asarray(part * np.sqrt(np.mean(friction_torque(motion) ** 2, axis=0)))
@@ -141,7 +143,7 @@ def like_changed_friction(
     return np.asarray(acts & like_friction(torque, friction, settings) & (np.abs(factor) <= most))
 
 
-def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None) -> Array:
+def model_columns(motion: MeasuredMotion, settings: ExtrapolationSettings | None = None) -> Array:
     """Return (N, n, d) changes of the model's torque that its uncertainty allows.
 
     In each of d independent directions, of one standard deviation each: those of its parameters,
@@ -169,7 +171,7 @@ def model_columns(motion: Motion, settings: ExtrapolationSettings | None = None)
 
 
 def _extrapolated(
-    motion: Motion, uncertainty: ModelUncertainty, settings: ExtrapolationSettings
+    motion: MeasuredMotion, uncertainty: ModelUncertainty, settings: ExtrapolationSettings
 ) -> Array:
     """Return (N, n, e) torques by which joints outside the model's range may be off."""
     columns = []

@@ -59,7 +59,7 @@ class MotionSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MeasuredMotion:
     """N samples of an arm with the model that is on trial; all in joint space.
 
     Attributes:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.estimation.normal_equations import solve
 
@@ -44,7 +44,10 @@ class NearbyTorque:
 
     @classmethod
     def fit(
-        cls, motion: Motion, target: Array | None = None, settings: NearbySettings | None = None
+        cls,
+        motion: MeasuredMotion,
+        target: Array | None = None,
+        settings: NearbySettings | None = None,
     ) -> NearbyTorque:
         """Fit to a motion, every joint by its own scale.
 
@@ -69,12 +72,12 @@ class NearbyTorque:
         found = solve(gram, right, settings.ridge)
         return cls(found[:links], found[links:].reshape(2, n))
 
-    def torque(self, motion: Motion) -> Array:
+    def torque(self, motion: MeasuredMotion) -> Array:
         """Return (N, n) torques in a motion, N·m."""
         friction = sum(size * way for size, way in zip(self.friction, _ways(motion), strict=True))
         return np.asarray(self.inertial_torque(motion) + friction)
 
-    def inertial_torque(self, motion: Motion, gravity: Array | None = None) -> Array:
+    def inertial_torque(self, motion: MeasuredMotion, gravity: Array | None = None) -> Array:
         """Return (N, n) torques of the links alone, N·m; by default in the motion's gravity."""
         return rigid_body.torque(
             motion.arm, self.links, motion.true_q, motion.qd, motion.qdd,
@@ -82,7 +85,7 @@ class NearbyTorque:
         )  # fmt: skip
 
 
-def _ways(motion: Motion) -> tuple[Array, Array]:
+def _ways(motion: MeasuredMotion) -> tuple[Array, Array]:
     """Return (N, n) direction and speed of the joints."""
     sign = np.column_stack([motion.sign(row) for row in np.eye(motion.arm.n)])
     return sign, motion.qd

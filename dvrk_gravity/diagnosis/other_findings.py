@@ -20,7 +20,7 @@ from dvrk_gravity.diagnosis.findings import (
     Picture,
 )
 from dvrk_gravity.diagnosis.held_out import HeldOut
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.readings import ReadingScore
 from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.effects.base.effect import Hypothesis
@@ -65,7 +65,7 @@ def unknown_finding(
     )
 
 
-def as_read_before(motion: Motion, data: FilteredData, held_out: HeldOut) -> Array:
+def as_read_before(motion: MeasuredMotion, data: FilteredData, held_out: HeldOut) -> Array:
     """Return (H, 7) errors of the recording as it was read first, same samples."""
     error = data.reduce(motion.residual)[held_out.rows]
     return np.where(data.usable[held_out.rows], error, np.nan)

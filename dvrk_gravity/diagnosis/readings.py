@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.model_error import model_columns
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.effects.wrong_coordinates import Reading, readings
 
 Array = NDArray[np.float64]
@@ -65,11 +65,11 @@ class ReadingScore:
         return large and self.p_value < _SETTINGS.alpha
 
 
-Readings = tuple[tuple[ReadingScore, Motion, tuple[ReadingScore, ...]], ...]
+Readings = tuple[tuple[ReadingScore, MeasuredMotion, tuple[ReadingScore, ...]], ...]
 """Wrong readings: the right one, the motion as it was read before, and others that do as well."""
 
 
-def read_as(motion: Motion, reading: Reading) -> Motion:
+def read_as(motion: MeasuredMotion, reading: Reading) -> MeasuredMotion:
     """Return a motion read another way."""
     direction = motion.direction
     if direction is not None:
@@ -85,7 +85,7 @@ def read_as(motion: Motion, reading: Reading) -> Motion:
     )
 
 
-def try_readings(motion: Motion) -> list[ReadingScore]:
+def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     """Return how other readings do, best first.
 
     The error is compared joint by joint: of exchanged joints, each with what it was read as.
@@ -130,7 +130,7 @@ def try_readings(motion: Motion) -> list[ReadingScore]:
     return sorted(scores, key=lambda score: -score.gain)
 
 
-def _beyond(motion: Motion) -> float:
+def _beyond(motion: MeasuredMotion) -> float:
     """Return which part of the positions is outside the limits, and outside what is identified."""
     q, known = motion.true_q, motion.model.uncertainty
     ranges = [(motion.arm.lower, motion.arm.upper)]
@@ -139,7 +139,7 @@ def _beyond(motion: Motion) -> float:
     return float(np.mean([np.mean((q < low) | (q > high)) for low, high in ranges]))
 
 
-def _thinned(motion: Motion, rows: NDArray[np.int_]) -> Motion:
+def _thinned(motion: MeasuredMotion, rows: NDArray[np.int_]) -> MeasuredMotion:
     return replace(
         motion,
         q=motion.q[rows],

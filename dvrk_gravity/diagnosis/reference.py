@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.load import Loaded, LoadSettings
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation.same_motion import Track, same_motion
@@ -110,7 +110,7 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
     )
 
 
-def _by_clock(motion: Motion) -> list[list[slice]]:
+def _by_clock(motion: MeasuredMotion) -> list[list[slice]]:
     """Return the parts, those of one recording together, in order."""
     clock = motion.clock or (0,) * len(motion.parts)
     groups: dict[int, list[slice]] = {}
@@ -119,7 +119,7 @@ def _by_clock(motion: Motion) -> list[list[slice]]:
     return list(groups.values())
 
 
-def _times(motion: Motion, parts: Sequence[slice], reference: Track) -> Array:
+def _times(motion: MeasuredMotion, parts: Sequence[slice], reference: Track) -> Array:
     assert motion.rate is not None
     track = Track([motion.time[p] for p in parts], [motion.q[p] for p in parts])
     return np.concatenate(same_motion(track, reference, motion.rate))
@@ -130,7 +130,7 @@ def _spans(shown: NDArray[np.bool_], part: slice) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _cut(motion: Motion, pieces: Sequence[slice]) -> Motion:
+def _cut(motion: MeasuredMotion, pieces: Sequence[slice]) -> MeasuredMotion:
     """Return some pieces of a motion."""
     rows = np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces])
     edges = np.cumsum([0, *(piece.stop - piece.start for piece in pieces)]).tolist()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
 
 Array = NDArray[np.float64]
@@ -35,7 +35,9 @@ class ReferenceErrorSettings:
     by_day: float = 0.1
 
 
-def reference_columns(motion: Motion, settings: ReferenceErrorSettings | None = None) -> Array:
+def reference_columns(
+    motion: MeasuredMotion, settings: ReferenceErrorSettings | None = None
+) -> Array:
     """Return (N, n, d) torques by which a difference may be off, of one standard deviation each.
 
     Of every joint that moves: friction of which the transmitted torque has grown, inertia of what

@@ -20,7 +20,7 @@ from dvrk_gravity.diagnosis.findings import Diagnosis
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed
 from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.load import Loaded, load
-from dvrk_gravity.diagnosis.motion import Motion
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nameless import with_nameless
 from dvrk_gravity.diagnosis.readings import Readings, read_as, try_readings
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
@@ -351,13 +351,15 @@ def _held_out_confirms(
     return kept, failed
 
 
-def hypotheses(motion: Motion) -> Iterable[Hypothesis]:
+def hypotheses(motion: MeasuredMotion) -> Iterable[Hypothesis]:
     """Yield every hypothesis that needs no search in the residual."""
     for effect in effects.effects():
         yield from effect.hypotheses(motion)
 
 
-def _prepare(motion: Motion, say: Callable[[str], None]) -> tuple[CrossValidation, list[Candidate]]:
+def _prepare(
+    motion: MeasuredMotion, say: Callable[[str], None]
+) -> tuple[CrossValidation, list[Candidate]]:
     say("building hypotheses")
     validation = CrossValidation(FilteredData.of(motion))
     pool = list(validation.candidates(hypotheses(motion)))

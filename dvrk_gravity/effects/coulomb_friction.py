@@ -39,7 +39,7 @@ from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Unknowns
 from dvrk_gravity.effects.base.unknowns import (
     PART,
     ColumnTable,
-    Move,
+    ModelChange,
     effort_of_motor,
     site_columns,
 )
@@ -177,16 +177,16 @@ class CoulombFriction(LinearTerm):
         return PlantPart(dry=np.array([up, down]))
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
         """See :meth:`LinearTerm.moves`."""
         for joint in range(table.arm.n):
             for place in friction_places(table.arm, joint):
                 here = tuple(table.select(effect=cls.NAME, place=place, joint=joint))
                 text = f"{cls.NAME} {where(table.arm, joint, place)}"
                 if here[0] in inside:
-                    yield Move((), here, f"without {text}")
+                    yield ModelChange((), here, f"without {text}")
                 else:
-                    yield Move(here, (), text)
+                    yield ModelChange(here, (), text)
         yield from moves_between(cls.NAME, table, inside)
 
     @classmethod

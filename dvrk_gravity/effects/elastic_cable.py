@@ -22,7 +22,7 @@ from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Unknowns
 from dvrk_gravity.effects.base.unknowns import (
     PART,
     ColumnTable,
-    Move,
+    ModelChange,
     effort_of_motor,
     site_columns,
 )
@@ -122,7 +122,7 @@ class ElasticCable(LinearTerm):
         return PlantPart(at=lambda q, qd: (values(q), None))
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
         """See :meth:`LinearTerm.moves`: polynomials of higher degree, and of one degree less.
 
         A cubic may help where neither a slope nor a parabola does.
@@ -132,11 +132,13 @@ class ElasticCable(LinearTerm):
             degree = max((k for k in range(DEGREE + 1) if powers[k] in inside), default=-1)
             for higher in range(degree + 1, min(degree + 4, DEGREE + 1)):
                 come = tuple(powers[degree + 1 : higher + 1])
-                yield Move(come, (), f"{cls.NAME} {name}, degree {higher}")
+                yield ModelChange(come, (), f"{cls.NAME} {name}, degree {higher}")
             if degree > 0:
-                yield Move((), (powers[degree],), f"{cls.NAME} {name}, degree {degree - 1} only")
+                yield ModelChange(
+                    (), (powers[degree],), f"{cls.NAME} {name}, degree {degree - 1} only"
+                )
             elif degree == 0:
-                yield Move((), (powers[0],), f"without a constant torque on {name}")
+                yield ModelChange((), (powers[0],), f"without a constant torque on {name}")
 
     @classmethod
     def plainest(cls, table: ColumnTable) -> list[int]:

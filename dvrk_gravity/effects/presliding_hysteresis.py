@@ -29,7 +29,7 @@ from dvrk_gravity.effects.base.unknowns import (
     PART,
     Column,
     ColumnTable,
-    Move,
+    ModelChange,
     effort_of_motor,
     site_columns,
 )
@@ -188,7 +188,7 @@ class PreslidingHysteresis(LinearTerm):
         return Unknowns(cls(arm, np.array(DISPLACEMENTS), nothing, nothing), tuple(columns))
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
         """See :meth:`LinearTerm.moves`: elements come, go, and take each other's places."""
         for joint in range(table.arm.n):
             for place in friction_places(table.arm, joint):
@@ -196,12 +196,12 @@ class PreslidingHysteresis(LinearTerm):
                 for element, length in zip(elements, DISPLACEMENTS, strict=True):
                     text = f"{cls.NAME} {where(table.arm, joint, place)}, {length:g} rad"
                     if element in inside:
-                        yield Move((), (element,), f"without {text}")
+                        yield ModelChange((), (element,), f"without {text}")
                         continue
-                    yield Move((element,), (), text)
+                    yield ModelChange((element,), (), text)
                     for other in elements:
                         if other in inside:
-                            yield Move((element,), (other,), f"{text} instead of another")
+                            yield ModelChange((element,), (other,), f"{text} instead of another")
         yield from moves_between(cls.NAME, table, inside)
 
     @classmethod

@@ -20,7 +20,7 @@ from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import LinearTerm, Unknowns
-from dvrk_gravity.effects.base.unknowns import ColumnTable, Move, site_columns, unit_way
+from dvrk_gravity.effects.base.unknowns import ColumnTable, ModelChange, site_columns, unit_way
 from dvrk_gravity.parameter import Parameter, Value
 
 _PART = 0.05  # of a motor's largest torque that a rad/s^2 may plausibly take
@@ -73,12 +73,12 @@ class RotorInertia(LinearTerm):
         return PlantPart()
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
         """See :meth:`LinearTerm.moves`; every motor has a rotor, so none goes."""
         for joint, name in enumerate(table.arm.joint_names):
             rotor = table.select(effect=cls.NAME, joint=joint)[0]
             if rotor not in inside:
-                yield Move((rotor,), (), f"{cls.NAME} {name}")
+                yield ModelChange((rotor,), (), f"{cls.NAME} {name}")
 
     @classmethod
     def plainest(cls, table: ColumnTable) -> list[int]:

@@ -34,7 +34,13 @@ from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.supposed import SUPPOSED
 from dvrk_gravity.effects.base.term import Evaluator, Friction
-from dvrk_gravity.effects.base.unknowns import PART, ColumnTable, Move, effort_of_motor, unit_way
+from dvrk_gravity.effects.base.unknowns import (
+    PART,
+    ColumnTable,
+    ModelChange,
+    effort_of_motor,
+    unit_way,
+)
 from dvrk_gravity.parameter import Parameter, Value
 
 
@@ -118,7 +124,7 @@ class ViscousFriction(Friction):
         return PlantPart(damping=self._damping)
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
         """See :meth:`LinearTerm.moves`.
 
         Every joint has viscous friction; what is too little to improve the cross-validated error
@@ -130,9 +136,9 @@ class ViscousFriction(Friction):
                 here = tuple(table.select(effect=cls.NAME, place=place, joint=joint))
                 text = f"{cls.NAME} {where(table.arm, joint, place)}"
                 if here[0] not in inside:
-                    yield Move(here, (), text)
+                    yield ModelChange(here, (), text)
                 elif len(both) > 1:
-                    yield Move((), here, f"without {text}")
+                    yield ModelChange((), here, f"without {text}")
         yield from moves_between(cls.NAME, table, inside)
 
     @classmethod

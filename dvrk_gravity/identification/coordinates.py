@@ -13,7 +13,7 @@ from dvrk_gravity.estimation.normal_equations import fit
 from dvrk_gravity.estimation.splits import make_folds
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import build_design
-from dvrk_gravity.identification.motion import Motion, Source, head, read, read_motions
+from dvrk_gravity.identification.motion import CalibrationMotion, Source, head, read, read_motions
 from dvrk_gravity.identification.moves import start_columns
 from dvrk_gravity.identification.selection import split_equations
 from dvrk_gravity.recording import DataWarning
@@ -110,7 +110,7 @@ def _error(recording: Source, arm: Arm, coordinates: Coordinates) -> float:
     return float(np.exp(0.5 * np.mean(np.log(held_out / np.maximum(power, 1e-12) + 1e-12))))
 
 
-def _head(motion: Motion) -> Motion:
+def _head(motion: CalibrationMotion) -> CalibrationMotion:
     samples = int(CoordinateSettings().duration * motion.filter.rate)
     rows = slice(0, max(samples, 6 * motion.filter.edge))
     state = motion.state

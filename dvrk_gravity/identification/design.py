@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.effects import State
 from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.motion import Motion
+from dvrk_gravity.identification.motion import CalibrationMotion
 from dvrk_gravity.recording.data import Array
 
 CHUNK = 2000  # samples whose regressor is held at a time; no result depends on it
@@ -60,7 +60,7 @@ class Design:
 
 def build_design(
     columns: Columns,
-    motions: Sequence[Motion],
+    motions: Sequence[CalibrationMotion],
     progress: Callable[[float], None] = lambda share: None,
 ) -> Design:
     """Evaluate and filter the regressor of all columns.

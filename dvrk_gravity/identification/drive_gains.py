@@ -25,7 +25,7 @@ from dvrk_gravity.estimation.same_motion import Track, same_motion
 from dvrk_gravity.estimation.scales import Scales, solve_scales
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design, build_design
-from dvrk_gravity.identification.motion import Motion, head, read_motions
+from dvrk_gravity.identification.motion import CalibrationMotion, head, read_motions
 from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.rigid_columns import RIGID
 from dvrk_gravity.recording import Recording, RecordingFile
@@ -266,7 +266,9 @@ def _load_columns(
     return known, unknown, sizes
 
 
-def _when(first: Sequence[Motion], second: Sequence[Motion], carried: Design) -> Array:
+def _when(
+    first: Sequence[CalibrationMotion], second: Sequence[CalibrationMotion], carried: Design
+) -> Array:
     """Return (N,) when the bare recordings show the samples of the loaded ones; NaN if never."""
     found = np.full(len(carried.y), np.nan)
     for number in sorted({part.source for part in second}):
@@ -280,12 +282,12 @@ def _when(first: Sequence[Motion], second: Sequence[Motion], carried: Design) ->
     return found
 
 
-def _track(parts: Sequence[Motion]) -> Track:
+def _track(parts: Sequence[CalibrationMotion]) -> Track:
     return Track([part.time for part in parts], [part.state.q for part in parts])
 
 
 def _of_difference(
-    first: Sequence[Motion],
+    first: Sequence[CalibrationMotion],
     carried: Design,
     when: Array,
     sizes: Array,
@@ -322,8 +324,8 @@ def _of_difference(
 
 def _of_all(
     arm: Arm,
-    first: Sequence[Motion],
-    second: Sequence[Motion],
+    first: Sequence[CalibrationMotion],
+    second: Sequence[CalibrationMotion],
     carried: Design,
     sizes: Array,
     mass: float,

@@ -36,7 +36,7 @@ from dvrk_gravity.identification.result import (
     JointError,
     Trace,
 )
-from dvrk_gravity.identification.selection import Selection
+from dvrk_gravity.identification.selection import ColumnSelection
 from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.node_parameters import node_parameters
@@ -50,7 +50,7 @@ _SHOWN = ("friction_compensation.ratio", "friction_compensation.dead_band")
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class ColumnFit:
     """A fit of chosen columns.
 
     Attributes:
@@ -143,7 +143,7 @@ def fit_dynamic(
     )
 
 
-def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) -> Estimate:
+def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) -> ColumnFit:
     """Fit the chosen columns and say how certain the result is.
 
     Args:
@@ -167,7 +167,7 @@ def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) ->
     held = holding(
         lambda q: _at_rest(columns, index, q), solution.theta, spread, design.state.q, columns.arm
     )
-    return Estimate(solution, links, predicted, blind, parameters, identifiability, held, spread)
+    return ColumnFit(solution, links, predicted, blind, parameters, identifiability, held, spread)
 
 
 def _spread(
@@ -183,7 +183,7 @@ def _spread(
 
 
 def _posterior(
-    problem: Problem, chosen: Sequence[int], theta: Array, found: Estimate
+    problem: Problem, chosen: Sequence[int], theta: Array, found: ColumnFit
 ) -> tuple[list[int], Uncertainty]:
     """Return columns, and the covariance of their coefficients, that a model is not sure of.
 
@@ -208,7 +208,7 @@ def _at_rest(columns: Columns, chosen: Sequence[int], q: Array) -> Array:
 
 
 def _held_out(
-    design: Design, folds: Folds, selection: Selection, chosen: Sequence[int], physical: bool
+    design: Design, folds: Folds, selection: ColumnSelection, chosen: Sequence[int], physical: bool
 ) -> Array:
     """Return (N, n) torques, each predicted by the fit that had not seen it."""
     index = list(chosen)

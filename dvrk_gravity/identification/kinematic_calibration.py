@@ -18,7 +18,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
 from dvrk_gravity.effects.base import rigid_body, site
 from dvrk_gravity.effects.base.links import joints_with_weight
-from dvrk_gravity.effects.base.unknowns import Column, ColumnTable, Move
+from dvrk_gravity.effects.base.unknowns import Column, ColumnTable, ModelChange
 from dvrk_gravity.recording.data import Array
 
 KINEMATIC = ("base_tilt", "joint_offset")  # effects that torque is not linear in
@@ -146,12 +146,14 @@ def offset_joints(arm: Arm) -> tuple[int, ...]:
     return tuple(joint for joint in joints_with_weight(arm) if joint < arm.n - 1)
 
 
-def kinematic_moves(columns: ColumnTable, inside: set[int]) -> Iterator[Move]:
+def kinematic_moves(columns: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
     """Yield the tilt of the base and the zeros of joints that are not yet in."""
     tilt, offset = KINEMATIC
     free = tuple(i for i in columns.select(effect=tilt) if i not in inside)
     if free:
-        yield Move(free, (), tilt)
+        yield ModelChange(free, (), tilt)
     for i in columns.select(effect=offset):
         if i not in inside:
-            yield Move((i,), (), f"{offset} {columns.arm.joint_names[columns.columns[i].joint]}")
+            yield ModelChange(
+                (i,), (), f"{offset} {columns.arm.joint_names[columns.columns[i].joint]}"
+            )

@@ -13,7 +13,7 @@ from dvrk_gravity.identification.kinematic_calibration import (
     KinematicSettings,
 )
 from dvrk_gravity.identification.kinematic_statements import kinematic_statements
-from dvrk_gravity.identification.motion import Motion
+from dvrk_gravity.identification.motion import CalibrationMotion
 from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.problem import Problem, choose, pose, reweighed, solved
 from dvrk_gravity.recording.data import Array
@@ -43,7 +43,7 @@ class KinematicSearchSettings:
 def around_calibration(
     problem: Problem,
     chosen: list[int],
-    motions: Sequence[Motion],
+    motions: Sequence[CalibrationMotion],
     report: Callable[[str, float], None],
 ) -> tuple[Problem, list[int], tuple[str, ...]]:
     """Return the problem around the best zeros and tilt, if any helps, and its columns.
@@ -115,7 +115,7 @@ def _calibration(problem: Problem, chosen: Sequence[int], fitted: Array) -> Kine
 
 
 def _moved(
-    problem: Problem, chosen: Sequence[int], fitted: Array, motions: Sequence[Motion]
+    problem: Problem, chosen: Sequence[int], fitted: Array, motions: Sequence[CalibrationMotion]
 ) -> tuple[Problem, list[int]]:
     """Return the problem around the kinematics that (k,) coefficients of a fit ask for."""
     columns, selection = problem.design.columns, problem.selection
@@ -126,7 +126,7 @@ def _moved(
 
 
 def _settled(
-    problem: Problem, chosen: list[int], motions: Sequence[Motion], within: float
+    problem: Problem, chosen: list[int], motions: Sequence[CalibrationMotion], within: float
 ) -> tuple[Problem, list[int]]:
     """Return the problem around the kinematics that a fit changes by no more than some rad."""
     for _ in range(KinematicSearchSettings().steps):

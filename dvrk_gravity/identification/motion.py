@@ -47,7 +47,7 @@ class RateSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class CalibrationMotion:
     """A gap-free part of a recording.
 
     Attributes:
@@ -75,7 +75,7 @@ class Motion:
 class Motions:
     """All parts of some recordings, and what was found and done on the way."""
 
-    parts: tuple[Motion, ...]
+    parts: tuple[CalibrationMotion, ...]
     warnings: tuple[DataWarning, ...]
     handling: tuple[str, ...]
 
@@ -164,7 +164,7 @@ def read_motions(
     Raises:
         RecordingError: No efforts, a joint missing, or whatever ``read_trajectory`` refuses.
     """
-    parts: list[Motion] = []
+    parts: list[CalibrationMotion] = []
     once, left_out, repeated = read_once(recordings, cutoff)
     warnings, handling = list(repeated), list(left_out)
     trajectories = [trajectory for trajectory in once if trajectory is not None]
@@ -294,7 +294,7 @@ def _at_rate(stretch: Stretch, rate: float) -> Stretch:
 
 def _motion(
     stretch: Stretch, trajectory: Trajectory, arm: Arm, coordinates: Coordinates, source: int
-) -> Motion:
+) -> CalibrationMotion:
     coordinates = trajectory.coordinates or coordinates
     columns = [arm.joint_names.index(joint) for joint in trajectory.joints]
     q, qd, qdd = stretch.position, stretch.velocity, stretch.acceleration
@@ -313,7 +313,9 @@ def _motion(
         effort = arm.actuator_effort(effort)
     if not measured.all():
         effort = np.where(measured, effort, 0.0)
-    return Motion(stretch.time, State(q, qd, qdd), effort, measured, stretch.filter, source)
+    return CalibrationMotion(
+        stretch.time, State(q, qd, qdd), effort, measured, stretch.filter, source
+    )
 
 
 def motors_measured(

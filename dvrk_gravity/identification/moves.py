@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from dvrk_gravity.effects.base.unknowns import Move
+from dvrk_gravity.effects.base.unknowns import ModelChange
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.rigid_columns import RIGID
 
 
-def term_moves(columns: Columns, inside: set[int]) -> Iterator[Move]:
+def term_moves(columns: Columns, inside: set[int]) -> Iterator[ModelChange]:
     """Yield every change of what a model has, once each."""
     for term in columns.terms_looked_for:
         yield from term.moves(columns, inside)

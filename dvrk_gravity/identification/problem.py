@@ -16,8 +16,8 @@ from dvrk_gravity.estimation.splits import Folds, make_folds
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design, build_design
 from dvrk_gravity.identification.kinematic_calibration import KinematicCalibration
-from dvrk_gravity.identification.motion import Motion
-from dvrk_gravity.identification.selection import Selection, split_equations
+from dvrk_gravity.identification.motion import CalibrationMotion
+from dvrk_gravity.identification.selection import ColumnSelection, split_equations
 from dvrk_gravity.recording.data import Array
 
 
@@ -76,11 +76,11 @@ class Problem:
     folds: Folds
     weighting: Weighting
     equations: NormalEquations
-    selection: Selection
+    selection: ColumnSelection
 
 
 def pose(
-    motions: Sequence[Motion],
+    motions: Sequence[CalibrationMotion],
     arm: Arm,
     effects: Sequence[str] | None = None,
     progress: Callable[[float], None] = lambda share: None,
@@ -104,7 +104,7 @@ def pose(
     folds = make_folds(design.time, design.part, design.state.q, design.rate, clock=clock)
     weighting = weigh(design)
     whole, train, test = split_equations(design, folds, weighting.sample)
-    selection = Selection(columns, train, test, weighting.motor, effects=effects)
+    selection = ColumnSelection(columns, train, test, weighting.motor, effects=effects)
     return Problem(design, folds, weighting, whole, selection)
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.effects.base.unknowns import Move
+from dvrk_gravity.effects.base.unknowns import ModelChange
 from dvrk_gravity.estimation.fold_fits import HeldOutSums, SeenSums, SignedFits
 from dvrk_gravity.estimation.normal_equations import NormalEquations
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
@@ -21,11 +21,11 @@ from dvrk_gravity.identification.result import Choice, improvement
 from dvrk_gravity.identification.rigid_columns import RIGID
 from dvrk_gravity.recording.data import Array
 
-Moves = Callable[[Columns, set[int]], Iterator[Move]]
+Moves = Callable[[Columns, set[int]], Iterator[ModelChange]]
 
 
 @dataclass(frozen=True)
-class SelectionSettings:
+class ColumnSelectionSettings:
     """When a change of a model improves its cross-validated error.
 
     Attributes:
@@ -59,7 +59,7 @@ class Chosen:
 
 
 @dataclass(frozen=True, eq=False)
-class MoveTrial(Trial[Move]):
+class MoveTrial(Trial[ModelChange]):
     """What a move would bring.
 
     Attributes:
@@ -70,7 +70,7 @@ class MoveTrial(Trial[Move]):
 
 
 @dataclass
-class Selection:
+class ColumnSelection:
     """Search for the columns of a model.
 
     Attributes:
@@ -89,11 +89,11 @@ class Selection:
     weight: Array
     effects: Sequence[str] | None = None
     choices: list[Choice] = field(default_factory=list)
-    settings: SelectionSettings = field(default_factory=SelectionSettings)
+    settings: ColumnSelectionSettings = field(default_factory=ColumnSelectionSettings)
 
-    def weighed(self, weight: Array) -> Selection:
+    def weighed(self, weight: Array) -> ColumnSelection:
         """Return the search with other (m,) weights of motors, and what was tried so far."""
-        return Selection(
+        return ColumnSelection(
             self.columns, self.train, self.test, weight, self.effects, list(self.choices),
             self.settings,
         )  # fmt: skip
@@ -187,7 +187,7 @@ class Selection:
         self.choices.append(self._choice(trial, state.errors, True))
         return Chosen(_apply(state.columns, trial.move), trial.errors)
 
-    def tried(self, state: Chosen, moves: Sequence[Move]) -> list[MoveTrial]:
+    def tried(self, state: Chosen, moves: Sequence[ModelChange]) -> list[MoveTrial]:
         """Return what moves would bring."""
         others = [_apply(state.columns, move) for move in moves]
         if len(others) == 1:
@@ -195,7 +195,7 @@ class Selection:
         errors = self._held_out.error(self._fits.fit_near(state.columns, others))
         return [self._judged(state, move, e) for move, e in zip(moves, errors, strict=True)]
 
-    def _judged(self, state: Chosen, move: Move, errors: Array) -> MoveTrial:
+    def _judged(self, state: Chosen, move: ModelChange, errors: Array) -> MoveTrial:
         settings = self.settings
         gain, uncertainty = self.compare(state.errors, errors)
         if not move.add:
@@ -207,7 +207,7 @@ class Selection:
         passes = worth > max(0.0, settings.standard_errors * uncertainty)
         return MoveTrial(move, worth, passes, errors)
 
-    def permitted(self, move: Move) -> bool:
+    def permitted(self, move: ModelChange) -> bool:
         """Tell whether a move may be tried."""
         added = [self.columns.columns[i] for i in move.add]
         return all(self.allowed(one.effect) and self.columns.offers(one) for one in added)
@@ -229,14 +229,14 @@ class Selection:
 class _MoveSearch:
     """A selection that tries moves of one kind."""
 
-    selection: Selection
+    selection: ColumnSelection
     generate: Moves
 
-    def moves(self, state: Chosen) -> Iterable[Move]:
+    def moves(self, state: Chosen) -> Iterable[ModelChange]:
         found = self.generate(self.selection.columns, set(state.columns))
         return filter(self.selection.permitted, found)
 
-    def attempt(self, state: Chosen, moves: Sequence[Move]) -> list[MoveTrial]:
+    def attempt(self, state: Chosen, moves: Sequence[ModelChange]) -> list[MoveTrial]:
         return self.selection.tried(state, moves)
 
     def choose(self, trials: Sequence[MoveTrial]) -> MoveTrial | None:
@@ -247,7 +247,7 @@ class _MoveSearch:
         return self.selection.taken(state, trial)
 
 
-def _apply(chosen: list[int], move: Move) -> list[int]:
+def _apply(chosen: list[int], move: ModelChange) -> list[int]:
     return sorted((set(chosen) | set(move.add)) - set(move.remove))
 
 

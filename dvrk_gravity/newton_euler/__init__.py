@@ -11,21 +11,21 @@ Pinocchio computes the dynamics.
 
 from dvrk_gravity.newton_euler.dynamics import JointLoads, inverse_dynamics, pinocchio_model
 from dvrk_gravity.newton_euler.mechanism import (
-    Joint,
     JointType,
     Link,
+    LinkJoint,
     Mechanism,
     rotation_matrix,
 )
-from dvrk_gravity.newton_euler.reader import Motion, parse, read
+from dvrk_gravity.newton_euler.reader import JointMotion, parse, read
 
 __all__ = [
-    "Joint",
     "JointLoads",
+    "JointMotion",
     "JointType",
     "Link",
+    "LinkJoint",
     "Mechanism",
-    "Motion",
     "inverse_dynamics",
     "parse",
     "pinocchio_model",

@@ -58,7 +58,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Joint:
+class LinkJoint:
     """The joint in front of a link.
 
     Attributes:
@@ -105,7 +105,7 @@ class Mechanism:
     """
 
     links: tuple[Link, ...]
-    joints: tuple[Joint, ...]
+    joints: tuple[LinkJoint, ...]
     gravity: Array = field(default_factory=lambda: np.array([0.0, -GRAVITY, 0.0]))
     forces: Array = field(default_factory=lambda: _no_rows(7))
     moments: Array = field(default_factory=lambda: _no_rows(4))

@@ -20,9 +20,9 @@ from dvrk_gravity.files import yaml_file
 from dvrk_gravity.newton_euler.mechanism import (
     GRAVITY,
     Array,
-    Joint,
     JointType,
     Link,
+    LinkJoint,
     Mechanism,
     rotation_matrix,
 )
@@ -33,7 +33,7 @@ _ANGLE_UNITS = {"rad": 1.0, "deg": np.pi / 180}
 
 
 @dataclass(frozen=True)
-class Motion:
+class JointMotion:
     """One sample or a trajectory.
 
     Attributes:
@@ -47,7 +47,7 @@ class Motion:
     qdd: Array
 
 
-def read(path: str | Path) -> tuple[Mechanism, Motion]:
+def read(path: str | Path) -> tuple[Mechanism, JointMotion]:
     """Read a mechanism and its motion.
 
     Raises:
@@ -60,7 +60,7 @@ def read(path: str | Path) -> tuple[Mechanism, Motion]:
         raise error.in_file(path) from None
 
 
-def parse(document: object) -> tuple[Mechanism, Motion]:
+def parse(document: object) -> tuple[Mechanism, JointMotion]:
     """Return the mechanism and the motion that a parsed YAML document describes.
 
     Raises:
@@ -106,13 +106,13 @@ def _link(name: str, entry: object) -> Link:
     )
 
 
-def _joint(name: str, entry: object, to_rad: float) -> Joint:
+def _joint(name: str, entry: object, to_rad: float) -> LinkJoint:
     keys = _mapping(name, entry, ("type",), ("rotation",))
     kind = keys["type"]
     if isinstance(kind, bool) or not isinstance(kind, int) or kind not in tuple(JointType):
         raise ConfigError(f"{name}: type", kind, "0 (revolute), 1 (prismatic) or 2 (rigid)")
     angles = _vector(f"{name}: rotation", keys.get("rotation", [0, 0, 0]), 3) * to_rad
-    return Joint(JointType(kind), rotation_matrix(angles))
+    return LinkJoint(JointType(kind), rotation_matrix(angles))
 
 
 def _gravity(whole: Mapping[str, Any]) -> Array:
@@ -126,7 +126,7 @@ def _gravity(whole: Mapping[str, Any]) -> Array:
     return direction * (GRAVITY * flag / norm) + 0.0  # no -0.0 when switched off
 
 
-def _motion(whole: Mapping[str, Any], joints: tuple[Joint, ...], to_rad: float) -> Motion:
+def _motion(whole: Mapping[str, Any], joints: tuple[LinkJoint, ...], to_rad: float) -> JointMotion:
     n = len(joints)
     arrays = {}
     for key in ("q", "qd", "qdd"):
@@ -142,7 +142,7 @@ def _motion(whole: Mapping[str, Any], joints: tuple[Joint, ...], to_rad: float) 
                 f"as many samples as q has: shape {arrays['q'].shape}",
             )
     angular = np.array([joint.type is not JointType.PRISMATIC for joint in joints])
-    return Motion(arrays["q"] * np.where(angular, to_rad, 1.0), arrays["qd"], arrays["qdd"])
+    return JointMotion(arrays["q"] * np.where(angular, to_rad, 1.0), arrays["qd"], arrays["qdd"])
 
 
 def _mapping(

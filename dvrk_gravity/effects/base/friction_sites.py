@@ -10,7 +10,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.unknowns import ColumnTable, Move
+from dvrk_gravity.effects.base.unknowns import ColumnTable, ModelChange
 
 
 def friction_sites(motion: Motion) -> Iterator[site.Site]:
@@ -67,7 +67,7 @@ def where(arm: Arm, joint: int, place: str) -> str:
     return f"{name} ({place})" if len(friction_places(arm, joint)) > 1 else name
 
 
-def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
     """Yield the moves of a joint's friction to its motor and back."""
     for joint in mixed_motors(table.arm):
         here, there = (
@@ -80,4 +80,4 @@ def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator
             if pairs:
                 gone, come = zip(*pairs, strict=True)
                 text = f"{effect} {table.arm.joint_names[joint]} at the {place}"
-                yield Move(come, gone, text)
+                yield ModelChange(come, gone, text)

@@ -31,7 +31,7 @@ COLUMNS = PER_LINK * len(mtm.BODIES)  # of an MTM
 _BLOCK = 1000  # samples worked on at a time: their arrays stay in the cache
 
 
-class Body(NamedTuple):
+class TreeBody(NamedTuple):
     """One body of the tree.
 
     Attributes:
@@ -64,14 +64,14 @@ class Body(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def bodies(arm: Arm) -> tuple[Body, ...]:
+def bodies(arm: Arm) -> tuple[TreeBody, ...]:
     """Return the bodies of an arm in their order."""
-    result: list[Body] = []
+    result: list[TreeBody] = []
     for body in arm.bodies:
         before = result[body.parent].joints if body.parent >= 0 else ()
         own = [int(joint) for joint in np.flatnonzero(body.row)]
         result.append(
-            Body(
+            TreeBody(
                 body.parent,
                 body.placement.rotation.copy(),
                 body.placement.translation[:, None].copy(),
@@ -125,7 +125,7 @@ class _Coordinate(NamedTuple):
 
 
 def _blocks(
-    tree: tuple[Body, ...], q: Array, qd: Array | None, qdd: Array | None
+    tree: tuple[TreeBody, ...], q: Array, qd: Array | None, qdd: Array | None
 ) -> Iterator[tuple[slice, list[_Coordinate]]]:
     """Yield slices of the samples, and every body's coordinate there."""
     for start in range(0, len(q), _BLOCK):
@@ -180,7 +180,7 @@ def _resting(gravity: Array, samples: int) -> _Motion:
     return _Motion(still, still, np.repeat(-gravity[:, None], samples, axis=1))
 
 
-def _frame(body: Body, position: Array) -> _Frame:
+def _frame(body: TreeBody, position: Array) -> _Frame:
     if body.slides:
         return _Frame(body.rotation, None, body.offset + body.rotation[:, 2:] * position)
     turn = np.cos(position), np.sin(position)
@@ -209,7 +209,7 @@ def _carried(parent: _Motion, frame: _Frame, rate: Array, gain: Array) -> _Motio
 
 
 def _torque(
-    tree: tuple[Body, ...],
+    tree: tuple[TreeBody, ...],
     links: Array,
     coordinates: list[_Coordinate],
     gravity: Array,
@@ -255,7 +255,7 @@ def _wrench(link: Array, motion: _Motion) -> tuple[Array, Array]:
 
 
 def _regressor(
-    tree: tuple[Body, ...], coordinates: list[_Coordinate], gravity: Array, joints: int
+    tree: tuple[TreeBody, ...], coordinates: list[_Coordinate], gravity: Array, joints: int
 ) -> Array:
     """Return (joints, columns, samples)."""
     samples = len(coordinates[0].position)
@@ -275,7 +275,7 @@ def _regressor(
 
 
 def _units(
-    parent: dict[int, tuple[Array, Array]], body: Body, frame: _Frame, samples: int
+    parent: dict[int, tuple[Array, Array]], body: TreeBody, frame: _Frame, samples: int
 ) -> dict[int, tuple[Array, Array]]:
     """Return the unit motions (u, v) that joints give a body, (3, samples) each, by joint."""
     offset = frame.offset

@@ -16,7 +16,7 @@ from dvrk_gravity.effects.base.plant_part import PlantPart, secant_damping
 from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.effects.base.site import THE_ARM, Kind
 from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.unknowns import Column, ColumnTable, Move, site_columns
+from dvrk_gravity.effects.base.unknowns import Column, ColumnTable, ModelChange, site_columns
 from dvrk_gravity.parameter import Parameter, Value
 
 Evaluator = Callable[[Array, "Array | None"], Array]
@@ -201,7 +201,7 @@ class LinearTerm(Term):
         return Unknowns(prior.with_theta(np.zeros(len(scale))), columns)
 
     @classmethod
-    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[Move]:
+    def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
         """Yield the changes of a model that a search tries; by default each column comes and goes.
 
         Args:
@@ -213,9 +213,9 @@ class LinearTerm(Term):
             where = f"{cls.NAME} {column.site.words(table.arm)}"
             text = where + f", {column.index}" * (column.index > 0)
             if index in inside:
-                yield Move((), (index,), f"without {text}")
+                yield ModelChange((), (index,), f"without {text}")
             else:
-                yield Move((index,), (), text)
+                yield ModelChange((index,), (), text)
 
     @classmethod
     def coefficient_name(cls, arm: Arm, column: Column) -> str:

@@ -71,7 +71,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Move:
+class ModelChange:
     """A change of the model that is tried.
 
     Attributes:
