@@ -69,17 +69,17 @@ class Count:
     def add(self, parameters: Sequence[FittedParameter], truth: dict[str, float]) -> None:
         """Count one repetition."""
         seen: dict[str, list[bool]] = {}
-        for one in parameters:
-            if not one.identifiable:
-                self.open[one.name] = self.open.get(one.name, 0) + 1
+        for parameter in parameters:
+            if not parameter.identifiable:
+                self.open[parameter.name] = self.open.get(parameter.name, 0) + 1
                 continue
-            low, high = one.ci95
-            value = truth.get(one.name, 0.0)
-            self.hits.setdefault(one.name, []).append(low <= value <= high)
-            error = (one.value - value) / ((high - low) / 2.0 / 1.959964)
-            self.errors.setdefault(one.name, []).append(error)
-            for group in (family(one.name), "all"):
-                seen.setdefault(group, []).append(self.hits[one.name][-1])
+            low, high = parameter.ci95
+            value = truth.get(parameter.name, 0.0)
+            self.hits.setdefault(parameter.name, []).append(low <= value <= high)
+            error = (parameter.value - value) / ((high - low) / 2.0 / 1.959964)
+            self.errors.setdefault(parameter.name, []).append(error)
+            for group in (family(parameter.name), "all"):
+                seen.setdefault(group, []).append(self.hits[parameter.name][-1])
         for group, inside in seen.items():
             self.shares.setdefault(group, []).append((sum(inside), len(inside)))
 
@@ -152,10 +152,10 @@ def true_columns(columns: Columns, world: World) -> list[int]:
         degree = int(np.max(np.flatnonzero(world.cable[:, j]), initial=0))
         for power in range(degree + 1):
             chosen += columns.select(effect="elastic_cable", joint=j, index=power)
-        for place, level in (("joint", world.coulomb[0, j]), ("motor", world.coulomb[2, j])):
+        for site, level in (("joint", world.coulomb[0, j]), ("motor", world.coulomb[2, j])):
             if level:
-                chosen += columns.select(effect="coulomb_friction", place=place, joint=j)
-        chosen += columns.select(effect="viscous_friction", place="joint", joint=j)
+                chosen += columns.select(effect="coulomb_friction", site_kind=site, joint=j)
+        chosen += columns.select(effect="viscous_friction", site_kind="joint", joint=j)
         if j not in rotors_as_links(world.arm):
             chosen += columns.select(effect="rotor_inertia", joint=j)
     return sorted(chosen)
@@ -169,7 +169,9 @@ def true_values(world: World, columns: Columns, chosen: Sequence[int]) -> dict[s
         if columns.select(effect="rotor_inertia", joint=j)[0] not in chosen:
             links += world.rotors[j] * as_links
     truth = {f"beta[{k}] ({BETA_NAMES[k]})": float(world.beta[k]) for k in range(len(BETA_NAMES))}
-    truth |= {name: float(one @ links) for name, _, one in base_parameters(world.arm)}
+    truth |= {
+        name: float(combination @ links) for name, _, combination in base_parameters(world.arm)
+    }
     for j, joint in enumerate(JOINT_NAMES):
         truth |= {f"elastic_cable.{joint}[{k}]": float(v) for k, v in enumerate(world.cable[:, j])}
         truth[f"coulomb_friction.joint[{joint}]"] = float(world.coulomb[0, j])
@@ -254,9 +256,9 @@ def main() -> int:
         counts["chosen terms"] = Count()
     start = time.perf_counter()
     seeds = range(arguments.first, arguments.first + arguments.repetitions)
-    one = partial(repeated, duration=arguments.duration, titles=tuple(counts))
+    repeat = partial(repeated, duration=arguments.duration, titles=tuple(counts))
     with ProcessPoolExecutor(arguments.jobs) as pool:
-        for repetition, results in enumerate(pool.map(one, seeds)):
+        for repetition, results in enumerate(pool.map(repeat, seeds)):
             for count, (parameters, truth) in zip(counts.values(), results, strict=True):
                 count.add(parameters, truth)
             if (repetition + 1) % 20 == 0:

@@ -60,7 +60,7 @@ def measured(recording: Path, folder: Path) -> dict[str, float]:
     if status:
         raise SystemExit(f"diagnosis of {recording} failed")
     findings = json.loads((folder / "out" / "findings.json").read_text())["findings"]
-    named = [(one["effect"], one["joints"]) for one in findings]
+    named = [(finding["effect"], finding["joints"]) for finding in findings]
     if named != [("coulomb_friction", [arm.joint_names[JOINT]])]:
         raise SystemExit(f"{recording}: found {named}")
     return {"seconds": seconds, "cpu_s": cpu, "gib": usage.ru_maxrss / 2**20}
@@ -73,11 +73,11 @@ def run(lengths: Sequence[float], rate: float, report: Path | None) -> bool:
         for minutes in sorted(lengths):
             path = Path(folder) / "recording.csv"
             write(path, minutes, rate)
-            one = runs[minutes] = measured(path, Path(folder))
+            figures = runs[minutes] = measured(path, Path(folder))
             path.unlink()
-            spent = f"{one['seconds']:6.1f} s ({one['cpu_s']:.1f} s of a core)"
-            print(f"{minutes:g} min at {rate:g} Hz: {spent}, {one['gib']:.2f} GiB", flush=True)
-    reached = max(one["gib"] for one in runs.values()) <= MEMORY_TARGET
+            spent = f"{figures['seconds']:6.1f} s ({figures['cpu_s']:.1f} s of a core)"
+            print(f"{minutes:g} min at {rate:g} Hz: {spent}, {figures['gib']:.2f} GiB", flush=True)
+    reached = max(figures["gib"] for figures in runs.values()) <= MEMORY_TARGET
     print(f"target {MEMORY_TARGET:g} GiB: {'reached' if reached else 'MISSED'}")
     if report is not None:
         content = {"minutes": runs, "reached": reached}

@@ -35,19 +35,19 @@ def attempts(folder: Path) -> dict[str, tuple[Any, dict[str, Any]]]:
         write_messages(folder / storage, [joint_state(k) for k in range(20)], storage)
     small = [folder / "sqlite3" / "sqlite3.db3", folder / "mcap" / "mcap.mcap"]
     own = files.test_any_damaged_parameter_file_is_read_or_refused
-    tried = {f"{kind} YAML": (own, {"tmp_path": folder, "kind": kind}) for kind in files.READERS}
-    place = {"tmp_path": folder}
-    return tried | {
-        "console JSON": (files.test_any_damaged_console_file_is_read_or_refused, place),
+    targets = {f"{kind} YAML": (own, {"tmp_path": folder, "kind": kind}) for kind in files.READERS}
+    fixtures = {"tmp_path": folder}
+    return targets | {
+        "console JSON": (files.test_any_damaged_console_file_is_read_or_refused, fixtures),
         "bag, metadata": (
             files.test_any_damaged_description_of_a_bag_is_read_or_refused,
             {"tmp_path": folder / "copies", "bag": folder / "bag"},
         ),
         "bag, data": (
             recordings.test_damaged_bags_are_read_or_refused,
-            place | {"small_bags": small},
+            fixtures | {"small_bags": small},
         ),
-        "CSV": (recordings.test_any_csv_is_read_or_refused, place),
+        "CSV": (recordings.test_any_csv_is_read_or_refused, fixtures),
         "message": (recordings.test_any_message_is_decoded_or_refused, {}),
     }
 

@@ -127,9 +127,9 @@ def speed(lengths: Sequence[float], rate: float, report: Path | None) -> bool:
             path = Path(folder) / f"{minutes:g}_min.csv"
             write(path, minutes, rate)
             runs[minutes] = measured(path)
-            one = runs[minutes]
-            spent = f"{one['seconds']:6.1f} s ({one['cpu_s']:.1f} s of a core)"
-            print(f"{minutes:g} min at {rate:g} Hz: {spent}, {one['gib']:.2f} GiB")
+            figures = runs[minutes]
+            spent = f"{figures['seconds']:6.1f} s ({figures['cpu_s']:.1f} s of a core)"
+            print(f"{minutes:g} min at {rate:g} Hz: {spent}, {figures['gib']:.2f} GiB")
             if minutes < max(lengths):
                 path.unlink()
             if minutes == TEN:
@@ -148,7 +148,7 @@ def speed(lengths: Sequence[float], rate: float, report: Path | None) -> bool:
     first, last = min(runs), max(runs)
     slope = (runs[last]["gib"] - runs[first]["gib"]) / (last - first) if last > first else 0.0
     hour = runs[last]["gib"] + max(slope, 0.0) * max(60.0 - last, 0.0)
-    per_minute = {minutes: one["cpu_s"] / minutes for minutes, one in runs.items()}
+    per_minute = {minutes: figures["cpu_s"] / minutes for minutes, figures in runs.items()}
     print(f"an hour takes {hour:.2f} GiB" + ("" if last >= 60.0 else ", if memory goes on so"))
     reached = {"hour": hour <= MEMORY_TARGET}
     for name, one_run in (("ten minutes", runs.get(TEN)), ("zero off", zero_off)):

@@ -55,7 +55,7 @@ def _mujoco(
         residual = np.array(session.residual)
 
         def make(effect: str, random: np.random.Generator) -> tuple[Recording, Hidden, float]:
-            motion, noise = (int(one) for one in random.integers(1 << 30, size=2))
+            motion, noise = (int(value) for value in random.integers(1 << 30, size=2))
             truth = world.truth(draw_other(world.arm, motion, calibration))
             hiding = lab_effects.hide(world.setting(truth, residual), effect, random, sizes=sizes)
             return world.record(hiding.truth, noise), hiding.hidden, hiding.ratio
@@ -76,13 +76,13 @@ def _ours(seed: int, effects: Sequence[str], through_file: bool) -> Laboratory:
 
         def make(effect: str, random: np.random.Generator) -> tuple[Recording, Hidden, float]:
             changed, hidden = ours.hide(world, effect, random)
-            motion, noise = (int(one) for one in random.integers(1 << 30, size=2))
+            motion, noise = (int(value) for value in random.integers(1 << 30, size=2))
             recording = changed.record(motion, noise)
             if effect == "nothing":
                 return recording, hidden, 0.0
             # What the exact model cannot tell of it is what was hidden, and noise.
-            noise_only = _left(exact, world.record(motion, noise))
-            size = np.sqrt(np.maximum(_left(exact, recording) ** 2 - noise_only**2, 0.0))
+            noise_only = _rmse(exact, world.record(motion, noise))
+            size = np.sqrt(np.maximum(_rmse(exact, recording) ** 2 - noise_only**2, 0.0))
             return recording, hidden, float(np.max(size / residual))
 
         return _each(seed, effects, make)
@@ -101,8 +101,8 @@ def _each(
         yield effect, seed, partial(make, effect, np.random.default_rng([seed, number]))
 
 
-def _left(model: TorqueModel, recording: Recording) -> np.ndarray:
-    return np.array([one.rmse for one in evaluate(model, [recording], "joint").joints.values()])
+def _rmse(model: TorqueModel, recording: Recording) -> np.ndarray:
+    return np.array([error.rmse for error in evaluate(model, [recording], "joint").joints.values()])
 
 
 def main() -> int:
@@ -136,7 +136,11 @@ def main() -> int:
         for engine in ENGINES if args.engine == "both" else (args.engine,):
             known = ours.HIDERS if engine == "ours" else lab_effects.HIDERS
             wanted = known if args.effects is None else args.effects
-            hidden = [one for one in wanted if one in known and one not in ("nothing", "outside")]
+            hidden = [
+                effect
+                for effect in wanted
+                if effect in known and effect not in ("nothing", "outside")
+            ]
             effects = ["nothing"] * args.clean + hidden
             arm = "mtmr" if engine == "ours" else arms[seed % len(arms)]
             todo.append((engine, arm, seed, effects, tuple(args.sizes), args.through_file))
@@ -144,7 +148,7 @@ def main() -> int:
     if args.json:
         save(sessions, args.json)
     for engine in ENGINES:
-        these = [one for one in sessions if one.engine == engine]
+        these = [session for session in sessions if session.engine == engine]
         if these:
             print(table(engine, these))
     return 0

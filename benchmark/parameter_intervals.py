@@ -36,14 +36,14 @@ def regions(name: str, seed: int) -> list[Held]:
     random, found = np.random.default_rng([seed, 1]), []
     for model, recording in clean_motions(name, seed, random):
         validation = CrossValidation(FilteredData.of(load([recording], model).motion))
-        for candidate in _some(validation, random):
+        for candidate in _sample(validation, random):
             validation.weigh(validation.out_of_fold([candidate]), final=True)
             held = tuple(_holds_zero(validation, candidate, part) for part in COHERENT)
             found.append((name, candidate.hypothesis.effect, held))
     return found
 
 
-def _some(validation: CrossValidation, random: np.random.Generator) -> Iterator[Candidate]:
+def _sample(validation: CrossValidation, random: np.random.Generator) -> Iterator[Candidate]:
     """Yield a few hypotheses of every effect, those of one link or joint only."""
     by_effect: dict[str, list[Candidate]] = {}
     for candidate in validation.candidates(hypotheses(validation.data.motion)):
@@ -52,8 +52,8 @@ def _some(validation: CrossValidation, random: np.random.Generator) -> Iterator[
         if np.isfinite(candidate.values).all() and felt and not candidate.hypothesis.of_model:
             by_effect.setdefault(candidate.hypothesis.effect, []).append(candidate)
     for candidates in by_effect.values():
-        some = random.permutation(len(candidates))[:EACH]
-        yield from (candidates[i] for i in some)
+        chosen = random.permutation(len(candidates))[:EACH]
+        yield from (candidates[i] for i in chosen)
 
 
 def _holds_zero(validation: CrossValidation, candidate: Candidate, coherent: float) -> bool:

@@ -264,16 +264,16 @@ def main() -> int:
         f"\n{'a hand that works, right model: part left':<44}"
         + "".join(f"{n:>15}" for n in JOINT_NAMES)
     )
-    left, too_little = {}, 0
+    remaining, too_little = {}, 0
     for kind, least in LEAST_FACTOR.items():
         part = worked(kind, 0.01, 20.0)
-        left[kind] = part.tolist()
+        remaining[kind] = part.tolist()
         too_little += bool(part.min() < least)
         print(f"  {kind + f' (at least {least:g})':<42}" + "".join(f"{p:>15.2f}" for p in part))
     failed_before = sum(max(row["without"]) > 1.0 for row in rows)
     print(f"\nbeyond the bound, of {len(rows)}: without observer {failed_before}, with it {broken}")
     if arguments.json is not None:
-        content = {"passive": rows, "left": left, "broken": broken}
+        content = {"passive": rows, "left": remaining, "broken": broken}
         text_file.write(arguments.json, json.dumps(content, indent=1) + "\n")
     return 1 if broken or too_little or not failed_before else 0
 

@@ -41,7 +41,9 @@ def line(name: str, posed: Posed, count: int, seeds: range) -> str:
         mass = found[0].parameters["mass"]
         masses.append(mass.value)
         inside += mass.low <= posed.load <= mass.high
-    shares = " ".join(f"{share:.2f}" for share in np.sqrt(np.mean(errors, axis=0)) / posed.left())
+    shares = " ".join(
+        f"{share:.2f}" for share in np.sqrt(np.mean(errors, axis=0)) / posed.irreducible_error()
+    )
     told = ", ".join(f"{number} {level}" for level, number in sorted(verdicts.items()))
     mean = np.mean(masses) if masses else np.nan
     return (

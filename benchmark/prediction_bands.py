@@ -32,7 +32,9 @@ def shares(name: str, seed: int) -> list[tuple[bool, list[float]]]:
         data = FilteredData.of(load([recording], model).motion)
         variance = np.sum(data.model_columns**2, axis=2) + data.known_error**2
         within = np.abs(data.residual) <= NORMAL_95 * np.sqrt(variance)
-        share = [float(np.mean(one[use])) for one, use in zip(within.T, data.usable.T, strict=True)]
+        share = [
+            float(np.mean(column[use])) for column, use in zip(within.T, data.usable.T, strict=True)
+        ]
         beyond = outside(recording, Hidden("nothing", (), {}), model)
         found.append((beyond >= OUTSIDE, share))
     return found
@@ -44,7 +46,7 @@ def main(given: Sequence[str] | None = None) -> int:
     for name, seed, motions in of_each_arm(shares, __doc__, given):
         for beyond, share in motions:
             groups[beyond] += share
-            told = " ".join(f"{100 * one:.0f}" for one in share)
+            told = " ".join(f"{100 * part:.0f}" for part in share)
             where = "outside the range" if beyond else "within the range"
             print(f"{name} {seed}, {where}: {told} % by joint", flush=True)
     for beyond, share in groups.items():

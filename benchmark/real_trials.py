@@ -78,14 +78,14 @@ class ModelBodies:
     def __init__(self, model: TorqueModel) -> None:
         """Take a model; its gravity term follows any gravity."""
         self._model, self._arm = model, model.arm
-        self._weights = [one for one in model.terms if one.gravity_vector is not None]
+        self._weights = [term for term in model.terms if term.gravity_vector is not None]
 
     def added(
-        self, motion: tuple[Array, Array, Array], joint: int, mass: float, place: Array,
+        self, motion: tuple[Array, Array, Array], joint: int, mass: float, com: Array,
         inertia: float = 0.0,
     ) -> Array:  # fmt: skip
         """See :meth:`Bodies.added`."""
-        body = pin.Inertia(mass, np.asarray(place), inertia * np.eye(3))
+        body = pin.Inertia(mass, np.asarray(com), inertia * np.eye(3))
         tree = build_tree(
             self._arm,
             {self._arm.body_names[links_of_joints(self._arm)[joint]]: body},
@@ -97,7 +97,7 @@ class ModelBodies:
         """See :meth:`Bodies.torque`."""
         if gravity is None:
             return self._model.torque(q, qd, qdd)
-        turned = tuple(one.with_gravity(np.asarray(gravity)) for one in self._weights)
+        turned = tuple(term.with_gravity(np.asarray(gravity)) for term in self._weights)
         return TorqueModel(self._arm, turned).torque(q)
 
 
@@ -205,8 +205,8 @@ def trials(
     """Yield effect, number and recording of every trial."""
     del session
     truth = truth_of(case.other, case.arm)
-    left = evaluate(model, [in_joints(case.other, case.arm)], "joint").joints
-    residual = np.array([one.rmse for one in left.values()])
+    errors = evaluate(model, [in_joints(case.other, case.arm)], "joint").joints
+    residual = np.array([error.rmse for error in errors.values()])
     at_frames = np.zeros((case.arm.n, 3))
     setting = Setting(truth, ModelBodies(model), residual, case.masses, case.reach, at_frames)
 
@@ -218,7 +218,7 @@ def trials(
     for number, (_, recording, load) in enumerate(case.loads):
         bare = setting.residual
         ahead = evaluate(model, [in_joints(recording, case.arm)], "joint").joints
-        size = float(np.max(np.array([one.rmse for one in ahead.values()]) / bare))
+        size = float(np.max(np.array([error.rmse for error in ahead.values()]) / bare))
         yield "payload", 100 + number, lambda r=recording, h=load, s=size: (r, h, s)
     n = case.arm.n
     for kind, effect in enumerate(effects):
@@ -226,11 +226,11 @@ def trials(
             spots = [(joint, mass) for joint in (n - 1, n - 2, n // 2) for mass in case.masses]
             for number, (joint, mass) in enumerate(spots):
                 random = np.random.default_rng([kind, number])
-                place = case.reach * random.uniform(-1.0, 1.0, 3)
+                com = case.reach * random.uniform(-1.0, 1.0, 3)
                 yield (
                     effect,
                     number,
-                    lambda j=joint, m=mass, p=place: hidden(lab_effects.payload(setting, j, m, p)),
+                    lambda j=joint, m=mass, p=com: hidden(lab_effects.payload(setting, j, m, p)),
                 )
             continue
         for number in range(1 if effect in ("base_tilt", "time_delay") else places):
@@ -284,8 +284,8 @@ def main() -> int:
     if not DATA.is_dir():
         print(f"skipped: no {DATA} (DVRK_GRAVITY_DATA names another folder)")
         return 0
-    known = [one for one in lab_effects.HIDERS if one != "nothing"]
-    effects = [one for one in known if args.effects is None or one in args.effects]
+    known = [effect for effect in lab_effects.HIDERS if effect != "nothing"]
+    effects = [effect for effect in known if args.effects is None or effect in args.effects]
     todo = [(case, effects, args.places) for case in args.cases]
     sessions = hold_all(run, todo, args.jobs)
     if args.json:

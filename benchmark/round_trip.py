@@ -78,8 +78,8 @@ class RoundTrip:
         due = time.monotonic()
         end = due + duration
         while due < end:
-            while (left := due - time.monotonic()) > 0.0:
-                self.client.spin_once(left)
+            while (remaining := due - time.monotonic()) > 0.0:
+                self.client.spin_once(remaining)
             self.send()
             due = max(due + 1.0 / rate, time.monotonic())
         self.client.spin(0.1)

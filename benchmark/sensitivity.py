@@ -134,11 +134,11 @@ class Lab:
         motion = draw_calibration(world.arm, seed)
         calibration = world.record(world.truth(motion), seed)
         fit = identify(calibration, world.arm)
-        residual = np.array([one.rmse for one in fit.held_out.values()])
+        residual = np.array([error.rmse for error in fit.held_out.values()])
         hidden = {}
         for number, effect in enumerate(HIDDEN):
             random = np.random.default_rng([seed, number])
-            drawn, noise = (int(one) for one in random.integers(1 << 30, size=2))
+            drawn, noise = (int(value) for value in random.integers(1 << 30, size=2))
             truth = world.truth(draw_other(world.arm, drawn, motion))
             setting = world.setting(truth, residual)
             hidden[effect] = world.record(hide(setting, effect, random, sizes=SIZES).truth, noise)
@@ -170,7 +170,10 @@ def referenced() -> Figures:
 def in_amperes() -> Figures:
     """Return the gains of motors that are told in A, by a known load."""
     lab = Lab.set_up()
-    currents = [replace(one, effort=one.effort / GAINS, arm=None) for one in (lab.bare, lab.loaded)]
+    currents = [
+        replace(recording, effort=recording.effort / GAINS, arm=None)
+        for recording in (lab.bare, lab.loaded)
+    ]
     fit = identify(currents, lab.world.arm, known_payload=LOAD)
     arm, figures = fit.model.arm, Figures(verdict=fit.verdict.level)
     assert arm.drive_gains is not None
@@ -182,13 +185,15 @@ def in_amperes() -> Figures:
 
 def _told(name: str, diagnosis: Diagnosis) -> Figures:
     figures: Figures = {
-        f"{name}: findings": [f"{one.effect} {' '.join(one.joints)}" for one in diagnosis.findings],
-        f"{name}: known": [f"{one.effect} {' '.join(one.joints)}" for one in diagnosis.known],
+        f"{name}: findings": [
+            f"{finding.effect} {' '.join(finding.joints)}" for finding in diagnosis.findings
+        ],
+        f"{name}: known": [f"{known.effect} {' '.join(known.joints)}" for known in diagnosis.known],
     }
     for joint, floor in diagnosis.floor.items():
         figures[f"{name}: floor of {joint}"] = floor
-    for one in diagnosis.findings[:1]:
-        for parameter, estimate in one.parameters.items():
+    for finding in diagnosis.findings[:1]:
+        for parameter, estimate in finding.parameters.items():
             figures[f"{name}: {parameter}"] = estimate.value
             figures[f"{name}: {parameter}, width"] = estimate.high - estimate.low
     return figures
@@ -214,9 +219,9 @@ def read() -> Figures:
     lab = Lab.set_up()
     for name, recording in faulty(lab.calibration).items():
         prepared = prepare(recording, 20.0)
-        figures[f"{name}: warnings"] = sorted(str(one) for one in prepared.warnings)
+        figures[f"{name}: warnings"] = sorted(str(warning) for warning in prepared.warnings)
         figures[f"{name}: handling"] = sorted(prepared.handling)
-        figures[f"{name}: samples"] = sum(len(one.recording) for one in prepared.segments)
+        figures[f"{name}: samples"] = sum(len(segment.recording) for segment in prepared.segments)
     return figures
 
 
@@ -351,11 +356,11 @@ def changed(settings: type, name: str, factor: float) -> Iterator[str]:
         if second
         else scaled(value, factor)
     )
-    place = [one.name for one in fields(settings)].index(first)
+    index = [field.name for field in fields(settings)].index(first)
 
     def init(self: Any, *given: Any, **named: Any) -> None:
         original(self, *given, **named)
-        if len(given) <= place and first not in named:
+        if len(given) <= index and first not in named:
             object.__setattr__(self, first, value)
 
     settings.__init__ = init  # type: ignore[misc]
@@ -368,7 +373,7 @@ def changed(settings: type, name: str, factor: float) -> Iterator[str]:
 def scaled(value: Any, factor: float) -> Any:
     """Return a threshold times a factor, a number of things at least one."""
     if isinstance(value, tuple):
-        return tuple(scaled(one, factor) for one in value)
+        return tuple(scaled(part, factor) for part in value)
     return max(1, round(value * factor)) if isinstance(value, int) else value * factor
 
 
@@ -379,14 +384,14 @@ def thresholds(chosen: list[str] | None) -> list[tuple[int, str]]:
     for number, (settings, _) in enumerate(CLASSES):
         if chosen and settings.__name__ not in chosen:
             continue
-        for one in fields(settings):
-            value = getattr(settings(), one.name)
+        for field in fields(settings):
+            value = getattr(settings(), field.name)
             if is_number(value):
-                found.append((number, one.name))
+                found.append((number, field.name))
             elif is_dataclass(value) and (type(value) not in known or value != type(value)()):
                 inner = [part.name for part in fields(value)]
                 found += [
-                    (number, f"{one.name}.{n}") for n in inner if is_number(getattr(value, n))
+                    (number, f"{field.name}.{n}") for n in inner if is_number(getattr(value, n))
                 ]
     return found
 

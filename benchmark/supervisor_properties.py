@@ -79,14 +79,14 @@ def try_long_sequences(cases: int, seed: int) -> dict[str, int]:
 
 def run(cases: int, seed: int) -> list[dict[str, Any]]:
     """Try every property; return a row for each."""
-    tried: dict[str, Callable[[], Any]] = {
+    attempts: dict[str, Callable[[], Any]] = {
         name: lambda test=test: try_hypothesis(test, cases, seed)
         for name, test in HYPOTHESIS.items()
     }
-    tried["long sequence"] = lambda: try_long_sequences(cases, seed)
+    attempts["long sequence"] = lambda: try_long_sequences(cases, seed)
     rows = []
     print(f"{'property':<30}{'cases':>10}{'seconds':>10}  result")
-    for name, attempt in tried.items():
+    for name, attempt in attempts.items():
         begin = time.perf_counter()
         row: dict[str, Any] = {"property": name, "cases": cases, "held": True}
         try:

@@ -63,10 +63,10 @@ def one_sample(values: dict[str, object]) -> dict[str, float]:
     supervisor = Supervisor(settings)
     q, qd = motion(70_000)
     # At rest at first: an arm that moves is not started.
-    place = np.maximum(np.arange(len(q)) - REST, 0)
+    index = np.maximum(np.arange(len(q)) - REST, 0)
     moves = np.arange(len(q)) > REST
     samples = [
-        Sample(1_000_000 * (k + 1), q[place[k]], qd[place[k]] * moves[k], None)
+        Sample(1_000_000 * (k + 1), q[index[k]], qd[index[k]] * moves[k], None)
         for k in range(len(q))
     ]
     coming, unused = iter(samples), iter(samples)

@@ -89,8 +89,8 @@ def trial(seed: int, effects: Sequence[str], static: bool = False) -> Outcome:
         random = np.random.default_rng([seed, *(sorted(HIDERS).index(e) for e in effects)])
         hidden = []
         for effect in effects:
-            world, one = hide(world, effect, random)
-            hidden.append(one)
+            world, cause = hide(world, effect, random)
+            hidden.append(cause)
         motion, noise = (int(n) for n in random.integers(1 << 30, size=2))
         recording = world.record_poses(motion, noise) if static else world.record(motion, noise)
         start = time.monotonic()
@@ -114,15 +114,15 @@ def trial(seed: int, effects: Sequence[str], static: bool = False) -> Outcome:
 
 
 def _compare(outcome: Outcome, hidden: Sequence[Hidden], diagnosis: Diagnosis) -> None:
-    outcome.joints = [list(one.joints) for one in hidden]
+    outcome.joints = [list(cause.joints) for cause in hidden]
     outcome.verdict = diagnosis.verdict
     outcome.found = [finding.effect for finding in diagnosis.findings]
     outcome.found_joints = [list(finding.joints) for finding in diagnosis.findings]
     named, listed, used = [], [], set()
-    for one in hidden:
-        if one.effect == "nothing":
+    for cause in hidden:
+        if cause.effect == "nothing":
             continue
-        if one.effect == "outside":
+        if cause.effect == "outside":
             named.append(diagnosis.verdict in ("unexplained", "partly_explained"))
             listed.append(named[-1])
             used |= {i for i, f in enumerate(diagnosis.findings) if f.effect == "unknown"}
@@ -132,11 +132,11 @@ def _compare(outcome: Outcome, hidden: Sequence[Hidden], diagnosis: Diagnosis) -
         for i, finding in enumerate(diagnosis.findings):
             if i in used:
                 continue
-            if finding.effect == one.effect and _joint_fits(one, finding.joints):
+            if finding.effect == cause.effect and _joint_fits(cause, finding.joints):
                 match = finding
                 used.add(i)
                 break
-            if any(a.effect == one.effect and _joint_fits(one, a.joints)
+            if any(a.effect == cause.effect and _joint_fits(cause, a.joints)
                    for a in finding.alternatives):  # fmt: skip
                 in_list = True
                 used.add(i)
@@ -144,12 +144,12 @@ def _compare(outcome: Outcome, hidden: Sequence[Hidden], diagnosis: Diagnosis) -
         named.append(match is not None)
         listed.append(match is not None or in_list)
         if match is not None:
-            for name, truth in one.parameters.items():
+            for name, truth in cause.parameters.items():
                 estimate = match.parameters.get(name)
                 if estimate is None:
                     continue
                 error = abs(estimate.value - truth) / max(abs(truth), 1e-12)
-                key = f"{one.effect}.{name}"
+                key = f"{cause.effect}.{name}"
                 outcome.errors[key] = error
                 outcome.inside[key] = error < 0.1 or estimate.low <= truth <= estimate.high
     outcome.named, outcome.listed = all(named), all(listed)

@@ -251,7 +251,7 @@ def parallelogram_readings() -> dict[str, list[str]]:
     wanted = {"4'": [[0, 0, 7, 0], [-1, 0, 0, 0], [0, -1, 0, 0]]}
     wanted["5'"] = [[0, 0, 7, 0], [0, 0, 0, 1], [0, 0, -1, 0]]
     found: dict[str, list[str]] = {"4'": [], "5'": []}
-    tried = 0
+    attempts = 0
     for (body, axes), (name, origin) in itertools.product(
         (("2", arm), ("3", forearm)), origins.items()
     ):
@@ -262,7 +262,7 @@ def parallelogram_readings() -> dict[str, list[str]]:
                 matrix[list(order), range(3)] = signs
                 if np.linalg.det(matrix) < 0:
                     continue
-                tried += 1
+                attempts += 1
                 seen = [vertical(torque_of_height(axes[:, order[k]] * signs[k])) for k in range(3)]
                 moments = [coordinates(c, basis) for c in seen]
                 text = ", ".join(
@@ -272,7 +272,7 @@ def parallelogram_readings() -> dict[str, list[str]]:
                 for link, expected in wanted.items():
                     if [mass, *moments[:2]] == expected and not any(moments[2]):
                         found[link].append(f"origin at the {name}; {text}")
-    found["tried"] = [str(tried)]
+    found["tried"] = [str(attempts)]
     return found
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from dvrk_gravity.errors import ConfigError
 
-_ALIKE = 0.7  # of names, from 0 to 1 (difflib): a letter or two of a short one are others
+_SIMILARITY = 0.7  # of names, from 0 to 1 (difflib): a letter or two of a short one are others
 _SLIP = 0.85  # likewise: a name that differs by so little is that one, written wrongly
 Value = bool | str | float | tuple[float, ...]
 
@@ -152,10 +152,10 @@ def check_all(
 
 def _about(name: str, table: Mapping[str, Parameter], declared_by: str) -> str:
     """Return what may be wrong with a name that a table does not have, as an addition."""
-    near = difflib.get_close_matches(name, table, n=1, cutoff=_ALIKE)
+    near = difflib.get_close_matches(name, table, n=1, cutoff=_SIMILARITY)
     meant = f"did you mean {near[0]}?" if near else ""
     group = name.partition(".")[0]
-    known = {one.partition(".")[0] for one in table}
+    known = {key.partition(".")[0] for key in table}
     slip = bool(near) and difflib.SequenceMatcher(None, name, near[0]).ratio() > _SLIP
     if not declared_by or group in known or slip:
         return f"; {meant}" if meant else ""

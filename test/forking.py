@@ -82,15 +82,17 @@ class Forking:
                     pass_fds=[far.fileno()], start_new_session=True,
                     env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
                 )  # fmt: skip
-        output, theirs = os.pipe()
-        status, its = os.pipe()
+        output, output_writer = os.pipe()
+        status, status_writer = os.pipe()
         request = json.dumps(
             {"command": list(command[1:]), "environment": dict(os.environ), "folder": os.getcwd()}
         ).encode()
-        socket.send_fds(self._control, [len(request).to_bytes(4, "little")], [theirs, its])
+        socket.send_fds(
+            self._control, [len(request).to_bytes(4, "little")], [output_writer, status_writer]
+        )
         self._control.sendall(request)
-        os.close(theirs)
-        os.close(its)
+        os.close(output_writer)
+        os.close(status_writer)
         pid = int.from_bytes(_exactly(self._control, 4), "little")
         return Forked(pid, output, status)
 

@@ -37,7 +37,7 @@ from dvrk_gravity.simulate import PlantFile
 from testing.mujoco_arms import KINOVA
 from testing.plain_world import NOISE, PlainWorld
 
-MASS, PLACE = 0.3, (0.02, -0.01, 0.05)  # kg, m in the last link's frame
+MASS, COM = 0.3, (0.02, -0.01, 0.05)  # kg, m in the last link's frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,13 +93,13 @@ def error_beyond_noise(known: Identified, model: TorqueModel, recording: Recordi
 
 def test_an_identified_arm_is_fit_to_be_compensated_and_names_its_own_bodies(known):
     assert known.fit.verdict.level == "good"
-    names = [one.name for one in known.fit.parameters]
+    names = [parameter.name for parameter in known.fit.parameters]
     assert not any("beta" in name or "outer_yaw" in name for name in names)
     assert any(known.last in name for name in names)
 
 
 def test_friction_comes_out_with_the_unit_of_its_joint(known):
-    found = {one.name: one for one in known.fit.parameters}
+    found = {parameter.name: parameter for parameter in known.fit.parameters}
     for joint, coulomb, viscous in zip(
         known.arm.joints, known.world.coulomb, known.world.viscous, strict=True
     ):
@@ -118,20 +118,20 @@ def test_another_motion_is_predicted_and_nothing_is_found_in_it(known):
 
 
 def test_a_hidden_payload_is_found_weighed_and_taken_into_the_model(known, tmp_path):
-    loaded = known.world.with_payload(known.last, MASS, PLACE)
+    loaded = known.world.with_payload(known.last, MASS, COM)
     found = diagnose(loaded.record(2, 24.0), known.model)
     payload = next(iter(found.findings))
     assert (payload.effect, payload.joints) == ("payload", (known.arm.joint_names[-1],))
     assert payload.parameters["mass"].value == pytest.approx(MASS, rel=0.05)
     # Across the last joint's axis that joint weighs it; along it the arm before does, whose
     # torques are known less well.
-    for axis, place, within in zip("xyz", PLACE, (0.002, 0.002, 0.01), strict=True):
+    for axis, coordinate, within in zip("xyz", COM, (0.002, 0.002, 0.01), strict=True):
         moment = payload.parameters[f"first_moment_{axis}"].value
-        assert moment == pytest.approx(MASS * place, abs=within), axis
+        assert moment == pytest.approx(MASS * coordinate, abs=within), axis
     found.model.save(tmp_path / "extended.yaml")
     extended = TorqueModel.load(tmp_path / "extended.yaml")
     other = loaded.record(3, 12.0)
-    before, after = (error_beyond_noise(known, one, other) for one in (known.model, extended))
+    before, after = (error_beyond_noise(known, model, other) for model in (known.model, extended))
     assert before.max() > 3.0
     assert after.max() < 1.5
 

@@ -188,24 +188,24 @@ def mujoco_made_up(inertias: dict[str, pin.Inertia]) -> mujoco.MjModel:
 
     fixed = []
     for row in FILE["joints"]:
-        place = np.eye(4)
+        pose = np.eye(4)
         about_z = Rotation.from_euler("z", row["offset"], degrees=True).as_matrix()
         about_x = Rotation.from_euler("x", row["alpha"], degrees=True).as_matrix()
-        place[:3, :3] = about_z @ about_x
-        place[:3, 3] = about_z @ [row["a"], 0, 0] + [0, 0, row["d"]]
-        fixed.append(place)
+        pose[:3, :3] = about_z @ about_x
+        pose[:3, 3] = about_z @ [row["a"], 0, 0] + [0, 0, row["d"]]
+        fixed.append(pose)
 
     def followers(parent: str, frame: np.ndarray) -> str:
         whole = ""
         for row in FILE["followers"]:
             if row["parent"] == parent:
                 turn = Rotation.from_euler("xyz", row.get("rpy", [0, 0, 0]), degrees=True)
-                place = frame @ np.block(
+                pose = frame @ np.block(
                     [[turn.as_matrix(), np.array(row["xyz"])[:, None]], [0, 0, 0, 1]]
                 )
                 name, kind = row["name"], row.get("type", "revolute")
                 whole += mujoco_body(
-                    name, place[:3, 3], quat(place[:3, :3]), kind, inertias[name], np.eye(4),
+                    name, pose[:3, 3], quat(pose[:3, :3]), kind, inertias[name], np.eye(4),
                     followers(name, np.eye(4)),
                 )  # fmt: skip
         return whole
@@ -256,14 +256,14 @@ def test_a_chain_in_the_modified_convention_is_where_its_table_puts_it(tmp_path)
     tree = build_tree(arm, {}, TILTED)
     q = random_motion(arm, 1, 11)[0][0]
     pin.forwardKinematics(tree.model, tree.data, tree.expand @ q)
-    place = np.eye(4)
+    pose = np.eye(4)
     for i, (row, value) in enumerate(zip(FILE["joints"], q, strict=True), start=1):
         slides = row.get("type") == "prismatic"
         alpha, offset = np.radians([row["alpha"], row["offset"]])
         angle, way = offset + (0 if slides else value), row["d"] + (value if slides else 0)
         ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(angle), np.sin(angle)
         # Craig, Introduction to Robotics, equation 3.6.
-        place = place @ np.array(
+        pose = pose @ np.array(
             [
                 [ct, -st, 0, row["a"]],
                 [st * ca, ct * ca, -sa, -sa * way],
@@ -272,4 +272,4 @@ def test_a_chain_in_the_modified_convention_is_where_its_table_puts_it(tmp_path)
             ]
         )
         link = tree.data.oMi[i] * arm.body(f"link{i}").frame
-        np.testing.assert_allclose(link.homogeneous, place, atol=1e-12)
+        np.testing.assert_allclose(link.homogeneous, pose, atol=1e-12)

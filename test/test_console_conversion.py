@@ -106,12 +106,12 @@ def test_the_file_commands_what_the_compensator_does_within_the_cost_told(name, 
         expected = [settings.torque(*row) for row in zip(q, qd, strict=True)]
         given = [console_torque(document, *row) for row in zip(q, qd, strict=True)]
         error = np.abs(np.subtract(given, expected))
-        for joint, one in zip(JOINT_NAMES, error.T, strict=True):
+        for joint, residual in zip(JOINT_NAMES, error.T, strict=True):
             cost = told["joints"][joint]
-            rms = float(np.sqrt(np.mean(one**2)))
+            rms = float(np.sqrt(np.mean(residual**2)))
             # 800 poses tell an RMS to a few per cent.
             assert rms == pytest.approx(cost[f"{state}_rms"], rel=0.1, abs=1e-8), (state, joint)
-            assert one.max() <= 1.01 * cost[f"{state}_max"] + 1e-8, (state, joint)
+            assert residual.max() <= 1.01 * cost[f"{state}_max"] + 1e-8, (state, joint)
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_the_file_commands_what_the_compensator_does_within_the_cost_told(name, 
 )
 def test_at_rest_little_is_lost_of_what_the_console_s_form_is_near_to(name, most):
     result = convert_model(TorqueModel.from_parameters(PLAIN | MODELS[name]), "7")
-    assert max(one.rest_max for one in result.joints.values()) < most
+    assert max(cost.rest_max for cost in result.joints.values()) < most
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_no_other_console_file_is_nearer_to_the_model_at_rest(name):
     result = convert_model(model, "7")
     q = np.random.default_rng(4).uniform(result.lower, result.upper, (800, 7))
     torque = model.torque(q) / ARM.effort_limit
-    rows = np.array([console_regressor(one) for one in q]) / ARM.effort_limit[:, None]
+    rows = np.array([console_regressor(pose) for pose in q]) / ARM.effort_limit[:, None]
     best = np.linalg.lstsq(rows.reshape(-1, 40), torque.ravel())[0]
     section = result.file.document["GC_controller"]
     sides = [np.array(section[f"gc_dynamic_params_{side}"]) for side in ("pos", "neg")]
@@ -156,24 +156,24 @@ def test_no_other_console_file_is_nearer_to_the_model_at_rest(name):
 def test_a_model_in_the_console_s_form_comes_through_number_by_number(tmp_path):
     values = own_model()
     beside = {"rotor_inertia.motor": (0.01,) * 7, "torque_offset": (0.001,) * 7}
-    one, told = document_of(values, tmp_path)
+    document, told = document_of(values, tmp_path)
     (tmp_path / "other").mkdir()
     other, also = document_of(values | beside, tmp_path / "other")
-    assert one == other
+    assert document == other
     assert told["exact"]
     assert also["exact"]
     assert "torque_offset, rotor_inertia" in also["notes"][0]
-    assert all(one["moving_max"] == 0.0 for one in told["joints"].values())
+    assert all(cost["moving_max"] == 0.0 for cost in told["joints"].values())
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_in_no_motion_the_console_pushes_more_than_friction_takes(seed):
     random = np.random.default_rng(seed)
     levels = {
-        f"coulomb_friction.{place}_{way}": tuple(
+        f"coulomb_friction.{site}_{way}": tuple(
             (random.uniform(0.0, 0.05, 7) * random.choice([0.0, 1.0], 7)).tolist()
         )
-        for place in ("joint", "motor")
+        for site in ("joint", "motor")
         for way in ("positive", "negative")
     }
     values = PLAIN | levels

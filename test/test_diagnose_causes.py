@@ -85,7 +85,7 @@ def test_a_slow_torque_without_a_cause_is_unknown():
 
     result = diagnose(recording(time, q, MODEL.torque(q, qd, qdd) + slow), MODEL)
 
-    assert {(one.effect, one.joints) for one in result.findings} == {
+    assert {(finding.effect, finding.joints) for finding in result.findings} == {
         ("unknown", ("shoulder_pitch",))
     }
 
@@ -94,7 +94,7 @@ def test_noise_makes_no_delay_smaller():
     time, q, qd, qdd = sines(20.0, fastest=0.3, rate=100.0)
     delay = 0.05
     torque = MODEL.torque(q, qd, qdd)
-    late = np.stack([np.interp(time - delay, time, one) for one in torque.T], axis=1)
+    late = np.stack([np.interp(time - delay, time, column) for column in torque.T], axis=1)
 
     result = diagnose(recording(time, q, late + 2.0 * noise(len(q))), MODEL)
 
@@ -136,9 +136,9 @@ def test_poses_of_one_angle_show_friction_if_approached_from_both_sides():
     result = diagnose(recording(None, q, effort, direction=side), MODEL)
 
     assert "coulomb_friction" in {
-        claim.effect for one in result.findings for claim in (one, *one.alternatives)
+        claim.effect for finding in result.findings for claim in (finding, *finding.alternatives)
     }
-    assert all(one.joints == ("outer_yaw",) for one in result.findings)
+    assert all(finding.joints == ("outer_yaw",) for finding in result.findings)
 
 
 def test_where_a_motor_turns_back_the_joints_that_it_moves_say_nothing():
@@ -228,8 +228,8 @@ def test_exchanged_joints_are_not_taken_for_wrong_units():
     milli = check(recording(time, q, 1e3 * effort))
 
     assert np.abs(effort[:, 1]).max() > 10.0 * 0.097
-    assert not [one for one in exchanged if one.kind == "effort_unit"]
-    assert [one for one in milli if one.kind == "effort_unit"]
+    assert not [warning for warning in exchanged if warning.kind == "effort_unit"]
+    assert [warning for warning in milli if warning.kind == "effort_unit"]
 
 
 def test_the_noise_of_the_joints_is_the_same_however_it_was_recorded():
@@ -252,11 +252,11 @@ def test_the_model_of_these_tests_has_all_that_they_need():
 
 def test_the_noise_of_joints_that_were_not_recorded_is_not_known():
     time, q, qd, qdd = sines(12.0)
-    some = list(JOINT_NAMES[1:5])
+    recorded = list(JOINT_NAMES[1:5])
     effort = MODEL.torque(q, qd, qdd) + noise(len(q))
-    part = recording(time, q[:, 1:5], effort[:, 1:5], joints=tuple(some))
-    still = {joint: 0.0 for joint in JOINT_NAMES if joint not in some}
+    part = recording(time, q[:, 1:5], effort[:, 1:5], joints=tuple(recorded))
+    still = {joint: 0.0 for joint in JOINT_NAMES if joint not in recorded}
 
     floor = load([part], MODEL, still).floor
 
-    assert np.isfinite(floor).tolist() == [joint in some for joint in JOINT_NAMES]
+    assert np.isfinite(floor).tolist() == [joint in recorded for joint in JOINT_NAMES]

@@ -29,7 +29,7 @@ def diagnosed(effect: str, seed: int = SEED) -> tuple[Hidden, Diagnosis]:
     world, hidden = hide(known, effect, random)
     motion, noise = (int(n) for n in random.integers(1 << 30, size=2))
     if world.readings:  # in each the arm moves alike
-        recording = reduce(lambda one, read: read(one), world.readings, moved(seed))
+        recording = reduce(lambda recording, read: read(recording), world.readings, moved(seed))
     else:
         recording = world.record(motion, noise, LONGER.get(effect, DURATION), RATE)
     return hidden, diagnose(recording, known.model())

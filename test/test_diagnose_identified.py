@@ -26,12 +26,12 @@ def calibrated(name: str):
     return world, fit.model, np.array([error.rmse for error in fit.held_out.values()])
 
 
-def tried(name: str, effect: str, seed: int) -> tuple[Diagnosis, Outcome]:
+def run_trial(name: str, effect: str, seed: int) -> tuple[Diagnosis, Outcome]:
     """Hide an effect in another motion of an arm and diagnose it with its identified model."""
-    world, model, left = calibrated(name)
+    world, model, residual = calibrated(name)
     random = np.random.default_rng(seed)
     truth = world.truth(draw_other(world.arm, int(random.integers(1 << 30))))
-    setting = world.setting(truth, left)
+    setting = world.setting(truth, residual)
     hiding = lab_effects.hide(setting, effect, random)
     diagnosis = diagnose(world.record(hiding.truth, seed), model)
     outcome = Outcome("mujoco", name, ARMS[name], effect, ratio=hiding.ratio)
@@ -41,13 +41,13 @@ def tried(name: str, effect: str, seed: int) -> tuple[Diagnosis, Outcome]:
 
 @pytest.mark.parametrize("name", ARMS)
 def test_another_motion_is_no_news_and_the_error_is_what_the_model_expects(name):
-    diagnosis, _ = tried(name, "nothing", 1)
+    diagnosis, _ = run_trial(name, "nothing", 1)
 
     assert diagnosis.findings == ()
     assert diagnosis.verdict == "nothing_to_explain"
     for joint, after in diagnosis.after.items():
         assert after < 2.5 * diagnosis.expected[joint], joint
-    assert {one.joints for one in diagnosis.known} >= {(joint,) for joint in diagnosis.after}
+    assert {known.joints for known in diagnosis.known} >= {(joint,) for joint in diagnosis.after}
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_another_motion_is_no_news_and_the_error_is_what_the_model_expects(name)
      ("chain", "coulomb_friction", 7)],
 )  # fmt: skip
 def test_what_is_hidden_is_named_or_listed_and_nothing_beside_it(name, effect, seed):
-    diagnosis, outcome = tried(name, effect, seed)
+    diagnosis, outcome = run_trial(name, effect, seed)
 
     assert outcome.ratio > 2.0
     assert outcome.place in ("first", "alternative"), str(outcome)
@@ -66,7 +66,7 @@ def test_what_is_hidden_is_named_or_listed_and_nothing_beside_it(name, effect, s
 
 
 def test_the_extended_model_knows_how_sure_it_is_and_finds_nothing_more(tmp_path):
-    diagnosis, _ = tried("chain", "coulomb_friction", 7)
+    diagnosis, _ = run_trial("chain", "coulomb_friction", 7)
     assert all(finding.in_model for finding in diagnosis.findings)
     extended = diagnosis.model
 

@@ -67,7 +67,7 @@ def test_the_plant_of_identified_parameters_has_the_arm_s_mass_matrix():
     assert len(silent) == 48  # of 90
     odd = links.with_theta(links.theta + random.normal(0.0, 0.3, len(silent)) @ silent)
     assert odd.links[:, 0].min() < 0.0
-    terms = tuple(odd if isinstance(one, LinkInertia) else one for one in model.terms)
+    terms = tuple(odd if isinstance(term, LinkInertia) else term for term in model.terms)
 
     arm, found = world.plant(), ModelArm.of(replace(model, terms=terms)).plant()
 

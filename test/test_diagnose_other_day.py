@@ -70,9 +70,9 @@ def test_what_another_cause_does_is_no_change_of_friction_elsewhere():
     cause = 2.0 * np.cos(np.arange(SAMPLES) / 7.0) - 0.4 * SIGN
     residual = changed(0.4, 0.0, 0.3)
     residual[:, 0] += cause
-    day, mine = OtherDay(Choice(residual)), offset(2, SIGN)
-    assert not day.explains(mine, np.array([0.3]), []).any()
-    assert day.explains(mine, np.array([0.3]), [offset(0, cause)])[2]
+    day, candidate = OtherDay(Choice(residual)), offset(2, SIGN)
+    assert not day.explains(candidate, np.array([0.3]), []).any()
+    assert day.explains(candidate, np.array([0.3]), [offset(0, cause)])[2]
 
 
 def test_more_is_expected_where_a_selected_cause_is_friction_that_changed():

@@ -31,10 +31,10 @@ def said_of_insertion(arm: TorqueModel, sign: float) -> list[str]:
     q = middle + 0.8 * half * np.sin(TIME[:, None] * (0.6 + 0.23 * np.arange(ARM.n)))
     effort = arm.torque(q, np.gradient(q, TIME, axis=0))
     read = q * [1.0, 1.0, sign, 1.0]
-    tried = try_readings(
+    scores = try_readings(
         load([Recording(ARM.joint_names, TIME, read, None, effort)], model()).motion
     )
-    return [score.reading.words for score in tried if "insertion" in score.reading.words]
+    return [score.reading.words for score in scores if "insertion" in score.reading.words]
 
 
 def test_a_position_that_is_read_with_the_wrong_sign_is_seen():

@@ -21,7 +21,7 @@ from dvrk_gravity.recording import Recording
 from testing.lab_motion import Sines, draw_calibration
 from testing.plain_world import NOISE, PlainWorld
 
-MASS, PLACE = 1.5, (0.03, 0.04, 0.06)
+MASS, COM = 1.5, (0.03, 0.04, 0.06)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def later(recording: Recording, seconds: float) -> Recording:
 
 @pytest.fixture(scope="module")
 def loaded(world) -> Recording:
-    return later(record(world.with_payload(world.arm.body_names[-1], MASS, PLACE), 1, 12), 1.7)
+    return later(record(world.with_payload(world.arm.body_names[-1], MASS, COM), 1, 12), 1.7)
 
 
 def test_the_same_motion_is_found_at_its_time_in_the_other_recording():
@@ -62,8 +62,8 @@ def test_a_load_is_weighed_without_a_model(world, bare, loaded):
     mass = load.parameters["mass"]
     assert mass.value == pytest.approx(MASS, rel=0.03)
     assert mass.low < MASS < mass.high
-    for axis, place in zip("xyz", PLACE, strict=True):
-        assert load.parameters[axis].value == pytest.approx(place, abs=0.01)
+    for axis, coordinate in zip("xyz", COM, strict=True):
+        assert load.parameters[axis].value == pytest.approx(coordinate, abs=0.01)
     assert "the torque scale agrees" in found.weighed.sentence
     assert found.model.verdict == "do_not_compensate"  # it holds the change alone
 
@@ -76,7 +76,7 @@ def test_what_is_wrong_with_both_recordings_is_said_once(bare, loaded):
 
     found = diagnose(frozen(loaded, 500), arm=UR5, reference=frozen(bare, 900))
 
-    said = [(one.kind, one.joint) for one in found.warnings]
+    said = [(warning.kind, warning.joint) for warning in found.warnings]
     assert said
     assert len(said) == len(set(said))
 
@@ -87,7 +87,7 @@ def test_a_load_makes_the_arm_swing_further_and_is_weighed_all_the_same(world):
     wide = draw_calibration(world.arm, 3)
     narrow = replace(wide, amplitude=0.985 * wide.amplitude)
     lower = replace(wide, middle=wide.middle + 0.003)
-    heavy = world.with_payload(world.arm.body_names[-1], MASS, PLACE)
+    heavy = world.with_payload(world.arm.body_names[-1], MASS, COM)
     loaded, bare = inverse_dynamics(heavy, lower, 1), inverse_dynamics(world, narrow, 2)
     (load,) = diagnose(loaded, arm=UR5, reference=bare).findings
     assert load.parameters["mass"].value == pytest.approx(MASS, rel=0.02)
@@ -99,7 +99,7 @@ def inverse_dynamics(world: PlainWorld, motion: Sines, noise: int) -> Recording:
     time = np.arange(0.0, 30.0, 0.01)
     q, qd, qdd = motion.at(time)
     tree = build_tree(world.arm, world.links, world.arm.gravity)
-    effort = np.array([tree.inverse_dynamics(*one) for one in zip(q, qd, qdd, strict=True)])
+    effort = np.array([tree.inverse_dynamics(*sample) for sample in zip(q, qd, qdd, strict=True)])
     effort += world.coulomb * np.sign(qd) + world.viscous * qd
     random = np.random.default_rng(noise)
     effort += NOISE * world.arm.actuator_effort_limit * random.standard_normal(effort.shape)
@@ -119,7 +119,7 @@ def test_friction_that_has_doubled_is_found_at_its_joint(world, bare):
 
 
 def test_a_torque_scale_that_disagrees_with_a_known_mass_is_told(bare, loaded):
-    half = [replace(one, effort=0.5 * one.effort) for one in (loaded, bare)]
+    half = [replace(recording, effort=0.5 * recording.effort) for recording in (loaded, bare)]
     found = diagnose(half[0], arm=UR5, reference=half[1], known_payload=MASS)
     assert found.weighed.scale.value == pytest.approx(0.5, rel=0.05)
     assert "too low" in found.weighed.sentence

@@ -117,7 +117,7 @@ def test_no_held_out_phase_is_seen_in_another_period(periodic):
     seen = set(phase[data.fold >= 0])
     assert data.held_out.sum() > 100
     assert not seen & set(phase[data.held_out])
-    copies = [np.sum(phase[data.held_out] == one) for one in np.unique(phase[data.held_out])]
+    copies = [np.sum(phase[data.held_out] == value) for value in np.unique(phase[data.held_out])]
     assert max(copies) > 1
 
 
@@ -178,10 +178,10 @@ def _without_last(recording: Recording) -> Recording:
 
 def _tilt_and_shoulder(result) -> list[str]:
     return [
-        one.sentence
-        for one in result.ambiguities
-        if {one.first.effect, one.second.effect} == {"joint_offset", "base_tilt"}
-        and "shoulder_pitch" in (*one.first.joints, *one.second.joints)
+        ambiguity.sentence
+        for ambiguity in result.ambiguities
+        if {ambiguity.first.effect, ambiguity.second.effect} == {"joint_offset", "base_tilt"}
+        and "shoulder_pitch" in (*ambiguity.first.joints, *ambiguity.second.joints)
     ]
 
 
@@ -233,8 +233,8 @@ def good(measured):
 
 def _nothing_but_the_yaw(result) -> None:
     assert result.floor_from == "repetition"
-    assert not [one for one in result.findings if one.effect != "unknown"]
-    told = {joint for one in result.findings for joint in one.joints}
+    assert not [finding for finding in result.findings if finding.effect != "unknown"]
+    told = {joint for finding in result.findings for joint in finding.joints}
     assert told <= {"wrist_yaw"}  # its noise floor is 0.6 mN·m
     assert all(result.after[j] < 2.5 * result.floor[j] for j in JOINT_NAMES if j not in told)
     assert json.loads(result.to_json())["ambiguities"]
@@ -254,10 +254,11 @@ def test_once_the_real_arms_base_is_tilted_outer_yaws_zero_looks_like_more_of_it
     result = diagnose(measured, good)
 
     _nothing_but_the_yaw(result)
-    alike = [
-        ({one.first.effect, one.second.effect}, one.first.joints) for one in result.ambiguities
+    pairs = [
+        ({ambiguity.first.effect, ambiguity.second.effect}, ambiguity.first.joints)
+        for ambiguity in result.ambiguities
     ]
-    assert ({"joint_offset", "base_tilt"}, ("outer_yaw",)) in alike
+    assert ({"joint_offset", "base_tilt"}, ("outer_yaw",)) in pairs
 
 
 @pytest.mark.slow
@@ -276,9 +277,9 @@ def test_from_the_rigid_body_alone_the_real_arms_friction_and_spring_are_named()
 
     def named(result) -> set[tuple[str, str, bool]]:
         return {
-            (one.effect, one.joints[0], one.place == "motor")
-            for one in result.findings
-            if one.joints
+            (finding.effect, finding.joints[0], finding.place == "motor")
+            for finding in result.findings
+            if finding.joints
         }
 
     motion = named(diagnose(recording, rigid))
@@ -292,7 +293,9 @@ def test_from_the_rigid_body_alone_the_real_arms_friction_and_spring_are_named()
         ("coulomb_friction", "elbow_pitch", True),
         ("presliding_hysteresis", "elbow_pitch", True),
     }
-    assert {one for one in motion if one[:2] == ("coulomb_friction", "wrist_platform")}
+    assert {finding for finding in motion if finding[:2] == ("coulomb_friction", "wrist_platform")}
     assert ("presliding_hysteresis", "wrist_platform", False) in alone
     assert ("elastic_cable", "wrist_platform", False) in alone
-    assert not [one for one in (*motion, *alone) if one[0] in ("contact", "joint_coupling")]
+    assert not [
+        finding for finding in (*motion, *alone) if finding[0] in ("contact", "joint_coupling")
+    ]

@@ -76,11 +76,11 @@ class Scores:
 ])  # fmt: skip
 def test_what_is_searched_among_many_needs_as_much_to_stay_as_to_come(searched, p_value, enough):
     selection = Selection(Scores(p_value), [claim()] * 100, lambda line: None)
-    mine = claim(searched)
-    coming = selection.tried([], mine, selection.validation.score([]))
+    candidate = claim(searched)
+    coming = selection.evaluate([], candidate, selection.validation.score([]))
     assert coming.p_value == pytest.approx(min(1.0, 100 * searched * p_value))
     assert coming.passes == enough
-    assert selection.eliminate_backward([mine]) == ([mine] if enough else [])
+    assert selection.eliminate_backward([candidate]) == ([candidate] if enough else [])
 
 
 def test_what_could_not_be_accepted_takes_no_place_from_what_could():
@@ -100,7 +100,9 @@ def test_what_could_not_be_accepted_takes_no_place_from_what_could():
     ]
 
     def first(least: float) -> list[tuple[int, ...]]:
-        return [one.hypothesis.joints for one in validation.screen([], offsets, 1, least)]
+        return [
+            candidate.hypothesis.joints for candidate in validation.screen([], offsets, 1, least)
+        ]
 
     assert first(0.0) == [(6,)]
     assert first(1e-3) == [(0,)]
@@ -118,11 +120,13 @@ def test_held_out_blocks_ask_for_the_level_of_the_choice_and_for_all_that_is_nam
     held_out.settings = JudgementSettings()
     monkeypatch.setattr(
         held_out, "_in_active_blocks",
-        lambda chosen, one: Unconfirmed(one.hypothesis, "outer_yaw", gains[id(one)]),
+        lambda chosen, candidate: Unconfirmed(
+            candidate.hypothesis, "outer_yaw", gains[id(candidate)]
+        ),
     )  # fmt: skip
 
     def failed(*chosen: Candidate) -> list[Candidate]:
-        return [one for _, one in held_out.unconfirmed(chosen)]
+        return [candidate for _, candidate in held_out.unconfirmed(chosen)]
 
     assert failed(first, second) == []  # 2 * 0.0032, then 0.0049
     # Next to nothing is no finding, however certain; it counts among what is named.

@@ -143,7 +143,7 @@ def test_it_is_absent_where_nothing_mentions_it(effect, model):
 @EVERY
 def test_its_torque_is_finite_and_there(term, state):
     directed = State(state.q, direction=np.sign(state.qd))
-    shown = [term.torque(one) for one in (state, State(state.q), directed)]
+    shown = [term.torque(motion) for motion in (state, State(state.q), directed)]
     for torque in shown:
         assert torque.shape == state.q.shape
         assert np.isfinite(torque).all()
@@ -189,9 +189,9 @@ def test_its_parts_with_and_without_friction_make_up_the_whole(term, state):
     fused = term.prepare_parts(all_of_it)
     assert (fused is None) == (len(parts) == 1)
     if fused is not None:
-        one, two = fused(state.q[0], state.qd[0])
-        np.testing.assert_allclose(one, parts[0].torque(State(state.q[0])), atol=1e-12)
-        np.testing.assert_allclose(one + two, total[0], atol=1e-12)
+        first, second = fused(state.q[0], state.qd[0])
+        np.testing.assert_allclose(first, parts[0].torque(State(state.q[0])), atol=1e-12)
+        np.testing.assert_allclose(first + second, total[0], atol=1e-12)
 
 
 @each([effect for effect in effects.terms() if effect.FRICTION])

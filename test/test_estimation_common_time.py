@@ -139,9 +139,9 @@ def test_a_period_is_told_the_better_the_more_often_it_is_seen():
 def test_arms_that_rest_in_one_place_before_and_after_are_not_of_one_motion():
     time = np.arange(0.0, 30.0, 1.0 / RATE)
     window = np.clip((time - 7.0) / 2.0, 0.0, 1.0) * np.clip((23.0 - time) / 2.0, 0.0, 1.0)
-    one, other = (moving(time + shift, None) * window[:, None] + 1e-4 for shift in (0.0, 200.0))
+    first, second = (moving(time + shift, None) * window[:, None] + 1e-4 for shift in (0.0, 200.0))
     part = np.repeat(np.arange(2), len(time))
-    seen = find_common_time(np.tile(time, 2), part, np.concatenate([one, other]), RATE)
+    seen = find_common_time(np.tile(time, 2), part, np.concatenate([first, second]), RATE)
     assert seen.periods == (None, None)
 
 
@@ -157,7 +157,7 @@ def test_blocks_hold_out_the_same_states_of_all_recordings_guard_included():
 def test_blocks_of_motions_that_share_nothing_follow_each_other_as_samples_do():
     time, part, q, _ = recordings((0.0, 20.0), (100.0, 113.0), period=None)
     blocks = make_blocks(find_common_time(time, part, q, RATE), RATE)
-    whole = make_blocks(CommonTime.one(np.arange(len(time)) / RATE), RATE)
+    whole = make_blocks(CommonTime.single_clock(np.arange(len(time)) / RATE), RATE)
     np.testing.assert_array_equal(blocks.label, whole.label)
 
 

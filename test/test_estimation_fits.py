@@ -111,9 +111,16 @@ def test_fits_near_another_are_scipys_signs_and_prior_included():
         scale, weight = random.uniform(0.1, 10.0, 10), np.array([1.0, 3.0])
         positive = random.random(10) < 0.6
         fits = SignedFits(SeenSums(sums, weight), scale, positive)
-        one = [0, 1, 2, 3, 4, 5]
-        others = [[*one, 7], one[1:], [0, 1, 2, 3, 8, 9], [*one, 6, 7, 8, 9], one, [5, 9]]
-        near = fits.fit_near(one, others)
+        subset = [0, 1, 2, 3, 4, 5]
+        others = [
+            [*subset, 7],
+            subset[1:],
+            [0, 1, 2, 3, 8, 9],
+            [*subset, 6, 7, 8, 9],
+            subset,
+            [5, 9],
+        ]
+        near = fits.fit_near(subset, others)
         root = np.sqrt(weight)
         for found, chosen in zip(near, others, strict=True):
             unchosen = np.setdiff1d(np.arange(10), chosen)
@@ -183,13 +190,13 @@ def test_equal_phases_are_held_out_together_and_a_gap_is_kept():
 @pytest.mark.parametrize("period", [None, 6.0])
 def test_a_third_of_the_blocks_is_held_out_and_the_others_are_dealt_into_folds(period):
     time = np.arange(800) / 40.0
-    blocks = make_blocks(CommonTime.one(time, period), 40.0)
+    blocks = make_blocks(CommonTime.single_clock(time, period), 40.0)
     assert 0.3 < blocks.held_out.sum() / (blocks.label >= 0).sum() < 0.37
     for fold in range(BlockSettings().folds):
-        mine = set(blocks.label[blocks.fold == fold])
-        assert mine
-        assert not mine & set(blocks.label[blocks.held_out])
-        assert not mine & set(blocks.label[(blocks.fold >= 0) & (blocks.fold != fold)])
+        labels = set(blocks.label[blocks.fold == fold])
+        assert labels
+        assert not labels & set(blocks.label[blocks.held_out])
+        assert not labels & set(blocks.label[(blocks.fold >= 0) & (blocks.fold != fold)])
     if period is not None:
         phase = np.round(time % 6.0, 6)
         assert not set(phase[blocks.held_out]) & set(phase[blocks.fold >= 0])
@@ -197,7 +204,7 @@ def test_a_third_of_the_blocks_is_held_out_and_the_others_are_dealt_into_folds(p
 
 @pytest.mark.parametrize("count", [40, 80, 1000])
 def test_no_pose_is_left_out_between_blocks(count):
-    blocks = make_blocks(CommonTime.one(np.arange(float(count))), None)
+    blocks = make_blocks(CommonTime.single_clock(np.arange(float(count))), None)
     assert (blocks.held_out | (blocks.fold >= 0)).all()
 
 

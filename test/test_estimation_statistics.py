@@ -79,8 +79,8 @@ def test_errors_beyond_a_variance_known_before_are_student_s_and_smaller_ones_ga
     scale = np.sqrt(known)
 
     def told(mean):
-        one = (np.array([mean * known]), np.array([known]), np.array([float(size)]))
-        return evidence.log_likelihood(*one, freedom)[0]
+        arguments = (np.array([mean * known]), np.array([known]), np.array([float(size)]))
+        return evidence.log_likelihood(*arguments, freedom)[0]
 
     student = stats.multivariate_t(np.zeros(size), known * np.eye(size), df=freedom)
     for mean in (1.5, 4.0, 30.0):

@@ -57,7 +57,7 @@ def test_stretches_of_a_long_recording_are_spread_over_all_of_it(tmp_path):
 
 def test_an_excerpt_says_what_it_is_of_and_what_the_checks_find_in_the_whole():
     warnings = excerpt(moving(100.0, pause=(13.0, 14.0)), 30.0, 5.0).warnings
-    kinds = {one.kind: one for one in warnings}
+    kinds = {warning.kind: warning for warning in warnings}
     assert kinds["excerpt"].numbers["used_s"] == pytest.approx(30.0, abs=0.1)
     assert str(kinds["excerpt"]).startswith("0.5 of 1.67 min are looked at")
     assert kinds["gaps"].numbers["count"] == 1  # not within what is looked at
@@ -81,7 +81,7 @@ def test_recordings_share_the_time_that_is_looked_at():
     both = load([moving(60.0), moving(60.0)], MODEL, settings=settings)
     assert len(both.motion.parts) == 4
     assert len(both.motion.q) / both.motion.rate == pytest.approx(38.0, abs=1.5)
-    assert [one.kind for one in both.warnings].count("excerpt") == 1  # alike, so told once
+    assert [warning.kind for warning in both.warnings].count("excerpt") == 1  # alike, so told once
 
 
 def test_a_stretch_of_gaps_is_left_out_and_told():
@@ -112,7 +112,7 @@ def test_a_pause_in_a_long_recording_is_no_fault():
 def held(value: object) -> int:
     """Return the bytes of the arrays in a dictionary's values."""
     arrays = value.values() if isinstance(value, dict) else [value]
-    return sum(one.nbytes for one in arrays if isinstance(one, np.ndarray))
+    return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
 
 
 def test_hypotheses_and_what_they_are_built_from_take_little_memory_a_sample():
@@ -122,9 +122,9 @@ def test_hypotheses_and_what_they_are_built_from_take_little_memory_a_sample():
     """
     motion = load([moving(10.0, 200.0)], MODEL).motion
     validation = CrossValidation(FilteredData.of(motion))
-    pool = [validation.candidate(one) for one in hypotheses(motion)]
+    pool = [validation.candidate(hypothesis) for hypothesis in hypotheses(motion)]
     assert len(pool) > 200
-    total = sum(one.values.nbytes for one in pool)
+    total = sum(candidate.values.nbytes for candidate in pool)
     bases = Cogging.search_basis(validation.data)
     total += sum(basis.cosine.nbytes + basis.sine.nbytes for basis in bases)
     total += sum(held(value) for value in vars(motion).values())

@@ -80,22 +80,26 @@ def everything() -> Iterator[Hypothesis]:
 
 def first_of(effect: str, place: str | None = None) -> Hypothesis:
     theta = (CARRIED | NOT_CARRIED)[effect]
-    for one in everything():
-        if one.effect != effect or (place is not None and not one.place.startswith(place)):
+    for hypothesis in everything():
+        if hypothesis.effect != effect or (
+            place is not None and not hypothesis.place.startswith(place)
+        ):
             continue
-        if one.build(motion(), one.setting).shape[2] == len(theta):
-            return one
+        if hypothesis.build(motion(), hypothesis.setting).shape[2] == len(theta):
+            return hypothesis
     raise AssertionError(f"no hypothesis of {effect} at {place}")
 
 
-def at_its_point(one: Hypothesis, theta: np.ndarray) -> Hypothesis:
+def at_its_point(hypothesis: Hypothesis, theta: np.ndarray) -> Hypothesis:
     """Its columns where its parameters are, as the search leaves them."""
-    values = one.describe(theta, one.setting)
-    return replace(one, setting={**one.setting, **{n: values[n] for n in one.fixed_point}})
+    values = hypothesis.describe(theta, hypothesis.setting)
+    return replace(
+        hypothesis, setting={**hypothesis.setting, **{n: values[n] for n in hypothesis.fixed_point}}
+    )
 
 
-def added(one: Hypothesis, theta: np.ndarray) -> np.ndarray:
-    return one.build(motion(), one.setting) @ theta
+def added(hypothesis: Hypothesis, theta: np.ndarray) -> np.ndarray:
+    return hypothesis.build(motion(), hypothesis.setting) @ theta
 
 
 def reloaded(found, tmp_path) -> tuple[TorqueModel, tuple[bool, ...]]:
@@ -130,11 +134,11 @@ PLACES = {
 )
 def test_the_reloaded_model_has_the_base_s_torque_and_the_finding_s(effect, place, tmp_path):
     theta = np.array(CARRIED[effect])
-    one = at_its_point(first_of(effect, place), theta)
-    model, carried = reloaded([(one, theta)], tmp_path)
+    hypothesis = at_its_point(first_of(effect, place), theta)
+    model, carried = reloaded([(hypothesis, theta)], tmp_path)
     assert carried == (True,)
     rows = compared()
-    wanted = added(one, theta)[rows]
+    wanted = added(hypothesis, theta)[rows]
     got = (motion().torque_at(motion().q, model) - motion().modelled)[rows]
     assert np.abs(wanted).max() > 1e-3
     # A base's tilt is linearised half-way, right to second order; all else is exact.
@@ -144,7 +148,7 @@ def test_the_reloaded_model_has_the_base_s_torque_and_the_finding_s(effect, plac
 
 def test_every_effect_that_can_be_supposed_is_tried_here():
     """A new effect needs an entry; readings and structure without a name have no columns."""
-    supposed = {one.effect for one in everything()}
+    supposed = {hypothesis.effect for hypothesis in everything()}
     assert supposed == set(CARRIED | NOT_CARRIED)
     assert {effect.NAME for effect in effects.effects() if effect.MEANINGS} - {"unknown"} <= (
         supposed
@@ -167,8 +171,12 @@ def test_a_push_for_a_while_stays_in_the_findings(tmp_path):
 
 def test_functions_of_measured_positions_stay_where_they_were_beside_an_encoder_s_zero(tmp_path):
     offset, joint = np.array([0.05]), site.joint(3)
-    zeros = (one for one in hypotheses(motion()) if one.effect == "joint_offset")
-    shift = at_its_point(next(one for one in zeros if one.site == joint), offset)
+    zeros = (
+        hypothesis for hypothesis in hypotheses(motion()) if hypothesis.effect == "joint_offset"
+    )
+    shift = at_its_point(
+        next(hypothesis for hypothesis in zeros if hypothesis.site == joint), offset
+    )
     cable = CableHypothesis(
         arm=motion().arm, site=joint, joints=(3,), form="degree 3", degree=3, middle=0.2, half=1.0
     )
@@ -179,7 +187,7 @@ def test_functions_of_measured_positions_stay_where_they_were_beside_an_encoder_
     ]
     model, carried = reloaded([(shift, offset), *others], tmp_path)
     assert all(carried)
-    wanted = added(shift, offset) + sum(added(*one) for one in others)
+    wanted = added(shift, offset) + sum(added(*other) for other in others)
     got = motion().torque_at(motion().q, model) - motion().modelled
     inside = np.abs(motion().q[:, 3] - 0.2) < 0.9
     assert inside.sum() > 100
@@ -188,9 +196,9 @@ def test_functions_of_measured_positions_stay_where_they_were_beside_an_encoder_
 
 def test_the_simulator_and_a_next_diagnosis_take_an_extended_model(tmp_path):
     found = [
-        (at_its_point(one, np.array(theta)), np.array(theta))
+        (at_its_point(hypothesis, np.array(theta)), np.array(theta))
         for effect, theta in CARRIED.items()
-        for one in [first_of(effect, PLACES.get(effect, (None,))[0])]
+        for hypothesis in [first_of(effect, PLACES.get(effect, (None,))[0])]
     ]
     model, carried = reloaded(found, tmp_path)
     assert all(carried)
@@ -208,8 +216,13 @@ def test_the_simulator_and_a_next_diagnosis_take_an_extended_model(tmp_path):
 def test_a_zero_that_no_model_file_may_have_is_told_and_not_carried():
     """The model's own zero and what is found beside it may be more together."""
     shifted = replace(motion(), model=replace(motion().model, joint_offset=np.full(7, 0.8)))
-    (found,) = [one for one in hypotheses(shifted) if one.effect == "joint_offset"
-                and one.joints == (1,) and one.site.kind is site.Kind.JOINT]  # fmt: skip
+    (found,) = [
+        hypothesis
+        for hypothesis in hypotheses(shifted)
+        if hypothesis.effect == "joint_offset"
+        and hypothesis.joints == (1,)
+        and hypothesis.site.kind is site.Kind.JOINT
+    ]
     for offset, fits in ((0.1, True), (0.4, False)):
         model, (carried,) = extended(shifted, [(found, np.array([offset]))])
         assert carried == fits

@@ -579,8 +579,8 @@ def test_a_full_disk_leaves_no_half_written_bag_and_no_damaged_model(tmp_path):
     assert "File too large" in result.stderr
     assert "Traceback" not in result.stderr
     assert model.read_bytes() == before
-    left = {path.name for path in tmp_path.iterdir()} - {path.name for path in partial}
-    assert left == {"model.yaml", "recording.csv"}
+    remaining = {path.name for path in tmp_path.iterdir()} - {path.name for path in partial}
+    assert remaining == {"model.yaml", "recording.csv"}
 
 
 @pytest.mark.parametrize(

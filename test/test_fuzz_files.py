@@ -70,9 +70,9 @@ EDITS = st.lists(
 
 def damaged(original: bytes, edits: list[tuple[str, float, str]]) -> bytes:
     """Return a file's content with some edits made, each at a share of its length."""
-    for kind, place, fragment in edits:
+    for kind, share, fragment in edits:
         text = original.decode("utf-8", "replace")
-        at = int(place * len(text))
+        at = int(share * len(text))
         new = fragment
         if kind == "insert":
             text = text[:at] + new + text[at:]
@@ -81,18 +81,18 @@ def damaged(original: bytes, edits: list[tuple[str, float, str]]) -> bytes:
         elif kind == "number":
             spans = [match.span() for match in re.finditer(r"-?\d+(\.\d*)?", text)]
             if spans:
-                start, end = spans[min(int(place * len(spans)), len(spans) - 1)]
+                start, end = spans[min(int(share * len(spans)), len(spans) - 1)]
                 text = text[:start] + new + text[end:]
         elif kind in ("delete", "double"):
             lines = text.splitlines(keepends=True)
-            i = int(place * max(len(lines) - 1, 0))
+            i = int(share * max(len(lines) - 1, 0))
             lines[i : i + 1] = [] if kind == "delete" else lines[i : i + 1] * 2
             text = "".join(lines)
         elif kind == "cut":
             text = text[:at]
         original = text.encode("utf-8", "surrogatepass")
         if kind == "byte" and original:
-            at = int(place * (len(original) - 1))
+            at = int(share * (len(original) - 1))
             original = original[:at] + bytes([len(new) * 37 % 256]) + original[at + 1 :]
     return original
 

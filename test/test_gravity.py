@@ -66,8 +66,8 @@ class Oracle:
             joint = self.model.addJoint(
                 joint, pin.JointModelRZ(), before * turn("z", offset) * along, f"joint{i}"
             )
-            place = pin.SE3(np.eye(3), np.array([a, 0.0, d])) * turn("x", alpha)
-            before = along.inverse() * place
+            placement = pin.SE3(np.eye(3), np.array([a, 0.0, d])) * turn("x", alpha)
+            before = along.inverse() * placement
             ids[f"link{i}"], distal[f"link{i}"] = joint, before
             if i == 1:
                 shoulder = before
@@ -109,7 +109,7 @@ class Oracle:
         compute, model, data = pin.computeGeneralizedGravity, self.model, self.data
         return np.array([compute(model, data, pose) for pose in tree]) @ self.motion
 
-    def place(self, joint: str, q) -> pin.SE3:
+    def placement(self, joint: str, q) -> pin.SE3:
         pin.forwardKinematics(self.model, self.data, self.motion @ q)
         return self.data.oMi[self.model.getJointId(joint)]
 
@@ -126,22 +126,22 @@ def poses(rng, count: int):
 def test_the_oracles_parallelogram_closes(rng):
     oracle = Oracle(random_links(rng))
     for q in poses(rng, 5):
-        tip = oracle.place("crank", q) * np.array([0.1, 0.0, 0.0])
+        tip = oracle.placement("crank", q) * np.array([0.1, 0.0, 0.0])
         np.testing.assert_allclose(
-            oracle.place("bar", q) * np.array([0.0, 0.2794, 0.0]), tip, atol=1e-14
+            oracle.placement("bar", q) * np.array([0.0, 0.2794, 0.0]), tip, atol=1e-14
         )
 
 
 @pytest.mark.parametrize("base_gravity", [DOWN, TILTED, (0.0, 9.81, 0.0), (3.7, 0.0, 0.0)])
 def test_torque_is_pinocchios_for_random_arms_at_ten_thousand_poses(rng, base_gravity):
     q = poses(rng, 2500).reshape(25, 100, 7)
-    for some in q:
+    for batch in q:
         links = random_links(rng)
         beta = beta_from_links(links, columns=14)
-        expected = Oracle(links, base_gravity=base_gravity).torque(some)
+        expected = Oracle(links, base_gravity=base_gravity).torque(batch)
         bound = 1e-12 * abs(expected).max()
-        assert abs(regressor(some, base_gravity, 14) @ beta - expected).max() < bound
-        assert abs(torque(some, beta, base_gravity) - expected).max() < bound
+        assert abs(regressor(batch, base_gravity, 14) @ beta - expected).max() < bound
+        assert abs(torque(batch, beta, base_gravity) - expected).max() < bound
 
 
 def test_ten_columns_are_exact_when_link_7_is_on_its_axis_and_gravity_is_vertical(rng):
@@ -282,8 +282,8 @@ def test_any_leading_shape(rng, shape, base_gravity):
     assert y.shape == (*shape, 12)
     assert torque(q, np.ones(12), base_gravity).shape == shape
     for index in np.ndindex(*shape[:-1]):
-        one = regressor(q[index], base_gravity, 12)
-        np.testing.assert_allclose(y[index], one, rtol=0, atol=1e-15)
+        single = regressor(q[index], base_gravity, 12)
+        np.testing.assert_allclose(y[index], single, rtol=0, atol=1e-15)
 
 
 def test_blocks_join_without_a_seam(rng):

@@ -76,24 +76,24 @@ def test_identify_evaluate_and_diagnose_warn_once():
         evaluate(model, [recording], "joint").warnings,
         load([recording], model).warnings,
     ):
-        assert [one.kind for one in warnings].count("other_hand") == 1
-        assert not any(one.kind == "arm_limits" for one in warnings)
+        assert [warning.kind for warning in warnings].count("other_hand") == 1
+        assert not any(warning.kind == "arm_limits" for warning in warnings)
     right = identify([recording], RIGHT, "joint", ["coulomb_friction"]).warnings
-    assert not any(one.kind == "other_hand" for one in right)
+    assert not any(warning.kind == "other_hand" for warning in right)
 
 
 def test_evaluated_poses_are_compared_with_the_limits_too():
     q = anywhere(RIGHT)
     poses = Recording(JOINT_NAMES, None, q, effort=np.full(q.shape, 0.01))
     model = TorqueModel.from_parameters({"arm": "mtml", "beta": (0.1,) * 10})
-    assert "other_hand" in {one.kind for one in evaluate(model, [poses], "joint").warnings}
+    assert "other_hand" in {warning.kind for warning in evaluate(model, [poses], "joint").warnings}
 
 
 def test_the_measured_arm_is_a_right_one(measured_data):
     recording = Recording.load(measured_data / "mtm_dynamic_30s_200hz.csv")
     q = RIGHT.joint_position(recording.position)
     assert beyond_limits(q, RIGHT) == []
-    assert [one.kind for one in beyond_limits(q, LEFT)] == ["other_hand"]
+    assert [warning.kind for warning in beyond_limits(q, LEFT)] == ["other_hand"]
     poses = Recording.load(measured_data / "mtmr28002_static_pos.csv").position
     assert beyond_limits(poses, RIGHT) == []
-    assert [one.kind for one in beyond_limits(poses, LEFT)] == ["other_hand"]
+    assert [warning.kind for warning in beyond_limits(poses, LEFT)] == ["other_hand"]

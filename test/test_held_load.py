@@ -35,5 +35,5 @@ def test_one_pose_gives_what_many_give(static_model, known):
     many = static_model.torque(q, **motion)
     assert np.abs(many).max() > 0.05
     for i in range(len(q)):
-        one = static_model.torque(q[i], **{name: array[i] for name, array in motion.items()})
-        np.testing.assert_allclose(one, many[i], atol=1e-12)
+        single = static_model.torque(q[i], **{name: array[i] for name, array in motion.items()})
+        np.testing.assert_allclose(single, many[i], atol=1e-12)

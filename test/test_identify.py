@@ -58,7 +58,7 @@ def truth(
     for body, (_, centre) in SIZES.items():
         bodies[body].lever = np.array(centre)
     tree = build_tree(ARM, bodies, gravity)
-    effort = np.array([tree.inverse_dynamics(*one) for one in zip(q, qd, qdd, strict=True)])
+    effort = np.array([tree.inverse_dynamics(*sample) for sample in zip(q, qd, qdd, strict=True)])
     # The elbow's friction is its motor's, which turns with q2 + q3.
     at_joint = np.array([1, 1, 0, 1, 1, 1, 1])
     effort += at_joint * COULOMB * np.sign(qd) + VISCOUS * qd
@@ -74,7 +74,7 @@ def fit():
 
 
 def parameter(fit, name: str):
-    return next(one for one in fit.parameters if one.name.startswith(name))
+    return next(fitted for fitted in fit.parameters if fitted.name.startswith(name))
 
 
 def test_another_motion_is_predicted_to_its_noise(fit):
@@ -118,16 +118,16 @@ def test_known_parameters_come_out(fit):
 
 
 def test_friction_has_its_sign(fit):
-    for one in fit.parameters:
-        if one.name.startswith(("coulomb", "viscous", "presliding", "rotor")):
-            assert one.value >= 0.0, one.name
+    for fitted in fit.parameters:
+        if fitted.name.startswith(("coulomb", "viscous", "presliding", "rotor")):
+            assert fitted.value >= 0.0, fitted.name
 
 
 def test_a_burst_of_wrong_efforts_hardly_moves_the_parameters():
     recording = truth(1)
     effort = recording.effort.copy()
     effort[600:612, 3] += 1.0  # fifty times the joint's Coulomb friction
-    clean, hit = (_plain_estimate(one) for one in (recording, replace(recording, effort=effort)))
+    clean, hit = (_plain_estimate(case) for case in (recording, replace(recording, effort=effort)))
     for name in ("coulomb_friction.joint[wrist_platform]", "beta[3]"):
         before, after = parameter(clean, name), parameter(hit, name)
         half = 0.5 * (before.ci95[1] - before.ci95[0])
@@ -141,10 +141,10 @@ def _plain_estimate(recording: Recording):
 
 
 def test_what_does_not_pay_is_left_out_and_said(fit):
-    left = [choice for choice in fit.choices if not choice.kept]
-    assert any(choice.term.startswith("presliding_hysteresis wrist_pitch") for choice in left)
-    assert any("does not improve" in choice.reason for choice in left)
-    assert all("does not improve" in c.reason or "not by enough" in c.reason for c in left)
+    dropped = [choice for choice in fit.choices if not choice.kept]
+    assert any(choice.term.startswith("presliding_hysteresis wrist_pitch") for choice in dropped)
+    assert any("does not improve" in choice.reason for choice in dropped)
+    assert all("does not improve" in c.reason or "not by enough" in c.reason for c in dropped)
 
 
 def test_the_model_goes_unchanged_to_the_compensator(fit, tmp_path):
@@ -200,7 +200,7 @@ def test_friction_that_presliding_shares_is_not_called_identifiable():
     motions = read_motions([truth(1)], ARM, "joint")
     problem = pose(motions.parts, ARM)
     element = problem.design.columns.select(
-        effect="presliding_hysteresis", place="joint", joint=4, index=0
+        effect="presliding_hysteresis", site_kind="joint", joint=4, index=0
     )
     found = estimate(problem, sorted({*start_columns(problem.design.columns), *element}))
     names = ("coulomb_friction", "presliding_hysteresis")
@@ -321,7 +321,7 @@ def test_measured_trajectory_is_explained_on_phases_that_were_held_out(measured_
     errors = [error.nrmse for error in fit.held_out.values()]
     limits = [0.08, 0.20, 0.16, 0.16, 0.25, 0.24, 0.33]
     assert all(error < limit for error, limit in zip(errors, limits, strict=True)), errors
-    levels = {name: one.level for name, one in fit.verdict.joints.items()}
+    levels = {name: verdict.level for name, verdict in fit.verdict.joints.items()}
     assert levels.pop("outer_yaw") == "usable"  # its range was not covered
     assert set(levels.values()) == {"good"}
 

@@ -55,7 +55,7 @@ def from_poses(tmp_path_factory):
 def test_a_model_from_motion_loses_nothing_at_rest(from_motion):
     model, document, cost = from_motion
     assert len(model.term("gravity").beta) == 10
-    assert max(one["rest_max"] for one in cost["joints"].values()) < 1e-9
+    assert max(joint["rest_max"] for joint in cost["joints"].values()) < 1e-9
     lower, upper = np.array([cost["range_rad"][name] for name in JOINT_NAMES]).T
     for q in np.random.default_rng(1).uniform(lower, upper, (100, 7)):
         expected = model.torque(q)
@@ -86,7 +86,7 @@ def test_a_model_from_poses_is_in_the_console_s_form(from_poses):
     assert cost["exact"]
     assert {term.NAME for term in model.terms} == {"gravity", "directional_cable", "shown_torque"}
     assert model.term("directional_cable").positive.shape == (5, 7)
-    assert max(one["moving_max"] for one in cost["joints"].values()) < 1e-9
+    assert max(joint["moving_max"] for joint in cost["joints"].values()) < 1e-9
 
 
 def test_the_file_from_poses_says_what_both_directions_showed(from_poses):
@@ -96,7 +96,7 @@ def test_the_file_from_poses_says_what_both_directions_showed(from_poses):
     for sign in (1.0, -1.0):
         direction = np.full(7, sign)
         expected = arm_of_poses().torque(q, direction=np.tile(direction, (len(q), 1)))
-        found = [console_torque(document, one, 10.0 * direction) for one in q]
+        found = [console_torque(document, pose, 10.0 * direction) for pose in q]
         assert np.sqrt(np.mean(np.subtract(found, expected) ** 2, axis=0)).max() < 0.75 * NOISE
 
 
@@ -105,10 +105,10 @@ def test_real_poses_of_the_console_become_a_console_file(measured_data, tmp_path
     assert cost["exact"]
     assert cost["findings"] == []
     q = between(50)
-    for one in q:
-        expected = model.torque(one, direction=np.ones(7))
+    for pose in q:
+        expected = model.torque(pose, direction=np.ones(7))
         document["GC_controller"]["fric_comp_ratio_vec"] = [1.0] * 7
-        found = console_torque(document, one, np.full(7, 10.0))
+        found = console_torque(document, pose, np.full(7, 10.0))
         np.testing.assert_allclose(found[:6], expected[:6], atol=2e-3)
 
 

@@ -48,8 +48,8 @@ def test_intervals_hold_the_truth_although_every_fifth_sample_has_its_own_parame
         scale, signs = np.full(parameters, 1e3), np.zeros(parameters, dtype=bool)
         solution = fit(NormalEquations.of(x, y), weight, scale, signs)
         unseen = y.copy()
-        for one in range(10):
-            seen = block != one
+        for label in range(10):
+            seen = block != label
             blind = fit(NormalEquations.of(x[seen], y[seen]), weight, scale, signs)
             unseen[~seen] -= x[~seen] @ blind.theta
         meat = autocorrelated_scores(
@@ -70,8 +70,8 @@ def test_a_noisy_motor_does_not_spoil_what_a_quiet_one_tells():
     y = 0.7 * x[:, :, 0] + noise * random.normal(size=(400, 7))
     moments, signs = NormalEquations.of(x, y), np.zeros(1, dtype=bool)
     weighted = fit(moments, np.append(noise[:2] ** -2, np.ones(5)), np.ones(1), signs)
-    alike = fit(moments, np.ones(7), np.ones(1), signs)
-    assert abs(weighted.theta[0] - 0.7) < 0.002 < abs(alike.theta[0] - 0.7)
+    unweighted = fit(moments, np.ones(7), np.ones(1), signs)
+    assert abs(weighted.theta[0] - 0.7) < 0.002 < abs(unweighted.theta[0] - 0.7)
 
 
 def test_a_motor_with_three_times_the_noise_counts_a_third():
@@ -107,11 +107,11 @@ def test_base_parameters_span_what_torque_depends_on():
     q, qd, qdd = np.random.default_rng(7).normal(size=(3, 200, 7))
     full = rigid_body.regressor(ARM, q, qd, qdd, ARM.gravity).reshape(-1, 90)
     rank = np.linalg.matrix_rank(full, tol=1e-9 * np.linalg.norm(full))
-    combinations = np.array([one for _, _, one in base_parameters(ARM)])
+    combinations = np.array([combination for _, _, combination in base_parameters(ARM)])
     assert len(combinations) == rank == base_directions(ARM).shape[1]
     # Every row of the regressor is a combination of them.
-    left = full - full @ np.linalg.pinv(combinations) @ combinations
-    assert np.abs(left).max() < 1e-6 * np.abs(full).max()
+    residual = full - full @ np.linalg.pinv(combinations) @ combinations
+    assert np.abs(residual).max() < 1e-6 * np.abs(full).max()
 
 
 def test_beta_of_links_gives_their_weight():

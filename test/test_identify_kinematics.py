@@ -59,7 +59,7 @@ def test_slopes_are_those_of_pinocchios_torques():
     def torque(offset, tilt):
         tree = build_tree(ARM, bodies, pin.rpy.rpyToMatrix(*tilt, 0.0).T @ ARM.gravity)
         states = zip(q - offset, qd, qdd, strict=True)
-        return np.array([tree.inverse_dynamics(*one) for one in states])
+        return np.array([tree.inverse_dynamics(*state) for state in states])
 
     slopes = kinematics.slopes(ARM, State(q, qd, qdd))
 
@@ -112,8 +112,8 @@ def zeros(fit):
 
 def test_an_arm_that_stands_right_acquires_neither(upright):
     assert not zeros(upright)
-    tried = {choice.term for choice in upright.choices if not choice.kept}
-    assert {"base_tilt", "joint_offset wrist_platform"} <= tried
+    rejected = {choice.term for choice in upright.choices if not choice.kept}
+    assert {"base_tilt", "joint_offset wrist_platform"} <= rejected
 
 
 def test_a_zero_that_would_be_off_by_more_than_one_can_be_is_not_taken(monkeypatch):
@@ -121,7 +121,9 @@ def test_a_zero_that_would_be_off_by_more_than_one_can_be_is_not_taken(monkeypat
     monkeypatch.setattr(kinematic_search, "KinematicSearchSettings", settings)
     fit = identify([off(truth(1))], ARM, "joint", TERMS)
     assert not fit.model.joint_offset.any()
-    (said,) = [one for one in fit.identifiability.statements if "more than a zero" in one]
+    (said,) = [
+        statement for statement in fit.identifiability.statements if "more than a zero" in statement
+    ]
     assert said.startswith("the zero of wrist_platform would have to be off by 0.0")
 
 

@@ -60,9 +60,12 @@ def test_a_file_is_fitted_as_the_recording_in_memory(tmp_path):
     recording = truth(1, 12.0)
     recording.save(tmp_path / "run.csv")
     file = RecordingFile(tmp_path / "run.csv")
-    one, other = (identify([given], ARM, "joint", FEW) for given in (recording, file))
-    assert one.held_out == other.held_out
-    assert evaluate(one.model, [recording]).joints == evaluate(one.model, [file]).joints
+    from_memory, from_file = (identify([given], ARM, "joint", FEW) for given in (recording, file))
+    assert from_memory.held_out == from_file.held_out
+    assert (
+        evaluate(from_memory.model, [recording]).joints
+        == evaluate(from_memory.model, [file]).joints
+    )
 
 
 def test_thinning_a_fast_recording_changes_no_prediction_by_a_hundredth(monkeypatch):
@@ -75,7 +78,7 @@ def test_thinning_a_fast_recording_changes_no_prediction_by_a_hundredth(monkeypa
     assert not any("samples kept" in line for line in full.handling)
     for model in (full.model, thin.model):
         assert model.term("viscous_friction") is not None
-    torque = [one.model.torque(other.position, other.velocity) for one in (thin, full)]
+    torque = [fit.model.torque(other.position, other.velocity) for fit in (thin, full)]
     size = np.sqrt(np.mean(torque[1] ** 2, axis=0))
     assert (np.sqrt(np.mean((torque[0] - torque[1]) ** 2, axis=0)) < 0.01 * size).all()
 
@@ -125,8 +128,8 @@ def test_a_sweep_of_one_joint_helps_where_the_motion_of_all_did_not_go():
     fit = identify([alone, only(held, [WRIST])], ARM, "joint", effects, still=still)
     assert any("wrist_platform only, joint coordinates" in line for line in fit.handling)
     error = [
-        np.std(held.effort[:, WRIST] - one.torque(held.position, held.velocity)[:, WRIST])
-        for one in (without, fit.model)
+        np.std(held.effort[:, WRIST] - model.torque(held.position, held.velocity)[:, WRIST])
+        for model in (without, fit.model)
     ]
     assert error[1] < 0.5 * error[0]
 
@@ -289,8 +292,8 @@ def test_options_for_trajectories_are_refused_with_poses(options, says, tmp_path
 
 
 def test_poses_need_all_joints(tmp_path, capsys):
-    some = replace(only(truth(8, 6.0), [0, 1, 2, 3, 4, 5]), time=None, velocity=None)
-    some.save(tmp_path / "poses.csv")
+    poses = replace(only(truth(8, 6.0), [0, 1, 2, 3, 4, 5]), time=None, velocity=None)
+    poses.save(tmp_path / "poses.csv")
     status, lines = run(tmp_path, capsys, str(tmp_path / "poses.csv"), "--at", "wrist_roll=0")
     assert status == 2
     assert lines == [

@@ -132,3 +132,21 @@ def test_a_class_has_a_name_of_its_own():
             if isinstance(node, ast.ClassDef):
                 defined.setdefault(node.name, []).append(module)
     assert {name: where for name, where in defined.items() if len(where) > 1} == {}
+
+
+def stored(tree: ast.AST) -> Iterator[str]:
+    """Yield the names that are assigned, looped over or passed."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+        elif isinstance(node, ast.arg):
+            yield node.arg
+
+
+def test_a_variable_is_called_by_what_it_holds():
+    """A noun, as textbooks have them: ``one`` of what?"""
+    folders = [REPOSITORY / name for name in ("dvrk_gravity", "testing", "benchmark", "test")]
+    paths = [path for folder in folders for path in folder.rglob("*.py")]
+    assert [
+        path.name for path in paths if "one" in stored(ast.parse(path.read_text(encoding="utf-8")))
+    ] == []

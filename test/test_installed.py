@@ -82,15 +82,15 @@ class Installed:
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory) -> Installed:
     pytest.importorskip("colcon_core")
-    place = tmp_path_factory.mktemp("workspace")
+    workspace = tmp_path_factory.mktemp("workspace")
     built = subprocess.run(
-        [sys.executable, "-m", "colcon", "--log-base", place / "log", "build",
+        [sys.executable, "-m", "colcon", "--log-base", workspace / "log", "build",
          "--paths", REPOSITORY, "--packages-select", "dvrk_gravity",
-         "--build-base", place / "build", "--install-base", place / "install"],
-        capture_output=True, text=True, check=False, cwd=place,
+         "--build-base", workspace / "build", "--install-base", workspace / "install"],
+        capture_output=True, text=True, check=False, cwd=workspace,
     )  # fmt: skip
     assert built.returncode == 0, built.stderr
-    folder = place / "work"
+    folder = workspace / "work"
     folder.mkdir()
     world = World.draw(5)
     for name, seed in (("my_bag", 3), ("another_bag", 4)):
@@ -100,7 +100,7 @@ def installed(tmp_path_factory) -> Installed:
         world.model().save(folder / name)
     write(folder, synthetic())
     (folder / "config").symlink_to(CONFIG)
-    return Installed(place / "install" / "dvrk_gravity", folder)
+    return Installed(workspace / "install" / "dvrk_gravity", folder)
 
 
 def test_all_and_only_the_declared_executables_are_installed(installed):

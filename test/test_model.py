@@ -71,9 +71,9 @@ def parameter_sets(draw) -> dict:
             values[f"coulomb_friction.{name}"] = level
     if draw(st.booleans()):
         values["coulomb_friction.transition_velocity"] = draw(sevens(numbers(0, 2)))
-    for place in ("joint", "motor"):
+    for site in ("joint", "motor"):
         if draw(st.booleans()):
-            values[f"viscous_friction.{place}"] = draw(sevens(numbers(0, 2)))
+            values[f"viscous_friction.{site}"] = draw(sevens(numbers(0, 2)))
     if draw(st.booleans()):
         values["slew_limit"] = draw(sevens(numbers(0, 100)))
         values["resume"] = draw(st.sampled_from(["explicit", "automatic"]))

@@ -45,15 +45,15 @@ def test_mujoco_and_pinocchio_agree_about_a_urdf_and_about_what_is_fastened_to_i
     engine = mujoco_arms.urdf(arm, ())
     random = np.random.default_rng(1)
     motion = tuple(size * random.standard_normal((20, arm.n)) for size in (1.0, 2.0, 5.0))
-    place = np.array([0.02, 0.03, 0.05])
+    com = np.array([0.02, 0.03, 0.05])
     last = arm.body_names[links_of_joints(arm)[-1]]
-    loaded = {**links, last: links[last] + pin.Inertia(0.5, place, 1e-3 * np.eye(3))}
+    loaded = {**links, last: links[last] + pin.Inertia(0.5, com, 1e-3 * np.eye(3))}
     bare, with_it = (
         np.array([tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)])
-        for tree in (build_tree(arm, one, arm.gravity) for one in (links, loaded))
+        for tree in (build_tree(arm, bodies, arm.gravity) for bodies in (links, loaded))
     )
     np.testing.assert_allclose(engine.torque(*motion), bare, atol=1e-9)
-    added = engine.added(motion, arm.n - 1, 0.5, place, 1e-3)
+    added = engine.added(motion, arm.n - 1, 0.5, com, 1e-3)
     np.testing.assert_allclose(added, with_it - bare, atol=1e-9)
     np.testing.assert_allclose(engine.torque(*motion), bare, atol=1e-9)  # and it is off again
 
@@ -61,14 +61,14 @@ def test_mujoco_and_pinocchio_agree_about_a_urdf_and_about_what_is_fastened_to_i
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_fastened_to_any_link_of_any_arm_weighs_as_pinocchio_says(name):
     drawn = MujocoWorld.draw(name, 1)
-    arm, place = drawn.arm, np.array([0.1, 0.0, 0.02])
+    arm, com = drawn.arm, np.array([0.1, 0.0, 0.02])
     random = np.random.default_rng(2)
     motion = tuple(size * random.standard_normal((10, arm.n)) for size in (0.3, 2.0, 5.0))
     for joint, body in enumerate(links_of_joints(arm)):
-        point = {arm.body_names[body]: pin.Inertia(0.4, place, np.zeros((3, 3)))}
+        point = {arm.body_names[body]: pin.Inertia(0.4, com, np.zeros((3, 3)))}
         tree = build_tree(arm, point, arm.gravity)
         expected = [tree.inverse_dynamics(*sample) for sample in zip(*motion, strict=True)]
-        added = drawn.engine.added(motion, joint, 0.4, place)
+        added = drawn.engine.added(motion, joint, 0.4, com)
         np.testing.assert_allclose(added, expected, atol=1e-9)
 
 
@@ -119,7 +119,7 @@ def test_most_motions_that_are_diagnosed_stay_about_where_the_calibration_went()
     assert 10 <= near < 20
 
 
-@pytest.mark.parametrize("effect", [one for one in lab_effects.HIDERS if one != "nothing"])
+@pytest.mark.parametrize("effect", [effect for effect in lab_effects.HIDERS if effect != "nothing"])
 def test_a_hidden_effect_is_in_the_recording_at_the_size_told(world, setting, effect):
     hiding = hide(setting, effect, np.random.default_rng(3))
     assert 0.9 * RATIO[0] < hiding.ratio < 1.1 * RATIO[1], "or it was no use to hide it"
@@ -129,7 +129,7 @@ def test_a_hidden_effect_is_in_the_recording_at_the_size_told(world, setting, ef
         joint = world.arm.joint_names.index(*hiding.hidden.joints)
         moved = (after.position - before.position)[:, joint]
         np.testing.assert_allclose(moved, hiding.hidden.parameters["offset"], atol=1e-4)
-        torques = [world.engine.torque(*one.motion) for one in (setting.truth, hiding.truth)]
+        torques = [world.engine.torque(*truth.motion) for truth in (setting.truth, hiding.truth)]
         assert setting.ratio(torques[1] - torques[0]) == pytest.approx(hiding.ratio, rel=0.1)
         return
     size = np.sqrt(np.mean(change**2, axis=0)) / setting.residual
@@ -156,10 +156,10 @@ def test_a_seed_says_everything(world):
     again = MujocoWorld.draw("chain", 1)
     other = MujocoWorld.draw("chain", 2)
     recordings = [
-        one.record(one.truth(draw_other(one.arm, 3), 2.0), noise)
-        for one, noise in ((world, 1), (again, 1), (world, 2), (other, 1))
+        drawn.record(drawn.truth(draw_other(drawn.arm, 3), 2.0), noise)
+        for drawn, noise in ((world, 1), (again, 1), (world, 2), (other, 1))
     ]
-    efforts = [one.effort[:300] for one in recordings]
+    efforts = [recording.effort[:300] for recording in recordings]
     np.testing.assert_array_equal(efforts[0], efforts[1])
     assert (efforts[0] != efforts[2]).any()
     assert (efforts[0] != efforts[3]).any()

@@ -119,9 +119,9 @@ class Folder:
         self, capsys: pytest.CaptureFixture[str], output: Path, read: str | Path = "read.csv"
     ) -> str:
         """Run the verb with an output, and something to read; return its one line."""
-        places = {"{out}": output, "{in}": self.folder / read}
+        paths = {"{out}": output, "{in}": self.folder / read}
         words = [
-            str(places.get(word, self.folder / word[1:-1])) if word.startswith("{") else word
+            str(paths.get(word, self.folder / word[1:-1])) if word.startswith("{") else word
             for word in self.use.words.split()
         ]
         before = self.contents()

@@ -90,7 +90,9 @@ def test_it_is_identified_beside_the_others():
     assert isinstance(found, QuadraticDrag)
     np.testing.assert_allclose(found.drag, drag, atol=0.15 * drag.max())
     (parameter,) = (
-        one for one in fit.parameters if one.name == "quadratic_drag.joint[shoulder_pitch]"
+        parameter
+        for parameter in fit.parameters
+        if parameter.name == "quadratic_drag.joint[shoulder_pitch]"
     )
     assert parameter.unit == "N·m·s^2/rad^2"
     assert parameter.ci95[0] <= 0.1 <= parameter.ci95[1]

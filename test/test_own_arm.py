@@ -33,7 +33,7 @@ from testing.plain_world import PlainWorld
 pytestmark = pytest.mark.usefixtures("four_folds")
 
 GAINS = np.array([12.0, 14.0, 11.0, 9.0, 10.5, 8.5])  # N·m/A
-MASS, PLACE = 2.0, (0.02, 0.05, 0.08)  # kg, m in the last link's frame
+MASS, COM = 2.0, (0.02, 0.05, 0.08)  # kg, m in the last link's frame
 
 
 def record(world: PlainWorld, motion: int, noise: int, duration: float = 20.0) -> Recording:
@@ -63,7 +63,7 @@ class Lab:
 def lab(tmp_path_factory) -> Lab:
     arm = Arm.load(UR5)
     world = PlainWorld.of(arm, nominal_inertias(arm))
-    carrying = world.with_payload(arm.body_names[-1], MASS, PLACE)
+    carrying = world.with_payload(arm.body_names[-1], MASS, COM)
     bare = record(world, 1, 11)
     same = in_amperes(record(carrying, 1, 12))
     shift = same.rows(slice(100, None))
@@ -187,7 +187,7 @@ def test_a_joint_without_friction_is_fitted_without(tmp_path, lab):
         yaml.safe_dump({"urdf": str(UR5), "frictionless": ["elbow_joint"], "effort_unit": "N·m"})
     )
     fit = identify(lab.bare, Arm.load(tmp_path / "arm.yaml"))
-    names = [one.name for one in fit.parameters]
+    names = [parameter.name for parameter in fit.parameters]
     assert any("friction" in name and "shoulder_lift" in name for name in names)
     assert not any("friction" in name and "elbow" in name for name in names)
 
@@ -264,7 +264,9 @@ def own_unit(lab) -> Path:
     fit = identify(lab.folder / "currents.csv", UR5)
     assert any("not in N·m" in line for line in fit.handling)
     fit.model.save(path)
-    assert {one.unit for one in fit.parameters}.isdisjoint({"N·m", "kg", "kg·m", "kg·m^2", "N"})
+    assert {parameter.unit for parameter in fit.parameters}.isdisjoint(
+        {"N·m", "kg", "kg·m", "kg·m^2", "N"}
+    )
     return path
 
 
@@ -328,7 +330,9 @@ def test_a_model_in_another_unit_takes_no_gains(lab, own_unit, capsys):
 def test_an_arm_that_is_held_has_the_dynamics_of_one_whose_joint_does_not_move():
     arm = Arm.load(PANDA)
     held = arm.holding({arm.joint_names[-1]: 0.01})
-    trees = [build_tree(one, nominal_inertias(one), one.gravity) for one in (arm, held)]
+    trees = [
+        build_tree(variant, nominal_inertias(variant), variant.gravity) for variant in (arm, held)
+    ]
     random = np.random.default_rng(0)
     for q, qd, qdd in random.normal(size=(5, 3, 7)):
         whole = trees[0].inverse_dynamics(np.append(q, 0.01), np.append(qd, 0), np.append(qdd, 0))

@@ -93,5 +93,5 @@ def test_of_an_exact_model_they_are_those_of_the_noise(data):
     assert not exact.known_error.any()
     _, with_known = CrossValidation(data).fit([candidate])
     _, of_noise = CrossValidation(exact).fit([candidate])
-    alike = CrossValidation(data).significance.settings.coherent * KNOWN[0]
-    assert np.sqrt(of_noise[0, 0]) < 0.2 * alike < alike < np.sqrt(with_known[0, 0])
+    coherent = CrossValidation(data).significance.settings.coherent * KNOWN[0]
+    assert np.sqrt(of_noise[0, 0]) < 0.2 * coherent < coherent < np.sqrt(with_known[0, 0])

@@ -59,13 +59,13 @@ def test_weight_at_poses_elsewhere_is_known_twice_as_well_as_one_pose_tells_it(k
     q = known.posed.positions(50, 300)
     true = known.posed.weight(q, 0.0)[:, : known.posed.posed]
     error = known.model.torque(q[:, : known.posed.posed]) - true
-    assert (np.sqrt(np.mean(error**2, axis=0)) < 0.5 * known.posed.left()).all()
+    assert (np.sqrt(np.mean(error**2, axis=0)) < 0.5 * known.posed.irreducible_error()).all()
 
 
 def test_other_poses_are_off_by_no_more_than_what_sticks(known):
     found = evaluate(known.model, known.posed.record(2, 200)).joints
     rmse = np.array([found[name].rmse for name in known.posed.names])
-    assert (rmse < 1.1 * known.posed.left()).all()
+    assert (rmse < 1.1 * known.posed.irreducible_error()).all()
 
 
 def test_held_out_error_is_what_other_poses_show(known):
@@ -82,19 +82,19 @@ def test_far_from_the_poses_the_model_is_off_by_about_as_much_as_it_says():
     error = fit.model.torque(q[:, :3]) - posed.weight(q, 0.0)[:, :3]
     said = np.array([fit.holding[name].error_anywhere for name in posed.names])
     rmse = np.sqrt(np.mean(error**2, axis=0))
-    assert (rmse > posed.left()).any()  # much is open there
+    assert (rmse > posed.irreducible_error()).any()  # much is open there
     assert (rmse < 2.0 * said).all(), (rmse, said)
 
 
 def test_the_model_has_the_arm_s_own_links_and_units(known):
-    names = [one.name for one in known.fit.parameters]
+    names = [parameter.name for parameter in known.fit.parameters]
     assert not any("beta" in name for name in names)
     assert known.model.term("gravity") is None
     weights = known.model.term("link_weight")
     assert weights is not None
     assert weights.carries_arm
     assert list(known.model.arm.joint_names) == list(known.posed.names)
-    of = {one.name: one for one in known.fit.parameters}
+    of = {parameter.name: parameter for parameter in known.fit.parameters}
     for joint in known.model.arm.joints:
         first = f"directional_cable.positive.{joint.name}"
         units = [of[f"{first}[{power}]"].unit for power in (0, 2) if f"{first}[{power}]" in of]
@@ -116,7 +116,7 @@ def test_weights_that_the_poses_determine_lie_in_their_intervals(known):
     assert rank == gravity.count
     values = gravity.parameters(theta)
     links = np.concatenate([values[f"link_weight.{body}"] for body in arm.body_names])
-    found = {one.name: one for one in known.fit.parameters}
+    found = {parameter.name: parameter for parameter in known.fit.parameters}
     inside = [
         found[name].ci95[0] <= combination @ links <= found[name].ci95[1]
         for name, _, combination in base_weights(arm)
@@ -155,9 +155,9 @@ def test_a_load_is_found_and_weighed_at_other_poses(known):
     assert payload.parameters["mass"].value == pytest.approx(known.posed.load, rel=0.2)
     again = known.posed.record(6, 200, known.posed.load)
     errors = [evaluate(model, again).joints for model in (known.model, diagnosis.model)]
-    before, after = ([one[name].rmse for name in known.posed.names] for one in errors)
-    assert np.max(np.divide(before, known.posed.left())) > 1.5
-    assert (np.array(after) < 1.25 * known.posed.left()).all()
+    before, after = ([error[name].rmse for name in known.posed.names] for error in errors)
+    assert np.max(np.divide(before, known.posed.irreducible_error())) > 1.5
+    assert (np.array(after) < 1.25 * known.posed.irreducible_error()).all()
 
 
 def test_the_compensator_takes_the_model_and_sends_what_holds_the_links(known):
@@ -227,12 +227,12 @@ def test_efforts_in_amperes_give_a_model_in_amperes():
     recording = posed.record(1, 80)
     currents = replace(recording, effort=recording.effort / gain, arm=None)
     fit = identify(currents, posed.arm.told_in("A", 1.0 / gain))
-    assert {one.unit for one in fit.parameters if one.name.startswith("m")} == {
+    assert {parameter.unit for parameter in fit.parameters if parameter.name.startswith("m")} == {
         "kg·A/(N·m)", "kg·m·A/(N·m)",
     }  # fmt: skip
     q = posed.positions(50, 300)
     error = gain * fit.model.torque(q[:, :3]) - posed.weight(q, 0.0)[:, :3]
-    assert (np.sqrt(np.mean(error**2, axis=0)) < 0.5 * posed.left()).all()
+    assert (np.sqrt(np.mean(error**2, axis=0)) < 0.5 * posed.irreducible_error()).all()
 
 
 @pytest.mark.parametrize("name", ["ecm", "psm", "ur5", "panda", "chain"])
@@ -241,10 +241,10 @@ def test_base_weights_span_what_torque_at_rest_depends_on(name):
     q = np.random.default_rng(7).uniform(*arm.range, (200, arm.n))
     whole = rigid_body.regressor(arm, q, None, None, arm.gravity).reshape(-1, len(arm.bodies), 10)
     full = whole[..., :4].reshape(len(whole), -1)
-    combinations = np.array([one for _, _, one in base_weights(arm)])
+    combinations = np.array([combination for _, _, combination in base_weights(arm)])
     assert len(combinations) == np.linalg.matrix_rank(full, tol=1e-9 * np.linalg.norm(full))
-    left = full - full @ np.linalg.pinv(combinations) @ combinations
-    assert np.abs(left).max() < 1e-6 * np.abs(full).max()
+    residual = full - full @ np.linalg.pinv(combinations) @ combinations
+    assert np.abs(residual).max() < 1e-6 * np.abs(full).max()
 
 
 @pytest.mark.parametrize("name", ["mtmr", "ecm", "psm", "ur5"])

@@ -33,7 +33,7 @@ def test_an_element_that_a_term_does_not_have_is_no_parameter_of_the_model(colum
     for column in held:
         there = theta.copy()
         there[column] = 0.2
-        sizes = [[len(one.theta) for one in columns.terms(at)] for at in (there, theta)]
+        sizes = [[len(term.theta) for term in columns.terms(at)] for at in (there, theta)]
         assert sizes[0] == sizes[1]
 
 

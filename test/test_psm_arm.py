@@ -52,9 +52,9 @@ def proximal(a: float, alpha: float, d: float, degrees: float) -> np.ndarray:
 def published(q: np.ndarray) -> dict[str, np.ndarray]:
     """Frames of the published tree of a PSM at (7,) joints, seen from where yaw and back meet."""
     yaw, pitch, slide, roll = np.degrees(q[0]), np.degrees(q[1]), q[2], np.degrees(q[3])
-    one = proximal(0, 90, 0, yaw + 90)
-    two = one @ proximal(0, -90, 0, pitch - 90)
-    back = two @ proximal(0.04009, 0, 0, 90)
+    first = proximal(0, 90, 0, yaw + 90)
+    second = first @ proximal(0, -90, 0, pitch - 90)
+    back = second @ proximal(0.04009, 0, 0, 90)
     front = back @ proximal(0.14454, 0, 0, 90 - pitch)
     lower = front @ proximal(0.516, 0, 0, pitch)
     carriage = lower @ proximal(0.04009, -90, slide - 0.4318 + 0.14454, 0)
@@ -62,7 +62,7 @@ def published(q: np.ndarray) -> dict[str, np.ndarray]:
         "lower_bar": front,
         "upper_bar": back @ proximal(0.18262, 0, 0, 90 - pitch),
         "middle": front @ proximal(0.096, 0, 0, pitch + 180),
-        "counterweight": two @ proximal(0.04009, -90, slide, 0),
+        "counterweight": second @ proximal(0.04009, -90, slide, 0),
         "link3": carriage,
         "link4": carriage @ proximal(0, 0, 0.4162, roll),
     }
@@ -81,14 +81,14 @@ def test_bodies_of_the_psm_are_where_the_published_tree_has_them(psm):
     """Which has its base 0.516 m up the yaw axis, and leaves the remote centre to the loops."""
     remote_centre = moved(0, -0.516, 0)
     for q in random_motion(psm, 20, 1)[0]:
-        mine = frames(psm, q)
+        actual = frames(psm, q)
         for name, expected in published(q).items():
             there = remote_centre @ expected
-            np.testing.assert_allclose(mine[name][:3, 3], there[:3, 3], atol=1e-12, err_msg=name)
+            np.testing.assert_allclose(actual[name][:3, 3], there[:3, 3], atol=1e-12, err_msg=name)
             # Frames may be chosen; how a body turns may not: the same part of the way from zero.
             start = frames(psm, np.zeros(7))[name][:3, :3], published(np.zeros(7))[name][:3, :3]
             np.testing.assert_allclose(
-                mine[name][:3, :3] @ start[0].T, there[:3, :3] @ start[1].T, atol=1e-12
+                actual[name][:3, :3] @ start[0].T, there[:3, :3] @ start[1].T, atol=1e-12
             )
 
 
@@ -103,9 +103,9 @@ def test_the_shaft_goes_through_the_remote_centre_whatever_the_joints(name):
 
 def test_the_jaws_turn_by_half_the_jaw_each_about_wrist_yaw(psm):
     q = np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.3, 0.8])
-    one, other = (frames(psm, q)[name][:3, :3] for name in ("link6", "link7"))
+    first, second = (frames(psm, q)[name][:3, :3] for name in ("link6", "link7"))
     closed = frames(psm, np.zeros(7))["link6"][:3, :3]
-    for jaw, angle in ((one, 0.3 - 0.4), (other, 0.3 + 0.4)):
+    for jaw, angle in ((first, 0.3 - 0.4), (second, 0.3 + 0.4)):
         turned_by = pin.log3(closed.T @ jaw)
         np.testing.assert_allclose(turned_by, [0, 0, angle], atol=1e-12)
 
@@ -135,7 +135,7 @@ class LoopedPsm:
                 f'<joint name="{name}" type="{kind}" axis="{axis}"/>'
                 f'<inertial mass="{inertia.mass!r}" pos="{text(com)}" '
                 f'fullinertia="{text(i[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])}"/>'
-                f"{''.join(xml(one, at) for one in inner)}</body>"
+                f"{''.join(xml(child, at) for child in inner)}</body>"
             )
 
         back, low, high = -0.516, 0.14454, 0.18262  # along the yaw axis; pins of the bars on back
@@ -172,7 +172,7 @@ class LoopedPsm:
         known = {PINNED[name]: q[i] for i, name in enumerate(PINNED)}
         return known | {"link6": q[5] - 0.5 * q[6], "link7": q[5] + 0.5 * q[6]}
 
-    def place(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def assemble(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Assemble the mechanism by Newton's method; return its errors and their Jacobian."""
         model, data = self.model, self.data
         known = self.actuated(q)
@@ -189,7 +189,7 @@ class LoopedPsm:
 
     def rates(self, q: np.ndarray) -> np.ndarray:
         """Return (nv, 7): motion of all of MuJoCo's joints by the arm's, which the loops allow."""
-        _, jacobian = self.place(q)
+        _, jacobian = self.assemble(q)
         allowed = np.linalg.svd(jacobian)[2][np.linalg.matrix_rank(jacobian, 1e-9) :].T
         assert allowed.shape[1] == 7
         unit = np.array([list(self.actuated(row).values()) for row in np.eye(7)]).T
@@ -201,7 +201,7 @@ class LoopedPsm:
         step = 1e-6
         turning = (self.rates(q + step * qd) - self.rates(q - step * qd)) @ qd / (2 * step)
         rates = self.rates(q)
-        error, _ = self.place(q)
+        error, _ = self.assemble(q)
         np.testing.assert_allclose(error, 0.0, atol=1e-12)
         model, data = self.model, self.data
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY

@@ -59,16 +59,16 @@ def test_another_motion_of_a_simulated_arm_is_predicted(name):
 
 @pytest.mark.slow
 def test_a_load_on_a_simulated_psm_is_weighed_and_placed():
-    place = np.array([0.02, 0.4, 0.0])
+    com = np.array([0.02, 0.4, 0.0])
     load = {"payload.mass": 0.2, "payload.link": "link2"}
     plant = changed(
-        PlantFile.load("psm"), {**load, "payload.first_moment": tuple((0.2 * place).tolist())}
+        PlantFile.load("psm"), {**load, "payload.first_moment": tuple((0.2 * com).tolist())}
     )
 
     first = diagnose(recorded(plant, 101), identified("psm")).findings[0]
 
     assert (first.effect, first.joints, first.place) == ("payload", ("pitch",), "link2")
-    for name, truth in zip(("mass", "x", "y", "z"), (0.2, *place), strict=True):
+    for name, truth in zip(("mass", "x", "y", "z"), (0.2, *com), strict=True):
         estimate = first.parameters[name]
         assert estimate.low <= truth <= estimate.high, name
     assert first.parameters["mass"].value == pytest.approx(0.2, rel=0.05)

@@ -45,8 +45,8 @@ def test_paths_and_names_do_as_well_as_objects(files, fit):
     recording = Recording.load(run)
     expected = identify([recording], ARM, "joint", FEW)
     assert fit.held_out == expected.held_out
-    one = evaluate(str(model), str(run), "joint")
-    assert one.joints == evaluate(TorqueModel.load(model), [recording], "joint").joints
+    evaluation = evaluate(str(model), str(run), "joint")
+    assert evaluation.joints == evaluate(TorqueModel.load(model), [recording], "joint").joints
     listed = identify([str(run)], ARM, "joint", FEW[0], validate=str(run))
     assert "run.csv" in listed.validation
     assert {name: e.nrmse for name, e in listed.training.items()} == pytest.approx(
@@ -59,7 +59,7 @@ def test_reprs_are_short_and_say_what_it_is(files, fit):
     recording, model = Recording.load(run), TorqueModel.load(model_file)
     evaluation = evaluate(model, recording, "joint")
     poses = Recording(JOINT_NAMES, None, np.zeros((3, 7)), effort=np.zeros((3, 7)))
-    for thing, says in (
+    for shown, says in (
         (recording, "1200 samples, 11.99 s, 7 joints, joint coordinates"),
         (poses, "3 static poses"),
         (RecordingFile(run), "run.csv"),
@@ -70,9 +70,9 @@ def test_reprs_are_short_and_say_what_it_is(files, fit):
         (fit.traces[0], "samples"),
         (evaluation, "|e|/|tau| outer_yaw 0."),
     ):
-        assert says in repr(thing)
-        assert len(repr(thing)) < 300 + len(str(run))
-        assert "\n" not in repr(thing)
+        assert says in repr(shown)
+        assert len(repr(shown)) < 300 + len(str(run))
+        assert "\n" not in repr(shown)
     assert fit.verdict.words in repr(fit)
     assert repr(pickle.loads(pickle.dumps(fit.model))) == repr(fit.model)
 
@@ -145,7 +145,7 @@ def test_the_package_says_that_it_is_typed_and_installs_that():
         for node in ast.walk(ast.parse((REPOSITORY / "setup.py").read_text()))
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup"
     )
-    data = {one.arg: ast.unparse(one.value) for one in call.keywords}
+    data = {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
     assert data["package_data"] == "{NAME: ['py.typed']}"
     assert data["zip_safe"] == "False"  # type checkers do not look into archives
 

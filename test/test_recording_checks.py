@@ -435,7 +435,7 @@ def test_coarse_positions_are_told_in_the_unit_of_the_joint():
     smooth = 0.1 + 0.02 * np.sin(np.outer(time, [1.0, 1.1, 0.9, 1.2]))
     coarse = np.where(np.arange(4) >= 2, np.rint(smooth / 1e-3) * 1e-3, smooth)
     found = quantisation(Recording(arm.joint_names, time, coarse).of(arm))
-    words = {one.joint: one.text for one in found}
+    words = {warning.joint: warning.text for warning in found}
     assert set(words) == {"insertion", "roll"}
     assert "steps of 0.001 m: one a sample is 0.2 m/s" in words["insertion"]
     assert "steps of 0.001 rad: one a sample is 0.2 rad/s" in words["roll"]

@@ -32,13 +32,13 @@ def measured() -> Recording:
 def appended(*recordings: Recording) -> Recording:
     """Return recordings one after the other as one, as if they had been taken so."""
     time, last = [], -0.01
-    for one in recordings:
-        assert one.time is not None
-        time.append(one.time - one.time[0] + last + 0.01)
+    for recording in recordings:
+        assert recording.time is not None
+        time.append(recording.time - recording.time[0] + last + 0.01)
         last = time[-1][-1]
 
     def column(name: str) -> np.ndarray:
-        return np.concatenate([getattr(one, name) for one in recordings])
+        return np.concatenate([getattr(recording, name) for recording in recordings])
 
     return replace(
         recordings[0],
@@ -49,20 +49,23 @@ def appended(*recordings: Recording) -> Recording:
     )
 
 
-def left(recordings: list[Recording], size: int) -> list[int]:
-    """Return how many samples of each are left, read in parts of a size."""
+def remaining(recordings: list[Recording], size: int) -> list[int]:
+    """Return how many samples of each remain, read in parts of a size."""
     before = ReadBefore()
-    return [sum(len(part) for part in before.fresh(parts_of(one, size))) for one in recordings]
+    return [
+        sum(len(part) for part in before.fresh(parts_of(recording, size)))
+        for recording in recordings
+    ]
 
 
 @pytest.mark.parametrize("size", [70, 333, 1000, 60_000])
 def test_what_was_read_before_is_left_out_whatever_the_parts(measured, size):
     other = truth(2, 12.0)
-    assert left([measured, other, measured], size) == [1200, 1200, 0]
-    assert left([appended(measured, measured)], size) == [1200]
-    assert left([appended(measured, other, measured)], size) == [2400]
-    assert left([measured.between(0.0, 8.0), measured.between(5.0, 12.0)], size) == [800, 400]
-    assert left([appended(other.between(0.0, 3.0), measured), measured], size) == [1500, 0]
+    assert remaining([measured, other, measured], size) == [1200, 1200, 0]
+    assert remaining([appended(measured, measured)], size) == [1200]
+    assert remaining([appended(measured, other, measured)], size) == [2400]
+    assert remaining([measured.between(0.0, 8.0), measured.between(5.0, 12.0)], size) == [800, 400]
+    assert remaining([appended(other.between(0.0, 3.0), measured), measured], size) == [1500, 0]
 
 
 def test_what_is_left_is_what_was_not_read_before_in_order(measured):
@@ -84,8 +87,12 @@ def test_samples_that_were_left_out_in_reading_are_counted_once_still(measured):
 
 
 def test_less_than_a_second_is_no_repetition(measured):
-    assert left([measured, appended(truth(2, 12.0), measured.between(3.0, 3.9))], 500)[1] == 1290
-    assert left([measured, appended(truth(2, 12.0), measured.between(3.0, 4.1))], 500)[1] == 1200
+    assert (
+        remaining([measured, appended(truth(2, 12.0), measured.between(3.0, 3.9))], 500)[1] == 1290
+    )
+    assert (
+        remaining([measured, appended(truth(2, 12.0), measured.between(3.0, 4.1))], 500)[1] == 1200
+    )
 
 
 def test_stale_samples_and_rest_are_not_read_before(measured):
@@ -96,16 +103,16 @@ def test_stale_samples_and_rest_are_not_read_before(measured):
 
     hold = again(np.repeat([50], 400))
     rest = appended(hold, measured, hold)
-    assert left([rest], 500) == [2000]
+    assert remaining([rest], 500) == [2000]
     stale = again(np.repeat(np.arange(0, 1200, 5), 5))
-    assert left([stale], 500) == [1200]
-    assert left([rest, rest], 60_000) == [2000, 0]  # with what moves on either side they were
-    assert left([stale, stale], 500) == [1200, 0]
+    assert remaining([stale], 500) == [1200]
+    assert remaining([rest, rest], 60_000) == [2000, 0]  # with what moves on either side they were
+    assert remaining([stale, stale], 500) == [1200, 0]
 
 
 def test_a_measured_motion_that_repeats_loses_no_sample():
     measured = Recording.load(shared_data("mtm_dynamic_30s_200hz.csv"))
-    assert left([measured], 1000) == [len(measured)]
+    assert remaining([measured], 1000) == [len(measured)]
 
 
 def test_a_simulated_motion_that_repeats_with_noise_loses_no_sample(measured):
@@ -118,7 +125,7 @@ def test_a_simulated_motion_that_repeats_with_noise_loses_no_sample(measured):
         replace(measured, position=noisy(measured.position), effort=noisy(measured.effort))
         for _ in range(2)
     ]
-    assert left([appended(*again)], 500) == [2400]
+    assert remaining([appended(*again)], 500) == [2400]
 
 
 def test_files_are_recognised_under_any_name_and_read_in_parts(measured, tmp_path):
@@ -126,16 +133,18 @@ def test_files_are_recognised_under_any_name_and_read_in_parts(measured, tmp_pat
     appended(measured, truth(2, 12.0)).save(first)
     shutil.copy(first, second)
     kept, lines, warnings = counted_once([RecordingFile(first), RecordingFile(second)])
-    assert [len(one.load()) for one in kept] == [2400]
+    assert [len(file.load()) for file in kept] == [2400]
     assert lines == (
         f"{second}: 2400 of 2400 samples repeat exactly what was read before, and count once; it "
         "is skipped",
     )
-    assert [(one.kind, one.numbers["samples"]) for one in warnings] == [("read_before", 2400)]
+    assert [(warning.kind, warning.numbers["samples"]) for warning in warnings] == [
+        ("read_before", 2400)
+    ]
     more = tmp_path / "more.csv"
     appended(truth(3, 12.0), measured).save(more)
     kept, lines, _ = counted_once([RecordingFile(first), RecordingFile(more)])
-    assert [len(one.load()) for one in kept] == [2400, 1200]
+    assert [len(file.load()) for file in kept] == [2400, 1200]
     assert len(kept[1].head) == 1200
     assert "1200 of 2400 samples repeat exactly" in lines[0]
 
@@ -147,8 +156,8 @@ def test_identifying_from_the_same_recording_twice_is_identifying_once(measured)
     assert twice.held_out == once.held_out
     (line,) = [line for line in twice.handling if "read before" in line]
     assert line.startswith("one.csv: 1200 of 1200 samples repeat exactly what was read before")
-    assert [one.kind for one in twice.warnings].count("read_before") == 1
-    assert not [one for one in once.warnings if one.kind == "read_before"]
+    assert [warning.kind for warning in twice.warnings].count("read_before") == 1
+    assert not [warning for warning in once.warnings if warning.kind == "read_before"]
 
 
 def test_a_recording_appended_to_itself_is_identified_as_it_is_once(measured, tmp_path):
@@ -198,12 +207,12 @@ def test_poses_that_repeat_exactly_count_once(monkeypatch):
     np.testing.assert_array_equal(first.position, poses.position)
     np.testing.assert_array_equal(second.position, more.position)
     assert "40 of 40 samples repeat exactly" in fit.handling[0]
-    assert [one.kind for one in fit.warnings] == ["read_before", "other_hand"]
+    assert [warning.kind for warning in fit.warnings] == ["read_before", "other_hand"]
     # From the other direction it is another pose.
     assert poses.direction is not None
     turned = replace(poses, direction=-poses.direction)
-    assert left([poses, turned], 60_000) == [len(poses), len(poses)]
-    assert left([poses.rows([0, 1, 1, 2, 0])], 60_000) == [3]
+    assert remaining([poses, turned], 60_000) == [len(poses), len(poses)]
+    assert remaining([poses.rows([0, 1, 1, 2, 0])], 60_000) == [3]
 
 
 @dataclass(frozen=True)
@@ -236,4 +245,4 @@ def test_diagnosing_the_same_twice_or_appended_to_itself_is_diagnosing_once(moti
         assert again.floor_from == once.floor_from
         assert again.after == pytest.approx(once.after, rel=1e-9)
         assert again.floor == pytest.approx(once.floor, rel=1e-9)
-        assert [one.kind for one in again.warnings].count("read_before") == 1
+        assert [warning.kind for warning in again.warnings].count("read_before") == 1

@@ -34,10 +34,10 @@ def swing(samples: int = 6000, rate: float = 200.0, jitter: float = 0.0) -> Reco
     )
 
 
-def assert_same(one, other, same: float = SAME) -> None:
+def assert_same(actual, expected, same: float = SAME) -> None:
     """Assert that two trajectories have the same stretches."""
-    assert len(one.stretches) == len(other.stretches)
-    for a, b in zip(one.stretches, other.stretches, strict=True):
+    assert len(actual.stretches) == len(expected.stretches)
+    for a, b in zip(actual.stretches, expected.stretches, strict=True):
         for name in QUANTITIES:
             first, second = getattr(a, name), getattr(b, name)
             assert first.shape == second.shape, name
@@ -90,14 +90,14 @@ def test_gaps_that_are_short_for_the_filter_cost_no_samples():
     recording = swing(8000, 1000.0)
     gappy = interrupted(recording, 16, 200)
     assert 0.008 < np.diff(gappy.time).max() < 0.0165
-    found, clean = (read_trajectory([one]) for one in (gappy, recording))
-    assert [len(one.time) for one in found.stretches] == [len(clean.stretches[0].time)]
+    found, clean = (read_trajectory([given]) for given in (gappy, recording))
+    assert [len(stretch.time) for stretch in found.stretches] == [len(clean.stretches[0].time)]
     assert any("gaps of up to 16 ms interpolated over" in line for line in found.handling)
     assert "samples_discarded" not in {warning.kind for warning in found.warnings}
-    (one,), (other,) = found.stretches, clean.stretches
-    inner = slice(other.filter.edge, -other.filter.edge)
+    (actual,), (expected,) = found.stretches, clean.stretches
+    inner = slice(expected.filter.edge, -expected.filter.edge)
     for name, same in {"position": 1e-3, "velocity": 0.01, "effort": 0.01}.items():
-        first, second = getattr(one, name)[inner], getattr(other, name)[inner]
+        first, second = getattr(actual, name)[inner], getattr(expected, name)[inner]
         assert np.abs(first - second).max() < same * np.abs(second).max(), name
 
 
@@ -126,9 +126,11 @@ def test_more_than_a_tenth_of_the_samples_discarded_is_a_warning():
     recording = swing(8000, 1000.0)
     few = recording.rows(np.delete(np.arange(8000), np.r_[4000:4050]))
     many = recording.rows(np.delete(np.arange(8000), np.r_[1000:1050, 2000:2050, 3000:3050]))
-    for read in (lambda one: read_trajectory([one], piece=3000), prepare):
+    for read in (lambda samples: read_trajectory([samples], piece=3000), prepare):
         assert "samples_discarded" not in {warning.kind for warning in read(few).warnings}
-        (found,) = (one for one in read(many).warnings if one.kind == "samples_discarded")
+        (found,) = (
+            warning for warning in read(many).warnings if warning.kind == "samples_discarded"
+        )
         # Three parts of a second are too short for the filter, which needs 1.1 s.
         assert found.numbers == {"samples": 2900, "share": 2900 / 7850, "gaps": 3}
         assert "2900 of 7850 samples (37 %) are not used" in str(found)
@@ -169,7 +171,7 @@ def test_memory_does_not_hold_the_recording():
     found = read_trajectory(parts, piece=2500)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert sum(len(one.time) for one in found.stretches) == count * 1000
+    assert sum(len(stretch.time) for stretch in found.stretches) == count * 1000
     raw = count * (part.position.nbytes + part.velocity.nbytes + part.effort.nbytes)
     assert peak < 0.75 * raw
 

@@ -69,10 +69,10 @@ def test_the_reference_has_what_an_arm_is_compensated_with_and_nothing_else():
 
     # Weights as a model of them alone has them, at rest: no inertia of link, rotor or payload.
     weights = TorqueModel(
-        model.arm, tuple(one for one in model.terms if isinstance(one, Gravity | Payload))
+        model.arm, tuple(term for term in model.terms if isinstance(term, Gravity | Payload))
     )
     own = {"elastic_cable", "coulomb_friction", "viscous_friction", "stribeck_friction", "cogging"}
-    others = TorqueModel(model.arm, tuple(one for one in model.terms if own & {one.NAME}))
+    others = TorqueModel(model.arm, tuple(term for term in model.terms if own & {term.NAME}))
     assert len(others.terms) == len(own)
 
     expected = weights.torque(true_q, still, still) + others.torque(true_q, qd)
@@ -102,7 +102,7 @@ def test_of_friction_the_reference_has_the_part_above_the_dead_band_that_is_aske
 def test_without_a_velocity_the_reference_has_no_friction():
     model = extended()
     q = np.random.default_rng(3).uniform(-0.4, 0.4, (5, 7))
-    smooth = replace(model, terms=tuple(one for one in model.terms if not one.FRICTION))
+    smooth = replace(model, terms=tuple(term for term in model.terms if not term.FRICTION))
 
     assert compensation(model, q, None, WHOLE, NO_BAND) == pytest.approx(
         compensation(smooth, q, np.zeros((5, 7)), WHOLE, NO_BAND), abs=1e-12

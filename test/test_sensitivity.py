@@ -49,7 +49,9 @@ def test_every_threshold_is_among_those_that_are_halved_and_doubled(sensitivity)
 
 
 def test_a_threshold_that_is_changed_is_changed_where_it_is_used_and_only_for_a_while(sensitivity):
-    kind = next(one for one, _ in sensitivity.CLASSES if one.__name__ == "FilterSettings")
+    kind = next(
+        settings for settings, _ in sensitivity.CLASSES if settings.__name__ == "FilterSettings"
+    )
     with sensitivity.changed(kind, "band", 2.0):
         assert kind().band == 16.0
         assert kind(band=3.0).band == 3.0
@@ -60,7 +62,9 @@ def test_a_threshold_that_is_changed_is_changed_where_it_is_used_and_only_for_a_
 
 def test_a_threshold_that_matters_moves_what_is_told(sensitivity):
     number = next(
-        i for i, (one, _) in enumerate(sensitivity.CLASSES) if one.__name__ == "TimingSettings"
+        i
+        for i, (settings, _) in enumerate(sensitivity.CLASSES)
+        if settings.__name__ == "TimingSettings"
     )
     _, before = sensitivity.solve(number, None, 1.0)
     value, after = sensitivity.solve(number, "gap", 2.0)

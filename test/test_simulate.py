@@ -183,7 +183,7 @@ def coulomb(arm: Arm, **levels: np.ndarray) -> CoulombFriction:
     return CoulombFriction(arm, **full, transition_velocity=np.full(7, 0.02))
 
 
-def one(joint: int, value: float) -> np.ndarray:
+def joint_vector(joint: int, value: float) -> np.ndarray:
     return np.eye(7)[joint] * value
 
 
@@ -198,13 +198,13 @@ def test_within_its_level_friction_sticks_and_beyond_it_slides(
     for effort in (0.0199, -0.0299):
         plant.reset(start)
         for _ in range(200):
-            plant.step(one(joint, effort))
+            plant.step(joint_vector(joint, effort))
             assert not plant.v.any()
         assert (plant.q == start).all()
     for effort in (0.0201, -0.0301):
         plant.reset(start)
         for _ in range(20):
-            plant.step(one(joint, effort))
+            plant.step(joint_vector(joint, effort))
         assert plant.v[joint] * effort > 0
 
 
@@ -213,7 +213,7 @@ def test_sliding_stops_after_the_time_and_way_of_constant_friction(truth: PlantF
     term = coulomb(truth.model.arm, joint_positive=levels, joint_negative=levels)
     plant = frictionless_weight(truth, term)
     speed = 2.0
-    plant.reset(np.zeros(7), one(6, speed))
+    plant.reset(np.zeros(7), joint_vector(6, speed))
     inertia = plant.mass_matrix()[6, 6]
     steps, energy = 0, np.inf
     while plant.v.any():
@@ -229,7 +229,11 @@ def test_sliding_stops_after_the_time_and_way_of_constant_friction(truth: PlantF
 
 
 def test_terminal_velocity_and_reversal(truth: PlantFile) -> None:
-    term = coulomb(truth.model.arm, joint_positive=one(6, 0.005), joint_negative=one(6, 0.002))
+    term = coulomb(
+        truth.model.arm,
+        joint_positive=joint_vector(6, 0.005),
+        joint_negative=joint_vector(6, 0.002),
+    )
     viscous = ViscousFriction(truth.model.arm, np.full(7, 0.01), np.zeros(7))
     plant = frictionless_weight(truth, term, viscous)
     # The other joints are held in place by what it takes: friction of a rock.
@@ -241,17 +245,17 @@ def test_terminal_velocity_and_reversal(truth: PlantFile) -> None:
     plant = frictionless_weight(truth, term, viscous, rock)
     for effort, expected in ((0.02, 1.5), (-0.02, -1.8), (0.02, 1.5)):
         for _ in range(500):
-            plant.step(one(6, effort))
+            plant.step(joint_vector(6, effort))
         assert plant.v[6] == pytest.approx(expected, abs=1e-9)
 
 
 def test_viscous_friction_at_a_motor_brakes_all_that_turns_it(truth: PlantFile) -> None:
-    viscous = ViscousFriction(truth.model.arm, np.zeros(7), one(2, 0.5))
+    viscous = ViscousFriction(truth.model.arm, np.zeros(7), joint_vector(2, 0.5))
     braked, free = frictionless_weight(truth, viscous), frictionless_weight(truth)
     for joint_velocity, brake in (
-        (one(1, 1.0), one(1, -0.5) + one(2, -0.5)),
-        (one(2, 1.0), one(1, -0.5) + one(2, -0.5)),
-        (one(1, 1.0) - one(2, 1.0), np.zeros(7)),
+        (joint_vector(1, 1.0), joint_vector(1, -0.5) + joint_vector(2, -0.5)),
+        (joint_vector(2, 1.0), joint_vector(1, -0.5) + joint_vector(2, -0.5)),
+        (joint_vector(1, 1.0) - joint_vector(2, 1.0), np.zeros(7)),
     ):
         for plant in (braked, free):
             plant.reset(np.zeros(7), joint_velocity)
@@ -263,7 +267,7 @@ def test_viscous_friction_at_a_motor_brakes_all_that_turns_it(truth: PlantFile) 
 
 def test_friction_of_the_elbows_motor_sticks_at_q2_plus_q3(truth: PlantFile) -> None:
     arm = truth.model.arm
-    level = one(2, 0.05)
+    level = joint_vector(2, 0.05)
     rock = np.array([9.0, 0.0, 0.0, 9.0, 9.0, 9.0, 9.0])  # only shoulder and elbow move
     at_motor = frictionless_weight(
         truth,
@@ -273,7 +277,7 @@ def test_friction_of_the_elbows_motor_sticks_at_q2_plus_q3(truth: PlantFile) -> 
         ),
     )  # fmt: skip
     for _ in range(300):
-        at_motor.step(one(1, 0.04) - one(2, 0.04))  # no torque at motor 3
+        at_motor.step(joint_vector(1, 0.04) - joint_vector(2, 0.04))  # no torque at motor 3
         assert abs(at_motor.q[1] + at_motor.q[2]) < 1e-15
     assert at_motor.q[1] > 0.02
     # The same friction at the joint holds the elbow itself, and the motor turns.
@@ -282,7 +286,7 @@ def test_friction_of_the_elbows_motor_sticks_at_q2_plus_q3(truth: PlantFile) -> 
         truth, coulomb(arm, joint_positive=levels, joint_negative=levels)
     )
     for _ in range(300):
-        at_joint.step(one(1, 0.04) - one(2, 0.04))
+        at_joint.step(joint_vector(1, 0.04) - joint_vector(2, 0.04))
     assert at_joint.q[1] > 0.02
     assert abs(at_joint.q[2]) < 1e-15
     # The motor stands within its level and turns beyond it.
@@ -306,7 +310,7 @@ def test_half_the_difference_of_directional_cables_is_friction(truth: PlantFile)
     for factor, moves in ((0.98, False), (-0.98, False), (1.02, True), (-1.02, True)):
         plant.reset(q)
         for _ in range(100):
-            plant.step(weight + one(3, factor * level))
+            plant.step(weight + joint_vector(3, factor * level))
         assert (plant.v[3] != 0.0) == moves
         assert plant.v[3] * factor >= 0
 
@@ -436,7 +440,7 @@ def test_starts_in_hold_and_holds(truth: PlantFile) -> None:
 
 def test_the_last_effort_stays_for_ever(truth: PlantFile) -> None:
     mtm = arm_at(truth, builtin_compensation=False)
-    effort = mtm.plant.smooth_torque() + one(0, 0.001)
+    effort = mtm.plant.smooth_torque() + joint_vector(0, 0.001)
     mtm.servo_jf(effort)
     for _ in range(20):
         steps(mtm, 1000)
@@ -515,7 +519,7 @@ def test_moves_smoothly_to_a_goal(truth: PlantFile) -> None:
 def test_a_push_moves_the_arm_for_its_time_and_no_sensor_sees_it(truth: PlantFile) -> None:
     mtm = arm_at(truth)
     mtm.free()
-    mtm.push(one(0, 0.5), duration=0.1)
+    mtm.push(joint_vector(0, 0.5), duration=0.1)
     steps(mtm, 100)
     speed = mtm.plant.v[0]
     assert speed > 0.5

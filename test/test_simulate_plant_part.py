@@ -62,7 +62,7 @@ def moving(*terms: Term, friction_scale: float = 1.0) -> Plant:
     return Plant(TorqueModel(ARM, terms), TRUTH.links, TRUTH.rotor_inertia, friction_scale)
 
 
-def one(joint: int, value: float) -> np.ndarray:
+def joint_vector(joint: int, value: float) -> np.ndarray:
     return np.eye(N)[joint] * value
 
 
@@ -71,7 +71,7 @@ def inertia(joint: int) -> float:
 
 
 def drag(coefficient: float, joint: int, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-    return one(joint, coefficient) * np.abs(qd) * qd
+    return joint_vector(joint, coefficient) * np.abs(qd) * qd
 
 
 def damper(coefficient: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
@@ -88,7 +88,7 @@ def test_a_drag_that_is_known_by_its_torque_alone_gives_the_speed_that_balances_
     coefficient, effort = 1e-3, 4e-3
     plant = moving(OutsideFriction(partial(drag, coefficient, ROLL)), friction_scale=scale)
     for _ in range(2500):
-        plant.step(one(ROLL, effort))
+        plant.step(joint_vector(ROLL, effort))
         plant.q = ZERO  # it may turn for ever
     assert plant.v[ROLL] == pytest.approx(np.sqrt(effort / (scale * coefficient)), rel=1e-6)
 
@@ -96,7 +96,7 @@ def test_a_drag_that_is_known_by_its_torque_alone_gives_the_speed_that_balances_
 def test_a_drag_slows_down_as_its_formula_says():
     coefficient, fast = 1e-3, 2.0
     plant = moving(OutsideFriction(partial(drag, coefficient, ROLL)))
-    plant.reset(ZERO, one(ROLL, fast))
+    plant.reset(ZERO, joint_vector(ROLL, fast))
     for _ in range(500):
         plant.step(ZERO)
     mass = inertia(ROLL)
@@ -131,10 +131,10 @@ def test_a_friction_that_couples_joints_moves_them_as_a_damping_matrix_does():
     ways = []
     for term in (OutsideFriction(friction), Exact(friction)):
         plant = moving(term)
-        plant.reset(POSE, one(1, 1.0))
+        plant.reset(POSE, joint_vector(1, 1.0))
         way = []
         for step in range(400):
-            plant.step(0.02 * np.sin(0.02 * step) * one(2, 1.0))
+            plant.step(0.02 * np.sin(0.02 * step) * joint_vector(2, 1.0))
             way.append(plant.q.copy())
         ways.append(np.array(way))
     assert np.abs(ways[1] - POSE).max() > 0.05
@@ -147,23 +147,25 @@ def test_a_ramp_of_friction_creeps_under_an_effort_below_its_level_and_gives_way
     class Ramp(CoulombFriction):
         plant = Term.plant  # as if it had no levels to give
 
-    term = Ramp(ARM, one(ROLL, level), one(ROLL, level), ZERO, ZERO, np.full(N, width))
+    term = Ramp(
+        ARM, joint_vector(ROLL, level), joint_vector(ROLL, level), ZERO, ZERO, np.full(N, width)
+    )
     plant = moving(term)
     for _ in range(4000):
-        plant.step(one(ROLL, 0.5 * level))
+        plant.step(joint_vector(ROLL, 0.5 * level))
     assert plant.v[ROLL] == pytest.approx(0.5 * width, rel=1e-6)
     begin = plant.time
     for _ in range(200):
-        plant.step(one(ROLL, 1.5 * level))
+        plant.step(joint_vector(ROLL, 1.5 * level))
     accelerating = 0.5 * level * (plant.time - begin) / inertia(ROLL)
     assert plant.v[ROLL] == pytest.approx(accelerating, rel=0.1)
 
 
 def test_a_friction_that_jumps_with_the_sign_sticks_as_a_creep_that_nobody_sees():
-    plant = moving(OutsideFriction(lambda q, qd: one(ROLL, 0.002) * np.sign(qd)))
-    plant.reset(ZERO, one(ROLL, 0.5))
+    plant = moving(OutsideFriction(lambda q, qd: joint_vector(ROLL, 0.002) * np.sign(qd)))
+    plant.reset(ZERO, joint_vector(ROLL, 0.5))
     for _ in range(2000):
-        plant.step(one(ROLL, 0.0015))
+        plant.step(joint_vector(ROLL, 0.0015))
     assert abs(plant.v[ROLL]) < 2 * SLOWEST
 
 
@@ -187,10 +189,16 @@ def test_a_friction_that_gives_energy_is_taken_as_it_is():
 
 
 def test_a_belt_s_spring_is_a_torque_that_the_plant_has_to_bear():
-    plant = moving(Outside(lambda q, qd: 0.3 * np.sin(q[0] - q[1]) * (one(0, 1.0) - one(1, 1.0))))
+    plant = moving(
+        Outside(
+            lambda q, qd: 0.3 * np.sin(q[0] - q[1]) * (joint_vector(0, 1.0) - joint_vector(1, 1.0))
+        )
+    )
     plant.reset(POSE)
     expected = 0.3 * np.sin(POSE[0] - POSE[1])
-    np.testing.assert_allclose(plant.smooth_torque(), one(0, expected) - one(1, expected))
+    np.testing.assert_allclose(
+        plant.smooth_torque(), joint_vector(0, expected) - joint_vector(1, expected)
+    )
     plant.step(plant.smooth_torque())
     assert not np.abs(plant.v).max() > 1e-12
 
@@ -202,7 +210,7 @@ def test_what_is_in_the_effort_sensor_is_read_and_not_felt():
     )
     for arm in (plain, off):
         arm.plant.reset(POSE)
-        arm.servo_jf(one(ROLL, 0.001))
+        arm.servo_jf(joint_vector(ROLL, 0.001))
         for _ in range(50):
             arm.step()
     np.testing.assert_array_equal(plain.plant.q, off.plant.q)
@@ -220,10 +228,10 @@ def test_two_plants_of_one_model_do_not_share_friction_s_memory():
     )
     first, second = (Plant(model, TRUTH.links, TRUTH.rotor_inertia) for _ in range(2))
     for _ in range(100):
-        first.step(one(ROLL, 0.001))
-    second.step(one(ROLL, 0.001))
+        first.step(joint_vector(ROLL, 0.001))
+    second.step(joint_vector(ROLL, 0.001))
     alone = Plant(model, TRUTH.links, TRUTH.rotor_inertia)
-    alone.step(one(ROLL, 0.001))
+    alone.step(joint_vector(ROLL, 0.001))
     np.testing.assert_array_equal(second.v, alone.v)
 
 

@@ -170,8 +170,10 @@ def test_a_few_poses_where_the_arm_was_stuck_do_no_harm():
     stuck = recordings[0].effort.copy()
     stuck[100:110, 4] = -0.26
     spoilt = [
-        Recording(JOINT_NAMES, None, one.position, effort=effort, direction=one.direction)
-        for one, effort in zip(recordings, (stuck, recordings[1].effort), strict=True)
+        Recording(
+            JOINT_NAMES, None, recording.position, effort=effort, direction=recording.direction
+        )
+        for recording, effort in zip(recordings, (stuck, recordings[1].effort), strict=True)
     ]
     fit = fit_static(spoilt, ARM)
     assert worst(fit.model, truth(), between()) < NOISE
@@ -202,9 +204,9 @@ def test_real_poses_invent_no_torque_outside_their_range(measured_data, tmp_path
     poses, _ = read_poses([Recording.load(measured_data / name) for name in RECORDED], ARM, "joint")
     model = fit_model(poses, ARM)
     model.save(tmp_path / "model.yaml")
-    left = poses.effort - model.torque(poses.q, direction=poses.direction)
+    residual = poses.effort - model.torque(poses.q, direction=poses.direction)
     # The median's own spread: the poses at which the arm was stuck are in the data.
-    noise = 1.4826 * np.median(np.abs(left), axis=0)
+    noise = 1.4826 * np.median(np.abs(residual), axis=0)
     assert (noise < [0.008, 0.02, 0.015, 0.009, 0.006, 0.005, 0.001]).all(), noise
     assert_nothing_invented(tmp_path / "model.yaml", poses.effort, 1.05 * noise)
 
@@ -212,14 +214,14 @@ def test_real_poses_invent_no_torque_outside_their_range(measured_data, tmp_path
 def test_no_torque_is_invented_outside_the_range(fitted, tmp_path):
     recordings = record(truth(), grid(4))
     fitted.model.save(tmp_path / "model.yaml")
-    effort = np.concatenate([one.effort for one in recordings])
+    effort = np.concatenate([recording.effort for recording in recordings])
     assert_nothing_invented(tmp_path / "model.yaml", effort, np.full(7, 1.1 * NOISE))
     # Within the range the bound takes nothing away.
     bound = fitted.model.term("shown_torque")
-    seen = [one.rows(slice(None, None, 3)) for one in recordings]
-    for one in seen:
-        rest = sum(term.torque(state_of(one)) for term in fitted.model.terms if term is not bound)
-        changed = np.abs(rest - fitted.model.torque(one.position, direction=one.direction))
+    seen = [recording.rows(slice(None, None, 3)) for recording in recordings]
+    for poses in seen:
+        rest = sum(term.torque(state_of(poses)) for term in fitted.model.terms if term is not bound)
+        changed = np.abs(rest - fitted.model.torque(poses.position, direction=poses.direction))
         assert changed.max() < 3 * NOISE
 
 
@@ -234,12 +236,12 @@ def test_actuator_coordinates_give_the_same_model(fitted):
         Recording(
             JOINT_NAMES,
             None,
-            ARM.actuator_position(one.position),
-            effort=ARM.actuator_effort(one.effort),
-            direction=one.direction,
+            ARM.actuator_position(recording.position),
+            effort=ARM.actuator_effort(recording.effort),
+            direction=recording.direction,
             coordinates="actuator",
         )
-        for one in record(truth(), grid(4))
+        for recording in record(truth(), grid(4))
     ]
     fit = fit_static(motors, ARM, "actuator")
     assert worst(fit.model, fitted.model, between()) < 1e-6
@@ -258,7 +260,9 @@ def test_one_direction_gives_no_friction_and_says_so():
 
 def test_too_few_poses_are_refused():
     with pytest.raises(RecordingError, match=r"holds 12 static poses, expected at least 20"):
-        fit_static([one.rows(slice(0, 600, 100)) for one in record(truth(), grid(4))], ARM)
+        fit_static(
+            [recording.rows(slice(0, 600, 100)) for recording in record(truth(), grid(4))], ARM
+        )
 
 
 def test_slabs_are_the_levels_of_a_grid_or_fifths_of_the_poses():
@@ -286,8 +290,8 @@ def test_functions_of_a_spring_are_a_sine_and_a_cosine():
     columns = joint_columns(4, poses, gravity_of(ARM))
     matrix = columns.matrix(poses, Range(poses.lower, poses.upper))
     both = np.stack([np.sin(poses.q[:, 4]), np.cos(poses.q[:, 4])], axis=1)
-    left = matrix[:, : len(columns.own)][:, -2:] - both
-    assert np.abs(left).max() < 1e-6
+    difference = matrix[:, : len(columns.own)][:, -2:] - both
+    assert np.abs(difference).max() < 1e-6
 
 
 HELD: dict[str, object] = {
@@ -349,18 +353,18 @@ def test_real_poses_are_predicted_at_positions_never_seen(measured_data):
 
 def test_real_poses_give_a_model_that_may_be_compensated_with(measured_data):
     """Poses at which wrist_pitch was stuck are no fault of the model."""
-    some = slice(None, None, 4)
-    poses = [Recording.load(measured_data / name).rows(some) for name in RECORDED]
+    rows = slice(None, None, 4)
+    poses = [Recording.load(measured_data / name).rows(rows) for name in RECORDED]
     verdict = fit_static(poses, ARM).verdict
     assert verdict.level == "usable"
-    assert {name for name, one in verdict.joints.items() if one.level == "good"} == {
+    assert {name for name, joint in verdict.joints.items() if joint.level == "good"} == {
         "shoulder_pitch", "elbow_pitch", "wrist_platform", "wrist_yaw"
     }  # fmt: skip
 
 
 def test_real_poses_that_a_joint_was_stuck_at_are_left_out(measured_data):
     poses, _ = read_poses([Recording.load(measured_data / name) for name in RECORDED], ARM, "joint")
-    some = np.arange(len(poses)) % 2 == 0
-    thinned = poses.rows(some)
+    rows = np.arange(len(poses)) % 2 == 0
+    thinned = poses.rows(rows)
     model_error = predict_unseen(thinned, np.arange(len(thinned)) % 25 == 0, ARM)
     assert np.abs(model_error[:, 4]).max() < 0.1

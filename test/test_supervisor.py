@@ -28,7 +28,7 @@ def settings_of(**values) -> Settings:
     return Settings.from_parameters(BASE | values)
 
 
-class Bench:
+class SupervisorInLoop:
     """A supervisor, a clock, and an arm that publishes every 2 ms.
 
     Where no ramp is wanted the arm measures no efforts: commands begin with the model's torque.
@@ -111,9 +111,9 @@ class Bench:
         return self.supervisor.reason
 
 
-def target(bench: Bench, velocity=None) -> np.ndarray:
+def target(loop: SupervisorInLoop, velocity=None) -> np.ndarray:
     """The model's torque at Q within the arm's limits."""
-    settings = bench.supervisor.settings
+    settings = loop.supervisor.settings
     return settings.limits.clip(settings.torque(Q, np.zeros(7) if velocity is None else velocity))
 
 
@@ -121,19 +121,19 @@ def target(bench: Bench, velocity=None) -> np.ndarray:
 
 
 def test_a_tenth_of_a_second_is_measured_and_the_first_command_is_the_mean_effort():
-    bench = Bench()
+    loop = SupervisorInLoop()
     rng = np.random.default_rng(0)
     efforts, answer = [], None
-    begin = bench.now
-    assert bench.status is Status.WAITING
+    begin = loop.now
+    assert loop.status is Status.WAITING
     while answer is None:
         efforts.append(HELD + 0.003 * rng.standard_normal(7))
-        answer = bench.send(effort=efforts[-1])
-        assert answer is not None or bench.status is Status.STARTING
-    assert 0.1 <= bench.now - begin <= 0.11
+        answer = loop.send(effort=efforts[-1])
+        assert answer is not None or loop.status is Status.STARTING
+    assert 0.1 <= loop.now - begin <= 0.11
     np.testing.assert_allclose(answer, np.mean(efforts, axis=0), atol=1e-12)
-    assert bench.status is Status.RAMPING
-    assert bench.supervisor.origin == "the measured effort"
+    assert loop.status is Status.RAMPING
+    assert loop.supervisor.origin == "the measured effort"
 
 
 def test_no_more_of_the_measured_effort_is_begun_with_than_friction_can_hold():
@@ -141,26 +141,26 @@ def test_no_more_of_the_measured_effort_is_begun_with_than_friction_can_hold():
     friction = 0.02
     values = {"coulomb_friction.joint_positive": [friction] * 7}
     without = {name: value for name, value in BASE.items() if "cable" not in name}
-    bench = Bench()
-    bench.supervisor = Supervisor(Settings.from_parameters(without | values))
-    model = target(bench)
-    first = bench.first(effort=np.add(model, [0.3, -0.3, 0.001, 0.05, 0.0, 0.0, 0.0]))
+    loop = SupervisorInLoop()
+    loop.supervisor = Supervisor(Settings.from_parameters(without | values))
+    model = target(loop)
+    first = loop.first(effort=np.add(model, [0.3, -0.3, 0.001, 0.05, 0.0, 0.0, 0.0]))
     part = 0.7 * friction  # what of it is compensated
     np.testing.assert_allclose(first - model, [part, -part, 0.001, part, 0, 0, 0], atol=1e-9)
 
 
 def test_a_joint_that_reads_nothing_and_samples_that_are_not_numbers_throw_nothing():
-    bench = Bench(**AT_ONCE)
-    model = target(bench)
+    loop = SupervisorInLoop(**AT_ONCE)
+    model = target(loop)
     dead = [model * [1, 0, 1, 1, 1, 1, 1], np.full(7, np.nan), np.full(7, np.nan)]
-    commands = [bench.send(effort=dead[k % 2]) for k in range(60)]
+    commands = [loop.send(effort=dead[k % 2]) for k in range(60)]
     first = next(command for command in commands if command is not None)
     held = 0.7 * np.abs(half_the_cables_difference(Q))
     assert (np.abs(first - model) <= held + 1e-9).all()
-    bench = Bench(**AT_ONCE)
+    loop = SupervisorInLoop(**AT_ONCE)
     units = [1e3 * model] * 8 + [np.full(7, np.nan)] * 2
-    assert [bench.send(effort=units[k % 10]) for k in range(60)] == [None] * 60
-    assert "as measured" in bench.reason
+    assert [loop.send(effort=units[k % 10]) for k in range(60)] == [None] * 60
+    assert "as measured" in loop.reason
 
 
 def half_the_cables_difference(q: np.ndarray) -> np.ndarray:
@@ -169,22 +169,22 @@ def half_the_cables_difference(q: np.ndarray) -> np.ndarray:
 
 
 def test_an_arm_that_moves_is_not_started_until_it_rests():
-    bench = Bench(**AT_ONCE)
+    loop = SupervisorInLoop(**AT_ONCE)
     for k in range(200):
         moving = Q + 1.0 * k * 0.002 * np.eye(7)[1]
-        assert bench.send(position=moving, velocity=np.eye(7)[1]) is None
-    assert bench.status is Status.STARTING
-    assert bench.first(position=moving) is not None
+        assert loop.send(position=moving, velocity=np.eye(7)[1]) is None
+    assert loop.status is Status.STARTING
+    assert loop.first(position=moving) is not None
 
 
 def test_gravity_that_is_left_out_on_purpose_fades_from_what_holds_the_arm():
-    bench = Bench(gravity_enabled=False, ramp_time=0.5, **OFF)
-    np.testing.assert_allclose(bench.first(effort=HELD), HELD, atol=1e-12)
+    loop = SupervisorInLoop(gravity_enabled=False, ramp_time=0.5, **OFF)
+    np.testing.assert_allclose(loop.first(effort=HELD), HELD, atol=1e-12)
 
 
 def test_at_ten_messages_a_second_a_start_takes_as_many_as_it_needs():
-    bench = Bench(timeout=0.5)
-    answers = [bench.send(after=0.1) for _ in range(10)]
+    loop = SupervisorInLoop(timeout=0.5)
+    answers = [loop.send(after=0.1) for _ in range(10)]
     assert answers[:9] == [None] * 9
     assert answers[9] is not None
 
@@ -195,101 +195,101 @@ def test_at_ten_messages_a_second_a_start_takes_as_many_as_it_needs():
     ids=["none", "nan", "six", "inf", "zeros"],
 )
 def test_an_arm_without_usable_efforts_starts_with_the_model_s_torque_and_that_is_said(effort):
-    bench = Bench()
-    np.testing.assert_array_equal(bench.first(effort=effort), target(bench))
-    assert "no usable effort" in bench.supervisor.origin
-    assert bench.status is Status.COMMANDING
+    loop = SupervisorInLoop()
+    np.testing.assert_array_equal(loop.first(effort=effort), target(loop))
+    assert "no usable effort" in loop.supervisor.origin
+    assert loop.status is Status.COMMANDING
 
 
 @pytest.mark.parametrize(
     "effort", [1e3 * HELD, [1e300, 0, 0, 0, 0, 0, 0], -5 * HELD], ids=["mN·m", "huge", "sign"]
 )
 def test_an_effort_that_the_model_contradicts_is_a_refusal_with_both_numbers(effort):
-    bench = Bench()
-    assert bench.first(effort=effort) is None
-    assert (bench.status, bench.holds) == (Status.FAULT, 0)
-    assert "as measured" in bench.reason
-    assert "by the model" in bench.reason
-    bench.supervisor.enable()
-    assert bench.first() is not None
+    loop = SupervisorInLoop()
+    assert loop.first(effort=effort) is None
+    assert (loop.status, loop.holds) == (Status.FAULT, 0)
+    assert "as measured" in loop.reason
+    assert "by the model" in loop.reason
+    loop.supervisor.enable()
+    assert loop.first() is not None
 
 
 def test_what_limits_could_not_hold_is_not_started():
-    bench = Bench(effort_limit=[5, 0.01, 5, 5, 5, 5, 5])
-    bench.supervisor.settings.torque(Q, None)
+    loop = SupervisorInLoop(effort_limit=[5, 0.01, 5, 5, 5, 5, 5])
+    loop.supervisor.settings.torque(Q, None)
     far = np.array([0.0, 0.6, 0.3, 0.3, 1.0, 0.1, 0.2])
-    assert bench.first(position=far, effort=[]) is None
-    assert bench.status is Status.FAULT
-    assert "shoulder_pitch takes" in bench.reason
+    assert loop.first(position=far, effort=[]) is None
+    assert loop.status is Status.FAULT
+    assert "shoulder_pitch takes" in loop.reason
 
 
 def test_a_gap_while_the_effort_is_measured_begins_it_anew():
-    bench = Bench(timeout=0.1)
-    bench.run(0.08)
-    bench.wait(0.15)
-    assert (bench.status, bench.holds) == (Status.WAITING, 0)
-    assert bench.run(0.09) == [None] * 45
-    assert bench.run(0.02)[-1] is not None
+    loop = SupervisorInLoop(timeout=0.1)
+    loop.run(0.08)
+    loop.wait(0.15)
+    assert (loop.status, loop.holds) == (Status.WAITING, 0)
+    assert loop.run(0.09) == [None] * 45
+    assert loop.run(0.02)[-1] is not None
 
 
 def test_the_ramp_goes_straight_to_the_model_s_torque_in_its_time():
-    bench = Bench(ramp_time=0.3, **OFF)
-    bench.first()
-    begin, end = bench.now, target(bench)
+    loop = SupervisorInLoop(ramp_time=0.3, **OFF)
+    loop.first()
+    begin, end = loop.now, target(loop)
     assert np.abs(end - HELD).max() > 0.1
     for _ in range(149):
-        command = bench.send()
-        part = (bench.now - begin) / 0.3
+        command = loop.send()
+        part = (loop.now - begin) / 0.3
         np.testing.assert_allclose(command, (1 - part) * HELD + part * end, atol=1e-12)
-    assert bench.status is Status.RAMPING
-    bench.send()
-    np.testing.assert_array_equal(bench.send(), end)
-    assert (bench.status, bench.reason) == (Status.COMMANDING, "compensating")
+    assert loop.status is Status.RAMPING
+    loop.send()
+    np.testing.assert_array_equal(loop.send(), end)
+    assert (loop.status, loop.reason) == (Status.COMMANDING, "compensating")
 
 
 def test_an_arm_that_is_moved_during_the_ramp_feels_the_torque_of_where_it_is():
-    bench = Bench(ramp_time=0.3, **OFF)
-    bench.first()
-    begin, difference = bench.now, HELD - target(bench)
+    loop = SupervisorInLoop(ramp_time=0.3, **OFF)
+    loop.first()
+    begin, difference = loop.now, HELD - target(loop)
     moved = Q + 0.5 * np.eye(7)[2]
-    settings = bench.supervisor.settings
+    settings = loop.supervisor.settings
     there = settings.limits.clip(settings.torque(moved, np.zeros(7)))
-    assert np.abs(there - target(bench)).max() > 0.05
-    command = bench.send(after=0.02, position=moved)
-    part = (bench.now - begin) / 0.3
+    assert np.abs(there - target(loop)).max() > 0.05
+    command = loop.send(after=0.02, position=moved)
+    part = (loop.now - begin) / 0.3
     np.testing.assert_allclose(command, there + (1 - part) * difference, atol=1e-12)
 
 
 def test_a_change_that_leaves_the_torque_alone_starts_no_ramp():
-    bench = Bench(**AT_ONCE)
-    bench.first()
-    bench.configure(**AT_ONCE, timeout=0.05)
-    bench.configure(**OFF, ramp_time=5.0)
-    np.testing.assert_array_equal(bench.send(), target(bench))
-    assert bench.status is Status.COMMANDING
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
+    loop.configure(**AT_ONCE, timeout=0.05)
+    loop.configure(**OFF, ramp_time=5.0)
+    np.testing.assert_array_equal(loop.send(), target(loop))
+    assert loop.status is Status.COMMANDING
 
 
 def test_without_a_ramp_a_considerable_change_takes_a_fifth_of_a_second_all_the_same():
-    bench = Bench(**AT_ONCE, **STICKY)
-    first = bench.first(effort=HELD)
-    end = target(bench)
+    loop = SupervisorInLoop(**AT_ONCE, **STICKY)
+    first = loop.first(effort=HELD)
+    end = target(loop)
     assert (
-        np.abs(end - HELD) > CHANGE.considerable * bench.supervisor.settings.model.arm.effort_limit
+        np.abs(end - HELD) > CHANGE.considerable * loop.supervisor.settings.model.arm.effort_limit
     ).any()
     np.testing.assert_allclose(first, HELD, atol=1e-12)
-    half = bench.run(0.1)[-1]
+    half = loop.run(0.1)[-1]
     np.testing.assert_allclose(half, 0.5 * (HELD + end), atol=1e-9)
-    np.testing.assert_array_equal(bench.run(0.11)[-1], end)
-    assert bench.status is Status.COMMANDING
+    np.testing.assert_array_equal(loop.run(0.11)[-1], end)
+    assert loop.status is Status.COMMANDING
 
 
 def test_the_slew_limit_holds_from_the_first_command_on():
-    bench = Bench(ramp_time=0.0, slew_limit=[0.2] * 7, **STICKY)
-    near = target(bench) - 0.05 * ARM.effort_limit
-    previous = bench.first(effort=near)
+    loop = SupervisorInLoop(ramp_time=0.0, slew_limit=[0.2] * 7, **STICKY)
+    near = target(loop) - 0.05 * ARM.effort_limit
+    previous = loop.first(effort=near)
     assert np.abs(previous - near).max() <= 0.2 * 0.002 + 1e-9
     for _ in range(50):
-        following = bench.send()
+        following = loop.send()
         assert np.abs(following - previous).max() <= 0.2 * 0.002 + 1e-12
         previous = following
 
@@ -301,34 +301,34 @@ def test_no_parameter_takes_a_joint_to_its_limit_in_less_than_a_fiftieth_of_a_se
 
 
 def test_a_hiccup_of_the_input_is_not_time_for_the_torque_to_run_on():
-    bench = Bench(ramp_time=0.0, slew_limit=[0.2] * 7, **STICKY)
-    before = bench.first(
-        effort=target(bench) - 0.05 * bench.supervisor.settings.model.arm.effort_limit
+    loop = SupervisorInLoop(ramp_time=0.0, slew_limit=[0.2] * 7, **STICKY)
+    before = loop.first(
+        effort=target(loop) - 0.05 * loop.supervisor.settings.model.arm.effort_limit
     )
-    after = bench.send(after=0.09)
+    after = loop.send(after=0.09)
     assert np.abs(after - before).max() == pytest.approx(0.2 * 0.02)
 
 
 def test_two_messages_at_one_time_are_two_good_commands():
     for options in (OFF, {"slew_limit": [1.0] * 7}):
-        bench = Bench(ramp_time=0.0, **options)
-        bench.first()
-        bench.stamp += 1
-        assert np.isfinite(bench.send(after=0.0)).all()
+        loop = SupervisorInLoop(ramp_time=0.0, **options)
+        loop.first()
+        loop.stamp += 1
+        assert np.isfinite(loop.send(after=0.0)).all()
 
 
 def test_what_the_limits_cut_is_told_joint_by_joint():
-    bench = Bench(effort_limit=[5, 5, 5, 5, 0.02, 5, 5], **AT_ONCE)
-    bench.first()
-    assert bench.supervisor.saturated.tolist() == [False] * 4 + [True] + [False] * 2
+    loop = SupervisorInLoop(effort_limit=[5, 5, 5, 5, 0.02, 5, 5], **AT_ONCE)
+    loop.first()
+    assert loop.supervisor.saturated.tolist() == [False] * 4 + [True] + [False] * 2
 
 
 def test_a_shoulder_at_its_limit_does_not_count_the_elbow_as_cut():
-    bench = Bench(**AT_ONCE)
-    bench.first()
-    bench.configure(actuator_effort_limit=[5, 0.05, 5, 5, 5, 5, 5], **AT_ONCE)
-    bench.run(0.5)
-    assert bench.supervisor.saturated.tolist() == [False, True] + [False] * 5
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
+    loop.configure(actuator_effort_limit=[5, 0.05, 5, 5, 5, 5, 5], **AT_ONCE)
+    loop.run(0.5)
+    assert loop.supervisor.saturated.tolist() == [False, True] + [False] * 5
 
 
 @pytest.mark.parametrize("name", ["effort_limit", "actuator_effort_limit"])
@@ -374,83 +374,81 @@ def test_joints_of_a_psm_are_not_answered_for_an_ecm_whose_names_they_hold():
 @pytest.mark.parametrize("case", BAD)
 def test_a_bad_message_gives_no_command_and_is_counted_and_the_next_is_answered(case):
     fields, cause = BAD[case]
-    bench = Bench(**AT_ONCE)
-    assert bench.first() is not None
-    assert bench.send(**fields) is None
-    assert bench.cause == cause
-    assert bench.supervisor.dropped[cause] == 1
-    assert sum(bench.supervisor.dropped.values()) == 1
-    np.testing.assert_array_equal(bench.send(), target(bench))
-    assert bench.holds == 0
+    loop = SupervisorInLoop(**AT_ONCE)
+    assert loop.first() is not None
+    assert loop.send(**fields) is None
+    assert loop.cause == cause
+    assert loop.supervisor.dropped[cause] == 1
+    assert sum(loop.supervisor.dropped.values()) == 1
+    np.testing.assert_array_equal(loop.send(), target(loop))
+    assert loop.holds == 0
 
 
 @pytest.mark.parametrize("case", [case for case in BAD if "before" not in case])
 def test_bad_messages_only_are_as_good_as_none(case):
     fields, _ = BAD[case]
-    bench = Bench(**AT_ONCE)
-    bench.first()
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
     commands = []
     for _ in range(60):
-        commands.append(bench.send(**fields))
-        bench.supervisor.check_input(bench.now)
-        bench.settle()
+        commands.append(loop.send(**fields))
+        loop.supervisor.check_input(loop.now)
+        loop.settle()
     assert commands == [None] * 60
-    assert bench.status is Status.FAULT
-    assert bench.holds == 1
+    assert loop.status is Status.FAULT
+    assert loop.holds == 1
 
 
 @pytest.mark.parametrize("field", ["velocity", "effort"])
 def test_a_message_without_velocity_or_effort_is_answered(field):
-    bench = Bench(**AT_ONCE)
-    bench.first()
-    np.testing.assert_array_equal(bench.send(**{field: []}), target(bench))
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
+    np.testing.assert_array_equal(loop.send(**{field: []}), target(loop))
 
 
 def test_nan_in_the_effort_is_tolerated():
-    bench = Bench(**AT_ONCE)
-    bench.first()
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
     for _ in range(5):
-        np.testing.assert_array_equal(bench.send(effort=[np.nan] * 7), target(bench))
+        np.testing.assert_array_equal(loop.send(effort=[np.nan] * 7), target(loop))
 
 
 def test_joints_are_found_by_name_in_any_order_among_any_others():
-    expected = target(Bench(**AT_ONCE))
+    expected = target(SupervisorInLoop(**AT_ONCE))
     rng = np.random.default_rng(0)
-    bench = Bench(**AT_ONCE)
-    bench.first()
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
     for _ in range(20):
         order = rng.permutation(N_JOINTS + 2)
         names = np.array([*JOINT_NAMES, "gripper", "gripper"])[order]
         position = np.array([*Q, np.nan, 7.0])[order]  # what the others read is no concern
         effort = np.array([*HELD, np.nan, 7.0])[order]
         zeros = np.zeros(N_JOINTS + 2)
-        command = bench.send(name=names, position=position, velocity=zeros, effort=effort)
+        command = loop.send(name=names, position=position, velocity=zeros, effort=effort)
         np.testing.assert_array_equal(command, expected)
-    bench = Bench()
+    loop = SupervisorInLoop()
     np.testing.assert_allclose(
-        bench.first(name=names, position=position, velocity=zeros, effort=effort), HELD, atol=1e-15
+        loop.first(name=names, position=position, velocity=zeros, effort=effort), HELD, atol=1e-15
     )
 
 
 def test_a_message_with_bad_names_does_not_change_how_good_ones_are_read():
-    bench = Bench(**AT_ONCE)
-    bench.first(name=JOINT_NAMES[::-1], position=Q[::-1])
-    assert bench.send(name=["a"] * 7) is None
-    np.testing.assert_array_equal(
-        bench.send(name=JOINT_NAMES[::-1], position=Q[::-1]), target(bench)
-    )
-    np.testing.assert_array_equal(bench.send(), target(bench))
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first(name=JOINT_NAMES[::-1], position=Q[::-1])
+    assert loop.send(name=["a"] * 7) is None
+    np.testing.assert_array_equal(loop.send(name=JOINT_NAMES[::-1], position=Q[::-1]), target(loop))
+    np.testing.assert_array_equal(loop.send(), target(loop))
 
 
 def test_a_stamp_too_old_by_the_node_s_clock_is_refused_if_asked_for():
-    bench = Bench(max_stamp_age=0.05, **AT_ONCE)
-    bench.late = 50 * MS
-    assert bench.first() is not None
+    loop = SupervisorInLoop(max_stamp_age=0.05, **AT_ONCE)
+    loop.late = 50 * MS
+    assert loop.first() is not None
     for late, cause in ((51, "stamp_too_old"), (-51, "stamp_ahead")):
-        bench.late = late * MS
-        assert bench.send() is None
-        assert bench.cause == cause
-    unasked = Bench(max_stamp_age=0.0, **AT_ONCE)
+        loop.late = late * MS
+        assert loop.send() is None
+        assert loop.cause == cause
+    unasked = SupervisorInLoop(max_stamp_age=0.0, **AT_ONCE)
     unasked.late = 10_000 * MS
     assert unasked.first() is not None
 
@@ -459,206 +457,206 @@ def test_a_stamp_too_old_by_the_node_s_clock_is_refused_if_asked_for():
 
 
 def test_input_that_stops_ends_in_one_hold_within_the_timeout_and_a_quarter():
-    bench = Bench(timeout=0.1, **AT_ONCE)
-    bench.run(0.3)
-    begin = bench.now
-    while not bench.holds:
-        bench.wait(0.025)
-    assert 0.1 < bench.now - begin <= 0.1251
-    bench.wait(5.0)
-    assert bench.holds == 1
-    assert bench.status is Status.FAULT
-    assert "no valid measured_js for 0.1 s" in bench.reason
+    loop = SupervisorInLoop(timeout=0.1, **AT_ONCE)
+    loop.run(0.3)
+    begin = loop.now
+    while not loop.holds:
+        loop.wait(0.025)
+    assert 0.1 < loop.now - begin <= 0.1251
+    loop.wait(5.0)
+    assert loop.holds == 1
+    assert loop.status is Status.FAULT
+    assert "no valid measured_js for 0.1 s" in loop.reason
 
 
 def test_input_within_the_timeout_is_good_enough():
-    bench = Bench(timeout=0.1, **AT_ONCE)
-    bench.first()
+    loop = SupervisorInLoop(timeout=0.1, **AT_ONCE)
+    loop.first()
     for _ in range(20):
-        bench.wait(0.05)
-        assert bench.send(after=0.04) is not None
-    assert bench.holds == 0
+        loop.wait(0.05)
+        assert loop.send(after=0.04) is not None
+    assert loop.holds == 0
 
 
 def test_a_message_after_a_gap_that_no_timer_has_seen_is_not_answered_either():
     """The process itself stood still: the message may have waited in a queue."""
-    bench = Bench(timeout=0.1, **AT_ONCE)
-    bench.run(0.3)
-    assert bench.send(after=0.2) is None
-    assert bench.cause == "after_gap"
-    assert (bench.status, bench.holds) == (Status.FAULT, 1)
+    loop = SupervisorInLoop(timeout=0.1, **AT_ONCE)
+    loop.run(0.3)
+    assert loop.send(after=0.2) is None
+    assert loop.cause == "after_gap"
+    assert (loop.status, loop.holds) == (Status.FAULT, 1)
 
 
 def test_after_a_fault_nothing_is_commanded_until_enabled():
-    bench = Bench(timeout=0.1, **AT_ONCE)
-    bench.run(0.3)
-    bench.wait(0.2)
-    assert bench.run(1.0) == [None] * 500
-    bench.supervisor.enable()
-    np.testing.assert_array_equal(bench.first(), target(bench))
+    loop = SupervisorInLoop(timeout=0.1, **AT_ONCE)
+    loop.run(0.3)
+    loop.wait(0.2)
+    assert loop.run(1.0) == [None] * 500
+    loop.supervisor.enable()
+    np.testing.assert_array_equal(loop.first(), target(loop))
 
 
 def test_after_a_fault_the_ramp_starts_anew_from_what_holds_the_arm():
-    bench = Bench(timeout=0.1, ramp_time=0.5, **OFF)
-    bench.run(1.0)
-    bench.wait(0.2)
-    bench.supervisor.enable()
+    loop = SupervisorInLoop(timeout=0.1, ramp_time=0.5, **OFF)
+    loop.run(1.0)
+    loop.wait(0.2)
+    loop.supervisor.enable()
     lower = HELD - [0.1, 0.1, 0.1, 0.02, 0.005, 0.0, 0.0]
-    np.testing.assert_allclose(bench.first(effort=lower), lower, atol=1e-15)
-    assert bench.status is Status.RAMPING
+    np.testing.assert_allclose(loop.first(effort=lower), lower, atol=1e-15)
+    assert loop.status is Status.RAMPING
 
 
 def test_automatic_resumes_with_good_input_but_not_on_its_first_message():
-    bench = Bench(timeout=0.1, resume="automatic", **AT_ONCE)
-    bench.run(0.3)
-    bench.wait(0.5)
-    assert bench.holds == 1
-    assert bench.send() is None
-    assert bench.cause == "after_gap"
-    assert bench.first() is not None
-    assert bench.holds == 1
+    loop = SupervisorInLoop(timeout=0.1, resume="automatic", **AT_ONCE)
+    loop.run(0.3)
+    loop.wait(0.5)
+    assert loop.holds == 1
+    assert loop.send() is None
+    assert loop.cause == "after_gap"
+    assert loop.first() is not None
+    assert loop.holds == 1
 
 
 def test_automatic_does_not_resume_on_messages_that_come_slower_than_the_timeout():
-    bench = Bench(timeout=0.1, resume="automatic", **AT_ONCE)
-    bench.run(0.3)
-    bench.wait(0.5)
+    loop = SupervisorInLoop(timeout=0.1, resume="automatic", **AT_ONCE)
+    loop.run(0.3)
+    loop.wait(0.5)
     for _ in range(10):
-        assert bench.send(after=0.15) is None
-    assert bench.holds == 1
+        assert loop.send(after=0.15) is None
+    assert loop.holds == 1
 
 
 @pytest.mark.parametrize("resume", ["explicit", "automatic"])
 def test_a_stamp_that_stands_still_counts_as_no_input(resume):
-    bench = Bench(timeout=0.1, resume=resume, **AT_ONCE)
-    bench.first()
-    frozen, begin = bench.stamp, bench.now
-    while not bench.holds:
-        command = bench.send(stamp=frozen)
-        assert command is not None or bench.holds
-    assert bench.now - begin == pytest.approx(0.1, abs=0.003)
-    assert "has not moved" in bench.reason
-    assert bench.run(1.0, stamp=frozen) == [None] * 500
-    assert bench.cause in ("stamp_repeated", "stamp_too_old")
-    assert bench.holds == 1
+    loop = SupervisorInLoop(timeout=0.1, resume=resume, **AT_ONCE)
+    loop.first()
+    frozen, begin = loop.stamp, loop.now
+    while not loop.holds:
+        command = loop.send(stamp=frozen)
+        assert command is not None or loop.holds
+    assert loop.now - begin == pytest.approx(0.1, abs=0.003)
+    assert "has not moved" in loop.reason
+    assert loop.run(1.0, stamp=frozen) == [None] * 500
+    assert loop.cause in ("stamp_repeated", "stamp_too_old")
+    assert loop.holds == 1
 
 
 def test_enabling_does_not_make_a_stamp_that_stands_still_good():
-    bench = Bench(timeout=0.1, **AT_ONCE)
-    frozen = bench.stamp
-    bench.run(0.5, stamp=frozen)
-    bench.supervisor.enable()
-    assert bench.run(0.5, stamp=frozen) == [None] * 250
-    assert (bench.status, bench.holds) == (Status.WAITING, 0)
-    assert bench.first() is not None
+    loop = SupervisorInLoop(timeout=0.1, **AT_ONCE)
+    frozen = loop.stamp
+    loop.run(0.5, stamp=frozen)
+    loop.supervisor.enable()
+    assert loop.run(0.5, stamp=frozen) == [None] * 250
+    assert (loop.status, loop.holds) == (Status.WAITING, 0)
+    assert loop.first() is not None
 
 
 @pytest.mark.parametrize("resume", ["explicit", "automatic"])
 def test_a_stamp_that_steps_back_and_then_stands_still_is_never_answered(resume):
-    bench = Bench(timeout=0.1, resume=resume, **AT_ONCE)
-    bench.run(0.3)
-    frozen = bench.stamp - 1000 * MS
-    assert bench.run(0.5, stamp=frozen) == [None] * 250
-    bench.supervisor.enable()
-    assert bench.run(0.5, stamp=frozen) == [None] * 250
-    assert bench.holds == 1
+    loop = SupervisorInLoop(timeout=0.1, resume=resume, **AT_ONCE)
+    loop.run(0.3)
+    frozen = loop.stamp - 1000 * MS
+    assert loop.run(0.5, stamp=frozen) == [None] * 250
+    loop.supervisor.enable()
+    assert loop.run(0.5, stamp=frozen) == [None] * 250
+    assert loop.holds == 1
 
 
 @pytest.mark.parametrize("resume", ["explicit", "automatic"])
 def test_a_stamp_that_moves_on_after_standing_still_ends_in_a_hold_all_the_same(resume):
     """A fault found by the very message that would end it: it gets no command."""
-    bench = Bench(timeout=0.1, resume=resume, **AT_ONCE)
-    bench.first()
-    bench.run(0.099, stamp=bench.stamp)
-    assert bench.holds == 0
-    assert bench.send(after=0.01) is None
-    assert (bench.cause, bench.holds) == ("after_gap", 1)
-    assert (bench.first() is not None) == (resume == "automatic")
+    loop = SupervisorInLoop(timeout=0.1, resume=resume, **AT_ONCE)
+    loop.first()
+    loop.run(0.099, stamp=loop.stamp)
+    assert loop.holds == 0
+    assert loop.send(after=0.01) is None
+    assert (loop.cause, loop.holds) == ("after_gap", 1)
+    assert (loop.first() is not None) == (resume == "automatic")
 
 
 @pytest.mark.parametrize("step", [-3600.0, 3600.0])
 @pytest.mark.parametrize("resume", ["explicit", "automatic"])
 def test_a_step_of_the_arm_s_clock_is_survived(step, resume):
-    bench = Bench(timeout=0.1, resume=resume, **AT_ONCE)
-    bench.run(0.3)
-    bench.stamp += int(step * 1e9)
-    bench.run(0.5)
+    loop = SupervisorInLoop(timeout=0.1, resume=resume, **AT_ONCE)
+    loop.run(0.3)
+    loop.stamp += int(step * 1e9)
+    loop.run(0.5)
     if step < 0:  # a hold, for until then they might be old messages
-        assert bench.holds == 1
+        assert loop.holds == 1
         if resume == "explicit":
-            assert bench.status is Status.FAULT
-            bench.supervisor.enable()
-    assert bench.first() is not None
-    assert bench.status is Status.COMMANDING
+            assert loop.status is Status.FAULT
+            loop.supervisor.enable()
+    assert loop.first() is not None
+    assert loop.status is Status.COMMANDING
 
 
 def test_one_stamp_out_of_order_after_resuming_is_refused():
-    bench = Bench(timeout=0.1, resume="automatic", **AT_ONCE)
-    bench.run(0.3)
-    bench.wait(0.3)
-    bench.send()
-    assert bench.first() is not None
-    assert bench.send(stamp=bench.stamp - 100 * MS) is None
-    assert bench.cause == "stamp_backwards"
+    loop = SupervisorInLoop(timeout=0.1, resume="automatic", **AT_ONCE)
+    loop.run(0.3)
+    loop.wait(0.3)
+    loop.send()
+    assert loop.first() is not None
+    assert loop.send(stamp=loop.stamp - 100 * MS) is None
+    assert loop.cause == "stamp_backwards"
 
 
 # --- on and off ------------------------------------------------------------------------------
 
 
 def test_not_enabled_nothing_is_commanded_and_nothing_held():
-    bench = Bench(enabled=False, **AT_ONCE)
-    assert bench.run(0.5) == [None] * 250
-    bench.supervisor.disable()
-    bench.settle()
-    assert (bench.status, bench.holds) == (Status.DISABLED, 0)
-    bench.supervisor.enable()
-    assert bench.first() is not None
+    loop = SupervisorInLoop(enabled=False, **AT_ONCE)
+    assert loop.run(0.5) == [None] * 250
+    loop.supervisor.disable()
+    loop.settle()
+    assert (loop.status, loop.holds) == (Status.DISABLED, 0)
+    loop.supervisor.enable()
+    assert loop.first() is not None
 
 
 def test_disabling_holds_the_arm_once_and_stops_commanding():
-    bench = Bench(**AT_ONCE)
-    bench.first()
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
     for _ in range(3):
-        bench.supervisor.disable()
-        bench.settle()
-    assert bench.run(0.5) == [None] * 250
-    bench.wait(1.0)
-    assert (bench.status, bench.holds) == (Status.DISABLED, 1)
+        loop.supervisor.disable()
+        loop.settle()
+    assert loop.run(0.5) == [None] * 250
+    loop.wait(1.0)
+    assert (loop.status, loop.holds) == (Status.DISABLED, 1)
 
 
 def test_disabling_while_waiting_holds_nothing():
-    bench = Bench(**AT_ONCE)
-    bench.supervisor.disable()
-    bench.settle()
-    assert bench.holds == 0
-    assert bench.send() is None
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.supervisor.disable()
+    loop.settle()
+    assert loop.holds == 0
+    assert loop.send() is None
 
 
 def test_the_parameter_switches_on_and_off_too():
-    bench = Bench(**AT_ONCE)
-    bench.first()
-    bench.configure(enabled=False, **AT_ONCE)
-    assert (bench.status, bench.holds, bench.send()) == (Status.DISABLED, 1, None)
-    bench.configure(enabled=True, **AT_ONCE)
-    assert bench.first() is not None
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
+    loop.configure(enabled=False, **AT_ONCE)
+    assert (loop.status, loop.holds, loop.send()) == (Status.DISABLED, 1, None)
+    loop.configure(enabled=True, **AT_ONCE)
+    assert loop.first() is not None
 
 
 def test_switching_off_and_on_leads_out_of_a_fault():
-    bench = Bench(**AT_ONCE)
-    bench.first()
-    bench.supervisor.fail("broken")
-    bench.configure(enabled=False, **AT_ONCE)
-    assert bench.status is Status.DISABLED
-    bench.configure(enabled=True, **AT_ONCE)
-    assert bench.first() is not None
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
+    loop.supervisor.fail("broken")
+    loop.configure(enabled=False, **AT_ONCE)
+    assert loop.status is Status.DISABLED
+    loop.configure(enabled=True, **AT_ONCE)
+    assert loop.first() is not None
 
 
 def test_enabling_what_is_running_changes_nothing():
-    bench = Bench(ramp_time=0.5, **OFF)
-    bench.run(1.0)
-    bench.supervisor.enable()
-    assert bench.status is Status.COMMANDING
-    np.testing.assert_array_equal(bench.send(), target(bench))
+    loop = SupervisorInLoop(ramp_time=0.5, **OFF)
+    loop.run(1.0)
+    loop.supervisor.enable()
+    assert loop.status is Status.COMMANDING
+    np.testing.assert_array_equal(loop.send(), target(loop))
 
 
 # --- errors of our own -----------------------------------------------------------------------
@@ -666,43 +664,43 @@ def test_enabling_what_is_running_changes_nothing():
 
 @pytest.mark.parametrize("resume", ["explicit", "automatic"])
 def test_an_error_of_our_own_holds_and_only_enabling_leads_out(resume):
-    bench = Bench(resume=resume, **AT_ONCE)
-    bench.first()
-    bench.supervisor.fail("broken")
-    bench.settle()
-    assert (bench.status, bench.reason, bench.holds) == (Status.FAULT, "broken", 1)
-    assert bench.run(0.5) == [None] * 250
-    bench.wait(1.0)
-    assert bench.run(0.5)[1:] == [None] * 249
-    bench.supervisor.enable()
-    assert bench.first() is not None
+    loop = SupervisorInLoop(resume=resume, **AT_ONCE)
+    loop.first()
+    loop.supervisor.fail("broken")
+    loop.settle()
+    assert (loop.status, loop.reason, loop.holds) == (Status.FAULT, "broken", 1)
+    assert loop.run(0.5) == [None] * 250
+    loop.wait(1.0)
+    assert loop.run(0.5)[1:] == [None] * 249
+    loop.supervisor.enable()
+    assert loop.first() is not None
 
 
 def test_a_torque_that_is_not_finite_is_an_error_that_names_the_joint():
     cable = {"elastic_cable.wrist_roll": [0.0, 0.0, 0.0, 1e307]}
-    bench = Bench(**cable, **AT_ONCE)
+    loop = SupervisorInLoop(**cable, **AT_ONCE)
     near, far = Q.copy(), Q.copy()
     near[6], far[6] = 0.0, 3.0
-    assert bench.first(position=near) is not None
-    assert np.isfinite(bench.send(after=0.09, position=Q)).all()
-    assert bench.send(after=0.09, position=far - 0.6 * np.eye(7)[6]) is not None
-    assert bench.send(after=0.09, position=far) is None
-    assert (bench.status, bench.holds) == (Status.FAULT, 1)
-    assert "wrist_roll is not a finite number" in bench.reason
-    assert bench.send() is None
+    assert loop.first(position=near) is not None
+    assert np.isfinite(loop.send(after=0.09, position=Q)).all()
+    assert loop.send(after=0.09, position=far - 0.6 * np.eye(7)[6]) is not None
+    assert loop.send(after=0.09, position=far) is None
+    assert (loop.status, loop.holds) == (Status.FAULT, 1)
+    assert "wrist_roll is not a finite number" in loop.reason
+    assert loop.send() is None
 
 
 def test_an_exception_in_the_model_is_an_error_of_our_own(monkeypatch):
-    bench = Bench(**AT_ONCE)
-    bench.first()
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
 
     def broken(*_):
         raise ValueError("shapes do not fit")
 
     monkeypatch.setattr(Settings, "parts", broken)
-    assert bench.send() is None
-    assert (bench.status, bench.holds) == (Status.FAULT, 1)
-    assert "shapes do not fit" in bench.reason
+    assert loop.send() is None
+    assert (loop.status, loop.holds) == (Status.FAULT, 1)
+    assert "shapes do not fit" in loop.reason
 
 
 # --- the arm's own compensation --------------------------------------------------------------
@@ -710,68 +708,68 @@ def test_an_exception_in_the_model_is_an_error_of_our_own(monkeypatch):
 
 @pytest.mark.parametrize("effort", [[0.1] + [0.0] * 6, [np.nan] * 7, [0.0] * 6 + [-1e-9]])
 def test_while_the_builtin_compensation_is_on_nothing_is_commanded(effort):
-    bench = Bench(**AT_ONCE)
-    bench.builtin(*effort)
-    assert bench.run(0.2) == [None] * 100
-    assert bench.status is Status.WAITING
-    assert "use_gravity_compensation" in bench.reason
-    assert bench.holds == 0
-    bench.builtin(*[0.0] * 7)
-    assert "builtin" not in bench.reason
-    assert bench.first() is not None
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.builtin(*effort)
+    assert loop.run(0.2) == [None] * 100
+    assert loop.status is Status.WAITING
+    assert "use_gravity_compensation" in loop.reason
+    assert loop.holds == 0
+    loop.builtin(*[0.0] * 7)
+    assert "builtin" not in loop.reason
+    assert loop.first() is not None
 
 
 def test_a_builtin_compensation_that_is_switched_on_while_commanding_ends_in_a_fault():
-    bench = Bench(resume="automatic", **AT_ONCE)
-    bench.first()
-    bench.builtin(*[0.1] * 7)
-    assert (bench.status, bench.holds) == (Status.FAULT, 1)
-    assert "use_gravity_compensation" in bench.reason
-    bench.builtin(*[0.1] * 7)
-    bench.builtin(*[0.0] * 7)
-    assert bench.run(0.2) == [None] * 100
-    assert bench.holds == 1
-    bench.supervisor.enable()
-    assert bench.first() is not None
+    loop = SupervisorInLoop(resume="automatic", **AT_ONCE)
+    loop.first()
+    loop.builtin(*[0.1] * 7)
+    assert (loop.status, loop.holds) == (Status.FAULT, 1)
+    assert "use_gravity_compensation" in loop.reason
+    loop.builtin(*[0.1] * 7)
+    loop.builtin(*[0.0] * 7)
+    assert loop.run(0.2) == [None] * 100
+    assert loop.holds == 1
+    loop.supervisor.enable()
+    assert loop.first() is not None
 
 
 def test_the_builtin_compensation_s_fault_is_not_one_of_the_input_even_after_such_a_one():
-    bench = Bench(resume="automatic", timeout=0.1, **AT_ONCE)
-    bench.run(0.3)
-    bench.wait(0.2)
-    assert bench.run(0.2)[-1] is not None
-    bench.builtin(*[0.1] * 7)
-    bench.builtin(*[0.0] * 7)
-    assert bench.run(0.5) == [None] * 250
-    assert bench.holds == 2
+    loop = SupervisorInLoop(resume="automatic", timeout=0.1, **AT_ONCE)
+    loop.run(0.3)
+    loop.wait(0.2)
+    assert loop.run(0.2)[-1] is not None
+    loop.builtin(*[0.1] * 7)
+    loop.builtin(*[0.0] * 7)
+    assert loop.run(0.5) == [None] * 250
+    assert loop.holds == 2
 
 
 def test_one_that_we_may_switch_off_is_waited_for():
-    bench = Bench(disable_builtin=True, **AT_ONCE)
-    bench.first()
-    bench.builtin(*[0.1] * 7)
-    assert (bench.status, bench.holds) == (Status.WAITING, 1)
-    assert bench.run(0.2) == [None] * 100
-    bench.builtin(*[0.0] * 7)
-    assert bench.first() is not None
+    loop = SupervisorInLoop(disable_builtin=True, **AT_ONCE)
+    loop.first()
+    loop.builtin(*[0.1] * 7)
+    assert (loop.status, loop.holds) == (Status.WAITING, 1)
+    assert loop.run(0.2) == [None] * 100
+    loop.builtin(*[0.0] * 7)
+    assert loop.first() is not None
 
 
 def test_whoever_switches_it_on_again_and_again_is_not_fought():
-    bench = Bench(disable_builtin=True, **AT_ONCE)
+    loop = SupervisorInLoop(disable_builtin=True, **AT_ONCE)
     for expected in (Status.WAITING, Status.WAITING, Status.FAULT):
-        assert bench.first() is not None
-        bench.builtin(*[0.1] * 7)
-        assert bench.status is expected
-        bench.builtin(*[0.0] * 7)
+        assert loop.first() is not None
+        loop.builtin(*[0.1] * 7)
+        assert loop.status is expected
+        loop.builtin(*[0.0] * 7)
 
 
 def test_enabling_does_not_overrule_the_builtin_compensation():
-    bench = Bench(**AT_ONCE)
-    bench.first()
-    bench.builtin(*[0.1] * 7)
-    bench.supervisor.enable()
-    assert bench.run(0.2) == [None] * 100
-    assert "use_gravity_compensation" in bench.reason
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
+    loop.builtin(*[0.1] * 7)
+    loop.supervisor.enable()
+    assert loop.run(0.2) == [None] * 100
+    assert "use_gravity_compensation" in loop.reason
 
 
 # --- parameters that change ------------------------------------------------------------------
@@ -791,39 +789,39 @@ def test_a_change_of_parameters_never_makes_the_torque_jump(case):
     moving = np.full(7, 0.3)
     options = {"ramp_time": 0.5, "effort_limit": [9.0] * 7, "actuator_effort_limit": [9.0] * 7}
     options |= OFF
-    bench = Bench(**options)
-    bench.run(0.7, velocity=moving)
-    before = bench.send(velocity=moving)
-    bench.configure(**(options | CHANGES[case]))
-    assert (bench.status, "blending" in bench.reason) == (Status.RAMPING, True)
-    largest = np.abs(target(bench, moving) - before).max()
+    loop = SupervisorInLoop(**options)
+    loop.run(0.7, velocity=moving)
+    before = loop.send(velocity=moving)
+    loop.configure(**(options | CHANGES[case]))
+    assert (loop.status, "blending" in loop.reason) == (Status.RAMPING, True)
+    largest = np.abs(target(loop, moving) - before).max()
     for _ in range(450):
-        after = bench.send(velocity=moving)
+        after = loop.send(velocity=moving)
         assert np.abs(after - before).max() <= largest * 0.002 / 0.5 + 1e-12
         before = after
-    np.testing.assert_allclose(after, target(bench, moving), atol=1e-12)
-    assert bench.holds == 0
+    np.testing.assert_allclose(after, target(loop, moving), atol=1e-12)
+    assert loop.holds == 0
 
 
 def test_a_change_in_the_middle_of_a_ramp_goes_on_from_there():
-    bench = Bench(ramp_time=1.0, **OFF)
-    bench.run(0.5)
-    before = bench.send()
-    bench.configure(ramp_time=1.0, gravity_enabled=False, **OFF)
-    assert np.abs(bench.send() - before).max() < 0.01
+    loop = SupervisorInLoop(ramp_time=1.0, **OFF)
+    loop.run(0.5)
+    before = loop.send()
+    loop.configure(ramp_time=1.0, gravity_enabled=False, **OFF)
+    assert np.abs(loop.send() - before).max() < 0.01
 
 
 def test_lowered_limits_are_approached_at_slew_rate_and_then_kept():
     """The torque under a person's hand does not jump, not even into its limits."""
     options = {"ramp_time": 0.0, "slew_limit": [2.0] * 7}
-    bench = Bench(**options)
-    bench.run(1.0)
-    before = bench.send()
+    loop = SupervisorInLoop(**options)
+    loop.run(1.0)
+    before = loop.send()
     low = 0.25 * np.abs(before)
-    bench.configure(effort_limit=low.tolist(), **options)
+    loop.configure(effort_limit=low.tolist(), **options)
     excess = np.maximum(np.abs(before) - low, 0).max()
     for _ in range(round(excess / (2.0 * 0.002)) + 1):
-        after = bench.send()
+        after = loop.send()
         assert np.abs(after - before).max() <= 2.0 * 0.002 + 1e-12
         now = np.maximum(np.abs(after) - low, 0).max()
         assert now < excess or now < 1e-9
@@ -832,43 +830,43 @@ def test_lowered_limits_are_approached_at_slew_rate_and_then_kept():
 
 
 def test_the_timeout_is_that_of_the_last_settings():
-    bench = Bench(timeout=0.1, **AT_ONCE)
-    bench.run(0.3)
-    bench.configure(timeout=1.0, **AT_ONCE)
-    bench.wait(0.5)
-    assert bench.status is not Status.FAULT
-    bench.configure(timeout=0.1, **AT_ONCE)
-    bench.wait(0.02)
-    assert (bench.status, bench.holds) == (Status.FAULT, 1)
+    loop = SupervisorInLoop(timeout=0.1, **AT_ONCE)
+    loop.run(0.3)
+    loop.configure(timeout=1.0, **AT_ONCE)
+    loop.wait(0.5)
+    assert loop.status is not Status.FAULT
+    loop.configure(timeout=0.1, **AT_ONCE)
+    loop.wait(0.02)
+    assert (loop.status, loop.holds) == (Status.FAULT, 1)
 
 
 def test_settings_that_arrive_while_nothing_is_commanded_start_nothing():
-    bench = Bench(timeout=0.1, **AT_ONCE)
-    bench.first()
-    bench.wait(0.2)
-    bench.configure(timeout=0.2, **AT_ONCE)
-    assert bench.status is Status.FAULT
-    assert bench.run(0.1) == [None] * 50
+    loop = SupervisorInLoop(timeout=0.1, **AT_ONCE)
+    loop.first()
+    loop.wait(0.2)
+    loop.configure(timeout=0.2, **AT_ONCE)
+    assert loop.status is Status.FAULT
+    assert loop.run(0.1) == [None] * 50
 
 
 def test_support_that_a_change_takes_away_is_told_and_ramped():
-    bench = Bench(**AT_ONCE)
-    bench.first()
-    before = bench.send()
-    assert bench.supervisor.loss == ""
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
+    before = loop.send()
+    assert loop.supervisor.loss == ""
     for values in ({"gravity_enabled": False}, {"beta": [1e-9] * 10}, {"effort_limit": [0.0] * 7}):
-        bench.configure(**AT_ONCE, **values)
-        assert "instead of" in bench.supervisor.loss
-        assert np.abs(bench.send() - before).max() < 0.05 * np.abs(before).max()
-        bench.configure(**AT_ONCE)
-        bench.run(0.3)
-        np.testing.assert_array_equal(bench.send(), target(bench))
-    bench.configure(**AT_ONCE)
-    assert bench.supervisor.loss == ""
-    assert bench.supervisor.settings.weightless is False
+        loop.configure(**AT_ONCE, **values)
+        assert "instead of" in loop.supervisor.loss
+        assert np.abs(loop.send() - before).max() < 0.05 * np.abs(before).max()
+        loop.configure(**AT_ONCE)
+        loop.run(0.3)
+        np.testing.assert_array_equal(loop.send(), target(loop))
+    loop.configure(**AT_ONCE)
+    assert loop.supervisor.loss == ""
+    assert loop.supervisor.settings.weightless is False
     for part in np.arange(1.0, 0.0, -0.02):  # little by little is no better
-        bench.configure(**AT_ONCE, beta=[part * value for value in BASE["beta"]])
-    assert "instead of" in bench.supervisor.loss
+        loop.configure(**AT_ONCE, beta=[part * value for value in BASE["beta"]])
+    assert "instead of" in loop.supervisor.loss
     assert settings_of(gravity_enabled=False).weightless
     assert settings_of(beta=[0.0] * 10).weightless
 
@@ -877,42 +875,42 @@ def test_support_that_a_change_takes_away_is_told_and_ramped():
 
 
 def test_an_obstacle_keeps_it_from_starting_and_ends_commanding_in_a_fault():
-    bench = Bench(resume="automatic", **AT_ONCE)
-    bench.supervisor.obstruct("hold", "nobody listens")
-    assert bench.run(0.5) == [None] * 250
-    assert (bench.status, bench.reason) == (Status.WAITING, "nobody listens")
-    bench.supervisor.obstruct("hold", "")
-    assert bench.first() is not None
-    bench.supervisor.obstruct("others", "somebody moves the arm")
-    bench.settle()
-    assert (bench.status, bench.holds) == (Status.FAULT, 1)
-    assert bench.reason == "somebody moves the arm"
-    bench.supervisor.obstruct("others", "")
-    assert bench.run(0.5) == [None] * 250
-    bench.supervisor.enable()
-    assert bench.first() is not None
+    loop = SupervisorInLoop(resume="automatic", **AT_ONCE)
+    loop.supervisor.obstruct("hold", "nobody listens")
+    assert loop.run(0.5) == [None] * 250
+    assert (loop.status, loop.reason) == (Status.WAITING, "nobody listens")
+    loop.supervisor.obstruct("hold", "")
+    assert loop.first() is not None
+    loop.supervisor.obstruct("others", "somebody moves the arm")
+    loop.settle()
+    assert (loop.status, loop.holds) == (Status.FAULT, 1)
+    assert loop.reason == "somebody moves the arm"
+    loop.supervisor.obstruct("others", "")
+    assert loop.run(0.5) == [None] * 250
+    loop.supervisor.enable()
+    assert loop.first() is not None
 
 
 def test_of_several_obstacles_each_has_to_go():
-    bench = Bench(**AT_ONCE)
-    bench.supervisor.obstruct("a", "one")
-    bench.supervisor.obstruct("b", "two")
-    bench.supervisor.obstruct("a", "")
-    assert bench.run(0.5) == [None] * 250
-    assert bench.reason == "two"
-    bench.supervisor.obstruct("b", "")
-    assert bench.first() is not None
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.supervisor.obstruct("a", "one")
+    loop.supervisor.obstruct("b", "two")
+    loop.supervisor.obstruct("a", "")
+    assert loop.run(0.5) == [None] * 250
+    assert loop.reason == "two"
+    loop.supervisor.obstruct("b", "")
+    assert loop.first() is not None
 
 
 def test_an_obstacle_in_the_middle_of_a_start_begins_it_anew():
-    bench = Bench()
-    bench.run(0.05)
-    assert bench.status is Status.STARTING
-    bench.supervisor.obstruct("others", "somebody moves the arm")
-    assert (bench.status, bench.holds) == (Status.WAITING, 0)
-    bench.supervisor.obstruct("others", "")
-    assert bench.run(0.09) == [None] * 45
-    assert bench.first() is not None
+    loop = SupervisorInLoop()
+    loop.run(0.05)
+    assert loop.status is Status.STARTING
+    loop.supervisor.obstruct("others", "somebody moves the arm")
+    assert (loop.status, loop.holds) == (Status.WAITING, 0)
+    loop.supervisor.obstruct("others", "")
+    assert loop.run(0.09) == [None] * 45
+    assert loop.first() is not None
 
 
 # --- settings that are renewed -------------------------------------------------------------------
@@ -934,13 +932,13 @@ def test_other_settings_keep_the_arm_and_an_unchanged_model(tmp_path):
 
 def test_however_often_parameters_change_the_command_follows_the_arm():
     """Ten messages a second, twice as many changes that mean nothing for the torque."""
-    bench = Bench(timeout=0.5)
-    bench.run(2.0, effort=[])
+    loop = SupervisorInLoop(timeout=0.5)
+    loop.run(2.0, effort=[])
     position = Q.copy()
     for k in range(100):
-        bench.configure(timeout=0.5, max_stamp_age=1.0 + 0.001 * (k % 2))
-        bench.configure(timeout=0.5, max_stamp_age=2.0)
+        loop.configure(timeout=0.5, max_stamp_age=1.0 + 0.001 * (k % 2))
+        loop.configure(timeout=0.5, max_stamp_age=2.0)
         position[1:3] += 0.003
-        command = bench.send(after=0.1, position=position, effort=[])
+        command = loop.send(after=0.1, position=position, effort=[])
         assert command is not None
     assert np.allclose(command, MODEL.torque(position), atol=0.01)

@@ -317,22 +317,22 @@ def random_sequence(rng: np.random.Generator, length: int) -> list[tuple]:
     """Events of every kind, one in fifty of them a nuisance; all is switched on again soon."""
     sequence: list[tuple] = []
 
-    def one(values):
+    def choice(values):
         return values[rng.integers(len(values))]
 
     while len(sequence) < length:
         draw = rng.random()
         if draw < 0.98:
-            event = ("message", one([0.001, 0.002, 0.004]), "clock", one(NAMES[:2]),
-                     one(POSITIONS[:3]), one(VELOCITIES[:3]), one(EFFORTS))  # fmt: skip
+            event = ("message", choice([0.001, 0.002, 0.004]), "clock", choice(NAMES[:2]),
+                     choice(POSITIONS[:3]), choice(VELOCITIES[:3]), choice(EFFORTS))  # fmt: skip
         elif draw < 0.985:
-            event = ("message", one(GAPS), one(STAMPS), one(NAMES), one(POSITIONS),
-                     one(VELOCITIES), one(EFFORTS))  # fmt: skip
+            event = ("message", choice(GAPS), choice(STAMPS), choice(NAMES), choice(POSITIONS),
+                     choice(VELOCITIES), choice(EFFORTS))  # fmt: skip
         elif draw < 0.993:
             event = ("configure", int(rng.integers(len(SETTINGS))))
         else:
-            event = one([("look", one(GAPS)), ("builtin", one(BUILTIN)), ("disable",), ("fail",),
-                         ("obstruct", *one(OBSTACLES)), ("enable",)])  # fmt: skip
+            event = choice([("look", choice(GAPS)), ("builtin", choice(BUILTIN)), ("disable",),
+                            ("fail",), ("obstruct", *choice(OBSTACLES)), ("enable",)])  # fmt: skip
         sequence.append(event)
         if rng.random() < 0.02:
             sequence += [("builtin", (0.0,) * 7), ("obstruct", "others", ""),

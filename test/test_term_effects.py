@@ -29,7 +29,7 @@ ARM = Arm.load("mtmr")
 ZERO = np.zeros(7)
 
 
-def one(joint: int, value: float) -> np.ndarray:
+def joint_vector(joint: int, value: float) -> np.ndarray:
     return np.eye(7)[joint] * value
 
 
@@ -39,9 +39,9 @@ def moving(*terms: Term) -> Plant:
     return Plant(TorqueModel(ARM, terms), truth.links, truth.rotor_inertia)
 
 
-def stribeck(place: str, joint: int, level: float, velocity: float) -> StribeckFriction:
-    values = {f"stribeck_friction.{place}": one(joint, level)}
-    values[f"stribeck_friction.{place}_velocity"] = one(joint, velocity)
+def stribeck(site: str, joint: int, level: float, velocity: float) -> StribeckFriction:
+    values = {f"stribeck_friction.{site}": joint_vector(joint, level)}
+    values[f"stribeck_friction.{site}_velocity"] = joint_vector(joint, velocity)
     term = StribeckFriction.from_parameters(ARM, {k: tuple(v) for k, v in values.items()})
     assert term is not None
     return term
@@ -52,39 +52,45 @@ def test_stribeck_friction_falls_with_the_square_of_the_speed(velocity):
     term = stribeck("joint", 3, 0.04, 0.2)
     expected = 0.04 * np.exp(-((velocity / 0.2) ** 2)) * np.sign(velocity)
     np.testing.assert_allclose(
-        TorqueModel(ARM, (term,)).torque(ZERO, one(3, velocity)), one(3, expected), atol=1e-15
+        TorqueModel(ARM, (term,)).torque(ZERO, joint_vector(3, velocity)),
+        joint_vector(3, expected),
+        atol=1e-15,
     )
 
 
 def test_stribeck_friction_of_the_elbow_s_motor_follows_q2_plus_q3():
     term = stribeck("motor", 2, 0.04, 0.2)
     model = TorqueModel(ARM, (term,))
-    turning = model.torque(ZERO, one(1, 0.05) + one(2, 0.05))
+    turning = model.torque(ZERO, joint_vector(1, 0.05) + joint_vector(2, 0.05))
     np.testing.assert_allclose(turning[[1, 2]], 0.04 * np.exp(-0.25))
-    np.testing.assert_allclose(model.torque(ZERO, one(1, 0.5) - one(2, 0.5)), ZERO, atol=1e-15)
+    np.testing.assert_allclose(
+        model.torque(ZERO, joint_vector(1, 0.5) - joint_vector(2, 0.5)), ZERO, atol=1e-15
+    )
 
 
 def test_a_stribeck_level_wants_a_velocity():
     with pytest.raises(ConfigError, match=r"joint_velocity of wrist_pitch.*beside a level of 0.01"):
-        TorqueModel.from_parameters({"stribeck_friction.joint": list(one(4, 0.01))})
+        TorqueModel.from_parameters({"stribeck_friction.joint": list(joint_vector(4, 0.01))})
 
 
-@pytest.mark.parametrize("place", ["joint", "motor"])
-def test_the_plant_breaks_away_at_the_level_and_runs_where_the_sum_of_friction_is_the_effort(place):
+@pytest.mark.parametrize("site", ["joint", "motor"])
+def test_the_plant_breaks_away_at_the_level_and_runs_where_the_sum_of_friction_is_the_effort(site):
     level, coulomb, viscous, velocity = 0.004, 0.003, 0.001, 0.8
     rock = np.r_[np.full(6, 9.0), 0.0]
     plant = moving(
-        CoulombFriction(ARM, rock + one(6, coulomb), rock + one(6, coulomb), ZERO, ZERO, ZERO),
-        ViscousFriction(ARM, one(6, viscous), ZERO),
-        stribeck(place, 6, level, velocity),
+        CoulombFriction(
+            ARM, rock + joint_vector(6, coulomb), rock + joint_vector(6, coulomb), ZERO, ZERO, ZERO
+        ),
+        ViscousFriction(ARM, joint_vector(6, viscous), ZERO),
+        stribeck(site, 6, level, velocity),
     )
     for sign in (1.0, -1.0):
         plant.reset(ZERO)
         for _ in range(50):
-            plant.step(one(6, 0.0069 * sign))
+            plant.step(joint_vector(6, 0.0069 * sign))
         assert not plant.v.any()
         for _ in range(4000):
-            plant.step(one(6, 0.0071 * sign))
+            plant.step(joint_vector(6, 0.0071 * sign))
             plant.q[6] = 0.0  # it may turn for ever
         # Beyond the hump of level exp(-(v / velocity)^2), viscous friction balances the effort.
         speed = brentq(
@@ -96,14 +102,14 @@ def test_the_plant_breaks_away_at_the_level_and_runs_where_the_sum_of_friction_i
 def test_the_compensator_applies_its_part_of_stribeck_friction():
     values = {
         "beta": [0.0] * 10,
-        "stribeck_friction.joint": one(3, 0.04).tolist(),
+        "stribeck_friction.joint": joint_vector(3, 0.04).tolist(),
         "stribeck_friction.joint_velocity": [0.2] * 7,
         "friction_compensation.ratio": [0.5] * 7,
         "friction_compensation.dead_band": [0.05] * 7,
     }
     settings = Settings.from_parameters(values)
-    assert settings.torque(ZERO, one(3, 0.1))[3] == pytest.approx(0.02 * np.exp(-0.25))
-    assert settings.torque(ZERO, one(3, 0.04))[3] == 0.0
+    assert settings.torque(ZERO, joint_vector(3, 0.1))[3] == pytest.approx(0.02 * np.exp(-0.25))
+    assert settings.torque(ZERO, joint_vector(3, 0.04))[3] == 0.0
 
 
 OFFSET = np.radians([1.0, -2.0, 3.0, -4.0, 5.0, -6.0, 7.0])
@@ -186,7 +192,7 @@ def test_a_payload_has_the_weight_and_the_inertia_of_a_point_mass_on_its_link():
     np.testing.assert_allclose(
         loaded.torque(POSE) - plain.torque(POSE), tree.gravity(POSE), atol=1e-12
     )
-    settings, without = (Settings.from_parameters(one.parameters()) for one in (loaded, plain))
+    settings, without = (Settings.from_parameters(model.parameters()) for model in (loaded, plain))
     compensated = settings.torque(POSE, qd) - without.torque(POSE, qd)
     np.testing.assert_allclose(compensated, tree.gravity(POSE), atol=1e-12)
 
@@ -242,21 +248,21 @@ PRESLIDING = {
 def test_the_plant_holds_a_push_by_presliding_and_yields_as_the_spring_that_it_is():
     level, displacement, effort = 0.003, 0.02, 0.001
     term = PreslidingHysteresis(
-        ARM, np.array([displacement]), one(6, level)[None], np.zeros((1, 7))
+        ARM, np.array([displacement]), joint_vector(6, level)[None], np.zeros((1, 7))
     )
     rock = np.r_[np.full(6, 9.0), 0.0]
     plant = moving(
         CoulombFriction(ARM, rock, rock, ZERO, ZERO, ZERO),
-        ViscousFriction(ARM, one(6, 0.01), ZERO),  # the way goes one way
+        ViscousFriction(ARM, joint_vector(6, 0.01), ZERO),  # the way goes one way
         term,
     )
     for _ in range(3000):
-        plant.step(one(6, effort))
+        plant.step(joint_vector(6, effort))
     # Dahl from rest: F = level (1 - exp(-x / displacement)).
     expected = -displacement * np.log(1.0 - effort / level)
     assert plant.q[6] == pytest.approx(expected, rel=2e-3)
     for _ in range(3000):
-        plant.step(one(6, 1.5 * level))
+        plant.step(joint_vector(6, 1.5 * level))
     assert plant.v[6] == pytest.approx(0.5 * level / 0.01, rel=1e-3)
 
 

@@ -75,7 +75,7 @@ def test_batched_regressor_is_pinocchios(name):
     gravity = np.array([0.7, -0.4, -9.7])
     tree = build_tree(arm, {}, gravity)
     q, qd, qdd = np.random.default_rng(4).normal(size=(3, 30, 7))
-    expected = [tree.regressor(*one) for one in zip(q, qd, qdd, strict=True)]
+    expected = [tree.regressor(*sample) for sample in zip(q, qd, qdd, strict=True)]
     np.testing.assert_allclose(rigid_body.regressor(arm, q, qd, qdd, gravity), expected, atol=1e-12)
 
 
@@ -104,7 +104,7 @@ def test_link_inertia_and_gravity_together_are_the_inverse_dynamics():
     tree = build_tree(ARM, bodies, ARM.gravity)
     state = motion(7, 20)
     expected = [
-        tree.inverse_dynamics(*one) for one in zip(state.q, state.qd, state.qdd, strict=True)
+        tree.inverse_dynamics(*sample) for sample in zip(state.q, state.qd, state.qdd, strict=True)
     ]
     np.testing.assert_allclose(model.torque(state.q, state.qd, state.qdd), expected, atol=1e-9)
 

@@ -83,7 +83,9 @@ def test_arrays_of_another_arm_are_refused(saved, model):
 def test_an_evaluation_tells_which_joints_are_outside_what_was_identified(model):
     recording = World.draw(5).record(3, 4)
     inside = evaluate(model, recording, "joint")
-    low, high = (np.degrees(one[4]) for one in (model.uncertainty.lower, model.uncertainty.upper))
+    low, high = (
+        np.degrees(bound[4]) for bound in (model.uncertainty.lower, model.uncertainty.upper)
+    )
     away = recording.position + np.radians(high - low + 1.0) * np.eye(7)[4]
     slower = replace(model.uncertainty, speed=0.5 * model.uncertainty.speed)
 

@@ -58,7 +58,7 @@ def test_a_joint_is_good_up_to_the_published_error_and_poor_from_the_consoles_li
     ):
         verdict = of(joint, share)
         assert verdict.level == verdict.joints[joint].level == level
-        others = {one.level for name, one in verdict.joints.items() if name != joint}
+        others = {other.level for name, other in verdict.joints.items() if name != joint}
         assert others == {"good"}
         assert (level == "good") == (verdict.reason == "") == (verdict.record == "")
         assert level == "good" or verdict.reason.startswith(f"{joint}: held-out error")
@@ -66,12 +66,12 @@ def test_a_joint_is_good_up_to_the_published_error_and_poor_from_the_consoles_li
 
 def test_a_joint_of_another_arm_is_judged_as_its_own_and_not_as_its_namesake():
     """A PSM has a wrist_pitch, too; of the same joint of an arm of one's own nothing is known."""
-    mine, psm = ARM.joints[4], Arm.load("psm").joints[4]
-    own = replace(mine, published_error=None)
-    assert mine.name == psm.name == "wrist_pitch"
-    judged = [VerdictSettings().level(joint, 0.26) for joint in (mine, psm, own)]
+    mtm, psm = ARM.joints[4], Arm.load("psm").joints[4]
+    own = replace(mtm, published_error=None)
+    assert mtm.name == psm.name == "wrist_pitch"
+    judged = [VerdictSettings().level(joint, 0.26) for joint in (mtm, psm, own)]
     assert judged == ["good", "usable", "usable"]
-    judged = [VerdictSettings().level(joint, 0.32) for joint in (mine, psm, own)]
+    judged = [VerdictSettings().level(joint, 0.32) for joint in (mtm, psm, own)]
     assert judged == ["usable", "usable", "do_not_compensate"]
 
 

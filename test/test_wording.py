@@ -104,13 +104,19 @@ def every() -> list[Case]:
     found = [
         *hypotheses(motion),
         *(
-            one
+            hypothesis
             for effect in effects.effects()
-            for one in effect.search(effect.search_basis(data), residual)
+            for hypothesis in effect.search(effect.search_basis(data), residual)
         ),
     ]
-    forms = {(one.effect, re.sub(r"\d| of \w+", "", one.place), len(one.joints)): one
-             for one in found}  # fmt: skip
+    forms = {
+        (
+            hypothesis.effect,
+            re.sub(r"\d| of \w+", "", hypothesis.place),
+            len(hypothesis.joints),
+        ): hypothesis
+        for hypothesis in found
+    }
     of_poses_or_console = {
         "gravity",
         "link_weight",
@@ -119,8 +125,14 @@ def every() -> list[Case]:
         "shown_torque",
     }
     known = {effect.NAME for effect in effects.effects()} - of_poses_or_console
-    assert {one.effect for one in forms.values()} == known - {"wrong_coordinates", "unknown"}
-    return [Case(one, one.build(motion, one.setting).shape[2]) for one in forms.values()]
+    assert {hypothesis.effect for hypothesis in forms.values()} == known - {
+        "wrong_coordinates",
+        "unknown",
+    }
+    return [
+        Case(hypothesis, hypothesis.build(motion, hypothesis.setting).shape[2])
+        for hypothesis in forms.values()
+    ]
 
 
 def of(every: list[Case], effect: str) -> Case:
@@ -167,7 +179,9 @@ def test_a_sign_is_told_in_words(every, effect, more, less):
 
 
 def test_a_wall_pushes_back_and_a_push_is_against_what_the_actuators_add(every):
-    contacts = {one.hypothesis.place: one for one in every if one.hypothesis.effect == "contact"}
+    contacts = {
+        case.hypothesis.place: case for case in every if case.hypothesis.effect == "contact"
+    }
     push, wall = contacts["for a while"], contacts["above a position"]
     assert "in the negative direction" in push.sentence(1.0)
     assert "in the positive direction" in push.sentence(-1.0)
@@ -204,18 +218,23 @@ def test_the_headline_is_certain_where_any_finding_is_and_removes_most_of_these(
     weak = finding("viscous_friction", clear, Gain(0.1, -0.1, 0.2, 0.2))
     exact = finding("torque_scale", Estimate(1.1, 0.9, 1.3, ""), CLEAR, "factor")
 
-    assert [one.certain for one in (certain, small, weak, exact)] == [True, False, False, False]
+    assert [finding.certain for finding in (certain, small, weak, exact)] == [
+        True,
+        False,
+        False,
+        False,
+    ]
     more = finding("viscous_friction", clear, Gain(0.6, 0.5, 0.7, 0.001))
     assert ordered([weak, certain, more, small]) == [more, certain, small, weak]
 
 
 def test_a_table_shows_what_a_person_can_use_and_no_counts_of_parameters(every):
-    curve = next(one.estimates() for one in every if "lowest" in one.estimates())
+    curve = next(case.estimates() for case in every if "lowest" in case.estimates())
     shown = rows(
         Finding("elastic_cable", ("elbow_pitch",), "degree 3", curve, CLEAR, (), (), "", None, True)
     )
     assert [name for name, _ in shown] == ["least torque", "greatest torque"]
-    (whole,) = (one for one in every if one.hypothesis.place == "inertia of all links")
+    (whole,) = (case for case in every if case.hypothesis.place == "inertia of all links")
     assert whole.estimates() == {}
 
 

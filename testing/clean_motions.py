@@ -33,7 +33,7 @@ def clean_motions(
     calibration = draw_calibration(world.arm, seed)
     model = identify(world.record(world.truth(calibration), seed), world.arm).model
     for _ in range(MOTIONS):
-        drawn, noise = (int(one) for one in random.integers(1 << 30, size=2))
+        drawn, noise = (int(value) for value in random.integers(1 << 30, size=2))
         yield model, world.record(world.truth(draw_other(world.arm, drawn, calibration)), noise)
 
 

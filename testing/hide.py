@@ -57,9 +57,9 @@ def _nothing(world: World, random: Random) -> tuple[World, Hidden]:
 def _payload(world: World, random: Random) -> tuple[World, Hidden]:
     link = int(random.choice([7, 7, 6, 3]))
     mass = 0.03 * size(random)
-    place = random.uniform(-0.03, 0.03, 3)
+    com = random.uniform(-0.03, 0.03, 3)
     body = world.links[f"link{link}"]
-    added = pin.Inertia(mass, place, np.zeros((3, 3)))
+    added = pin.Inertia(mass, com, np.zeros((3, 3)))
     # World.links are inertias about the centre of mass, so `+` combines the bodies.
     links = dict(world.links) | {f"link{link}": body + added}
     return replace(world, links=links), found(world.arm, "payload", link - 1, mass=mass)

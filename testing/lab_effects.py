@@ -32,7 +32,7 @@ class Bodies(Protocol):
     """What computes the torques of masses along a motion."""
 
     def added(
-        self, motion: tuple[Array, Array, Array], joint: int, mass: float, place: Array,
+        self, motion: tuple[Array, Array, Array], joint: int, mass: float, com: Array,
         inertia: float = 0.0,
     ) -> Array:  # fmt: skip
         """Return (T, n) efforts of a point mass, kg, and an inertia, kg·m^2, on a joint's link."""
@@ -209,41 +209,41 @@ def _nothing(setting: Setting, random: Random, joint: int, target: float) -> Hid
     return Hiding(setting.truth, _found(setting, "nothing", None), 0.0)
 
 
-def payload(setting: Setting, joint: int, mass: float, place: Array) -> Hiding:
+def payload(setting: Setting, joint: int, mass: float, com: Array) -> Hiding:
     """Fasten a mass to a link.
 
     Args:
         setting: Where.
         joint: Whose link.
         mass: kg.
-        place: (3,) in the link's frame, m.
+        com: (3,) in the link's frame, m.
     """
-    torque = setting.bodies.added(setting.truth.motion, joint, mass, place)
-    return _with(setting, torque, setting.ratio(torque), _mass(setting, joint, mass, place))
+    torque = setting.bodies.added(setting.truth.motion, joint, mass, com)
+    return _with(setting, torque, setting.ratio(torque), _mass(setting, joint, mass, com))
 
 
-def _mass(setting: Setting, joint: int, mass: float, place: Array) -> Hidden:
-    moments = {f"first_moment_{axis}": mass * at for axis, at in zip("xyz", place, strict=True)}
+def _mass(setting: Setting, joint: int, mass: float, com: Array) -> Hidden:
+    moments = {f"first_moment_{axis}": mass * at for axis, at in zip("xyz", com, strict=True)}
     return _found(setting, "payload", joint, mass=mass, **moments)
 
 
 def _payload(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
     # Things are fastened to what is far out, mostly.
     joint = setting.n - 1 if random.random() < 0.4 else max(joint, 1)
-    place = setting.centres[joint] + setting.reach * random.uniform(-1.0, 1.0, 3)
-    unit = setting.bodies.added(setting.truth.motion, joint, 1.0, place)
+    com = setting.centres[joint] + setting.reach * random.uniform(-1.0, 1.0, 3)
+    unit = setting.bodies.added(setting.truth.motion, joint, 1.0, com)
     mass, ratio = _scaled(setting, unit, *setting.payload, target)
-    return _with(setting, mass * unit, ratio, _mass(setting, joint, mass, place))
+    return _with(setting, mass * unit, ratio, _mass(setting, joint, mass, com))
 
 
 def _link_com(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
     joint = max(joint, 1)
     axis = np.eye(3)[random.integers(3)]
-    one, other = (
+    plus, minus = (
         setting.bodies.added(setting.truth.motion, joint, 0.5, side * axis) for side in (1.0, -1.0)
     )
     moment = G * setting.payload[1] * setting.reach * 4.0  # N·m, of what is plausible
-    unit = (one - other) / G * _sign(random)
+    unit = (plus - minus) / G * _sign(random)
     factor, ratio = _scaled(setting, unit, 0.02 * moment, moment, target)
     return _with(setting, factor * unit, ratio,
                  _found(setting, "link_com", joint, delta_beta=factor))  # fmt: skip
@@ -251,8 +251,8 @@ def _link_com(setting: Setting, random: Random, joint: int, target: float) -> Hi
 
 def _link_inertia(setting: Setting, random: Random, joint: int, target: float) -> Hiding:
     del random
-    some = 1e-3
-    unit = setting.bodies.added(setting.truth.motion, joint, 0.0, np.zeros(3), some) / some
+    inertia = 1e-3
+    unit = setting.bodies.added(setting.truth.motion, joint, 0.0, np.zeros(3), inertia) / inertia
     factor, ratio = _scaled(setting, unit, 0.0, np.inf, target)
     return _with(setting, factor * unit, ratio,
                  _found(setting, "link_inertia", joint, inertia=factor))  # fmt: skip

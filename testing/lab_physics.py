@@ -58,12 +58,12 @@ def lagging(way: Array, goal: Array, length: Array) -> Array:
         length: (n,) way that leaves 1/e of what is between them.
     """
     steps = np.abs(np.diff(way, axis=0, prepend=way[:1]))
-    left = np.exp(-steps / length)
-    come = (1.0 - left) * goal
+    decay = np.exp(-steps / length)
+    come = (1.0 - decay) * goal
     result = np.zeros_like(way)
     force = np.zeros(way.shape[1])
     for row in range(len(way)):
-        force = left[row] * force + come[row]
+        force = decay[row] * force + come[row]
         result[row] = force
     return result
 
@@ -271,9 +271,9 @@ class LabSensors:
             change[0] = arm.actuator_position(truth.qd[0])
             velocity = arm.joint_position(_held(read, truth.time, _low_pass(change, share)))
         motor = arm.actuator_effort(_between(read - self.delay, truth.time, truth.effort))
-        left = np.exp(-1.0 / (self.rate * self.hum_time))
-        white = np.sqrt(1.0 - left**2) * random.standard_normal(motor.shape)
-        motor = motor + self.hum * _low_pass(white, 1.0 - left) / (1.0 - left)
+        decay = np.exp(-1.0 / (self.rate * self.hum_time))
+        white = np.sqrt(1.0 - decay**2) * random.standard_normal(motor.shape)
+        motor = motor + self.hum * _low_pass(white, 1.0 - decay) / (1.0 - decay)
         motor += self.effort_noise * random.standard_normal(motor.shape)
         effort = arm.joint_effort(_whole(motor, self.effort_step))
         rows = np.arange(len(time))

@@ -83,7 +83,7 @@ class MujocoArm:
         return effort @ self.expand
 
     def added(
-        self, motion: tuple[Array, Array, Array], joint: int, mass: float, place: ArrayLike,
+        self, motion: tuple[Array, Array, Array], joint: int, mass: float, com: ArrayLike,
         inertia: float = 0.0,
     ) -> Array:  # fmt: skip
         """Return (N, n) the further efforts of what is fastened to a link.
@@ -92,14 +92,14 @@ class MujocoArm:
             motion: (N, n) positions, velocities and accelerations.
             joint: Whose link.
             mass: Of a point, kg.
-            place: (3,) where it is in the link's frame, m.
+            com: (3,) where it is in the link's frame, m.
             inertia: The same about any axis of the link, kg·m^2.
         """
         bare = self.torque(*motion)
         engine, body = self.model, int(self.bodies[joint])
         fields = (engine.body_mass, engine.body_ipos, engine.body_iquat, engine.body_inertia)
         known = [field[body].copy() for field in fields]
-        point = (self.frames[joint] @ np.append(place, 1.0))[:3]
+        point = (self.frames[joint] @ np.append(com, 1.0))[:3]
         held, at, quat, about = known
         total, centre, full = _combined(float(held), at, quat, about, mass, point)
         moments, axes = np.linalg.eigh(full + inertia * np.eye(3))
@@ -140,8 +140,8 @@ def mtm(name: str, inertias: Mapping[str, pin.Inertia], gravity: ArrayLike) -> M
     tip = shift(SIDE, 0, 0)
     crank_frame = np.eye(4)
     crank_frame[:3, :3] = turn("x", table[2].alpha)[:3, :3] @ CRANK_FRAME
-    bar_place = tip @ turn("z", -offset3)  # along the arm again
-    bar = body_xml("bar", bar_place, turn("z", np.pi), inertias["bar"], "")
+    bar_pose = tip @ turn("z", -offset3)  # along the arm again
+    bar = body_xml("bar", bar_pose, turn("z", np.pi), inertias["bar"], "")
     crank = body_xml("crank", upright, tip @ crank_frame, inertias["crank"], bar)
     whole = body_xml("link1", np.eye(4), fixed[0], inertias["link1"], chain + crank)
     model = _compiled(whole, gravity)
@@ -173,22 +173,22 @@ def table(name: str, inertias: Mapping[str, pin.Inertia], gravity: ArrayLike) ->
     # The last one first, for what it carries is part of what it hangs on.
     for link in reversed(content.get("followers", [])):
         body, parent = link["name"], link["parent"]
-        place = np.eye(4)
-        place[:3, :3] = Rotation.from_euler("xyz", link.get("rpy", [0, 0, 0]), True).as_matrix()
-        place[:3, 3] = link.get("xyz", [0, 0, 0])
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_euler("xyz", link.get("rpy", [0, 0, 0]), True).as_matrix()
+        pose[:3, 3] = link.get("xyz", [0, 0, 0])
         if parent in links:
-            place = fixed[links.index(parent)] @ place
+            pose = fixed[links.index(parent)] @ pose
         carried = inner.pop(body, "")
-        xml = body_xml(body, place, np.eye(4), inertias[body], carried, _motion(link))
+        xml = body_xml(body, pose, np.eye(4), inertias[body], carried, _motion(link))
         inner[parent] = xml + inner.get(parent, "")
         follow[body] = link["follows"]
     chain = ""
     for i, body in reversed(list(enumerate(links))):
-        place = fixed[i - 1] if i else np.eye(4)
+        pose = fixed[i - 1] if i else np.eye(4)
         if modified:
-            place = place @ about(rows[i])
+            pose = pose @ about(rows[i])
         carried = inner.get(body, "") + chain
-        chain = body_xml(body, place, fixed[i], inertias[body], carried, _motion(joints[i]))
+        chain = body_xml(body, pose, fixed[i], inertias[body], carried, _motion(joints[i]))
         follow[body] = {joints[i]["name"]: 1.0, **joints[i].get("follows", {})}
     model = _compiled(inner.get("base", "") + chain, gravity)
     names = [joint["name"] for joint in joints]
@@ -290,15 +290,15 @@ def about(row: DHRow) -> Array:
 
 
 def body_xml(
-    name: str, place: Array, frame: Array, inertia: pin.Inertia, inner: str, kind: str = "hinge"
+    name: str, pose: Array, frame: Array, inertia: pin.Inertia, inner: str, kind: str = "hinge"
 ) -> str:
     """Return a body that moves about or along its z, with an inertia given in ``frame``."""
     rotation = frame[:3, :3]
     lever = frame @ np.append(inertia.lever, 1.0)
     i = rotation @ inertia.inertia @ rotation.T
-    w_last = Rotation.from_matrix(place[:3, :3]).as_quat()
+    w_last = Rotation.from_matrix(pose[:3, :3]).as_quat()
     return (
-        f'<body name="{name}" pos="{_text(place[:3, 3])}" quat="{_text(np.roll(w_last, 1))}">'
+        f'<body name="{name}" pos="{_text(pose[:3, 3])}" quat="{_text(np.roll(w_last, 1))}">'
         f'<joint name="{name}" type="{kind}" axis="0 0 1"/>'
         f'<inertial mass="{inertia.mass!r}" pos="{_text(lever[:3])}" fullinertia="'
         f'{_text(i[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])}"/>{inner}</body>'
@@ -322,14 +322,14 @@ def _settle(engine: mujoco.MjModel) -> None:
 
 
 def _combined(
-    mass: float, centre: Array, quat: Array, moments: Array, point: float, place: Array
+    mass: float, centre: Array, quat: Array, moments: Array, point: float, com: Array
 ) -> tuple[float, Array, Array]:
     """Return mass, centre and inertia about it of a body and a point, in the body's frame."""
     axes = Rotation.from_quat(np.roll(quat, -1)).as_matrix()
     total = mass + point
-    middle = (mass * centre + point * place) / total
+    middle = (mass * centre + point * com) / total
     full = axes @ np.diag(moments) @ axes.T
-    for part, at in ((mass, centre), (point, place)):
+    for part, at in ((mass, centre), (point, com)):
         away = at - middle
         full = full + part * (away @ away * np.eye(3) - np.outer(away, away))
     return total, middle, full

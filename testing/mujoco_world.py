@@ -210,8 +210,8 @@ def _engine(name: str, arm: Arm, random: Random) -> MujocoArm:
     if name in PLANTS:
         links = PlantFile.load(PLANTS[name]).links
         drawn = {
-            body: pin.Inertia(one.mass * factor, one.lever, one.inertia * factor)
-            for (body, one), factor in zip(
+            body: pin.Inertia(link.mass * factor, link.lever, link.inertia * factor)
+            for (body, link), factor in zip(
                 links.items(), random.uniform(0.7, 1.4, len(links)), strict=True
             )
         }

@@ -24,11 +24,11 @@ def stribeck(levels: Array, velocities: Array) -> PlantPart:
     nothing = np.zeros(len(levels))
     width = np.where(levels > 0.0, velocities, np.inf)
 
-    def left(v: Array) -> Array:
+    def remaining(v: Array) -> Array:
         return np.concatenate([np.exp(-((v / width) ** 2)), nothing])
 
     both_ways = np.r_[levels, nothing]
-    return PlantPart(dry=np.array([both_ways, both_ways]), fade=left)
+    return PlantPart(dry=np.array([both_ways, both_ways]), fade=remaining)
 
 
 def viscous(coefficients: Array) -> PlantPart:

@@ -52,9 +52,9 @@ class PlainWorld:
         effort = arm.effort_limit
         return cls(arm, links, COULOMB * effort, VISCOUS * effort / arm.scale)
 
-    def with_payload(self, link: str, mass: float, place: tuple[float, float, float]) -> PlainWorld:
-        """Return it with a point mass, kg, at (3,) a place of a link's frame, m."""
-        carried = self.links[link] + pin.Inertia(mass, np.array(place), np.zeros((3, 3)))
+    def with_payload(self, link: str, mass: float, com: tuple[float, float, float]) -> PlainWorld:
+        """Return it with a point mass, kg, at (3,) a point of a link's frame, m."""
+        carried = self.links[link] + pin.Inertia(mass, np.array(com), np.zeros((3, 3)))
         return replace(self, links={**self.links, link: carried})
 
     def with_friction(self, joint: int, level: float) -> PlainWorld:

@@ -74,7 +74,7 @@ class Posed:
             direction=way[:, first] if self.directed else None, source=f"poses {seed}",
         )  # fmt: skip
 
-    def left(self) -> Array:
+    def irreducible_error(self) -> Array:
         """(posed,) RMS of what no model can know: noise, and friction as far as it varies."""
         # Of u between 0.5 and 1: its variance where its sign is known, else its mean square.
         unknown = 1.0 / 48.0 if self.directed else 7.0 / 12.0
@@ -82,7 +82,7 @@ class Posed:
         return np.sqrt(variance)[: self.posed]
 
 
-def of_plant(name: str, link: str, place: tuple[float, float, float]) -> tuple[Arm, Weight]:
+def of_plant(name: str, link: str, com: tuple[float, float, float]) -> tuple[Arm, Weight]:
     """Return an arm of the package and the weight of its plant's links, by Pinocchio."""
     plant = PlantFile.load(name)
     arm, values = plant.model.arm, plant.model.parameters()
@@ -94,7 +94,7 @@ def of_plant(name: str, link: str, place: tuple[float, float, float]) -> tuple[A
         links[body.name] = links[body.name] + endoscope
 
     def weight(q: Array, load: float) -> Array:
-        point = pin.Inertia(load, np.array(place), np.zeros((3, 3)))
+        point = pin.Inertia(load, np.array(com), np.zeros((3, 3)))
         tree = build_tree(arm, {**links, link: links[link] + point}, arm.gravity)
         return np.array([tree.gravity(row) for row in q])
 

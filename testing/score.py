@@ -113,7 +113,7 @@ class Outcome:
         )
 
 
-def tried(
+def run_trial(
     outcome: Outcome, make: Callable[[], tuple[Recording, Hidden, float]], model: TorqueModel
 ) -> Outcome:
     """Record, diagnose, compare; a trial that fails says so.
@@ -195,10 +195,10 @@ def fits(hidden: Hidden, effect: str, joints: Sequence[str], arm: Arm) -> bool:
         return tuple(joints[:1]) == hidden.joints[:1]
     at_end = hidden.joints[:1] in (arm.joint_names[:1], arm.joint_names[-1:])
     return any(
-        (one.hidden, one.named) == (hidden.effect, effect)
+        (equivalence.hidden, equivalence.named) == (hidden.effect, effect)
         and tuple(joints[:1]) == hidden.joints[:1]
-        and (at_end or not one.ends)
-        for one in EQUIVALENT
+        and (at_end or not equivalence.ends)
+        for equivalence in EQUIVALENT
     )
 
 
@@ -218,43 +218,47 @@ def report(title: str, outcomes: Sequence[Outcome], identified: Mapping[str, flo
         outcomes: The trials.
         identified: Seconds that each identification took.
     """
-    good = [one for one in outcomes if not one.failure]
-    hidden = [one for one in good if one.effect != "nothing"]
-    clean = [one for one in good if one.effect == "nothing"]
+    good = [outcome for outcome in outcomes if not outcome.failure]
+    hidden = [outcome for outcome in good if outcome.effect != "nothing"]
+    clean = [outcome for outcome in good if outcome.effect == "nothing"]
     lines = [
         f"{title}: what was hidden, and where it is named",
         f"  {'':<22} {'n':>3} {'first':>6} {'+alt.':>6} {'later':>6} {'wrong':>6} {'missed':>6} "
         f"{'further':>8} {'values':>8} {'in ci95':>8}   first or alternative by size "
         + " / ".join(_band(i) for i in range(3)),
     ]
-    for effect in dict.fromkeys(one.effect for one in hidden):
-        lines.append(_row(effect, [one for one in hidden if one.effect == effect]))
+    for effect in dict.fromkeys(outcome.effect for outcome in hidden):
+        lines.append(_row(effect, [outcome for outcome in hidden if outcome.effect == effect]))
     lines.append(_row("all", hidden))
     lines += _by_arm(hidden, clean)
     for name, inside in (("within the range", True), ("elsewhere", False)):
         lines.append(
             _beside_clean(
                 name,
-                [one for one in hidden if (one.outside < OUTSIDE) == inside],
-                [one for one in clean if (one.outside < OUTSIDE) == inside],
+                [outcome for outcome in hidden if (outcome.outside < OUTSIDE) == inside],
+                [outcome for outcome in clean if (outcome.outside < OUTSIDE) == inside],
             )
         )
-    alarms = [one for one in clean if one.found]
-    named = [one for one in clean if any(not name.startswith("unknown") for name in one.found)]
-    wrongly = Counter(name for one in alarms for name in one.found)
-    failed = [one for one in outcomes if one.failure]
-    seconds = [one.seconds for one in good] or [0.0]
+    alarms = [outcome for outcome in clean if outcome.found]
+    named = [
+        outcome
+        for outcome in clean
+        if any(not name.startswith("unknown") for name in outcome.found)
+    ]
+    wrongly = Counter(name for outcome in alarms for name in outcome.found)
+    failed = [outcome for outcome in outcomes if outcome.failure]
+    seconds = [outcome.seconds for outcome in good] or [0.0]
     lines += [f"  false: {name}, {count} times" for name, count in wrongly.most_common()]
-    lines += [f"  failed: {one}" for one in failed[:3]]
-    known = [one for one in hidden if one.ratio >= RATIOS[1]]
+    lines += [f"  failed: {outcome}" for outcome in failed[:3]]
+    known = [outcome for outcome in hidden if outcome.ratio >= RATIOS[1]]
     lines.append(
         f"{title}: false alarms {part(len(alarms), len(clean))} clean recordings "
-        f"(with a name {len(named)}, certain {sum(any(one.certain) for one in clean)}), "
+        f"(with a name {len(named)}, certain {sum(any(outcome.certain) for outcome in clean)}), "
         f"named first {part(_count(hidden, 'first'), len(hidden))}, "
         f"or listed {part(_count(hidden, 'first', 'alternative'), len(hidden))}; "
         f"of those above twice the residual {part(_count(known, 'first'), len(known))}, "
         f"{part(_count(known, 'first', 'alternative'), len(known))}; "
-        f"further findings {_mean([one.further for one in hidden]):.2f} a recording; "
+        f"further findings {_mean([outcome.further for outcome in hidden]):.2f} a recording; "
         f"values {_values(hidden)}, in ci95 {_inside(hidden)}; "
         f"failed {len(failed)}; median s: identify {_median(list(identified.values())):.1f}, "
         f"diagnose {_median(seconds):.1f}"
@@ -264,21 +268,21 @@ def report(title: str, outcomes: Sequence[Outcome], identified: Mapping[str, flo
 
 def _by_arm(hidden: Sequence[Outcome], clean: Sequence[Outcome]) -> list[str]:
     """Return a row an arm, where there are several."""
-    arms = list(dict.fromkeys(one.arm for one in hidden))
+    arms = list(dict.fromkeys(outcome.arm for outcome in hidden))
     if len(arms) < 2:
         return []
     return [
         _beside_clean(
             f"all of {arm}",
-            [one for one in hidden if one.arm == arm],
-            [one for one in clean if one.arm == arm],
+            [outcome for outcome in hidden if outcome.arm == arm],
+            [outcome for outcome in clean if outcome.arm == arm],
         )
         for arm in arms
     ]
 
 
 def _beside_clean(name: str, rows: Sequence[Outcome], clean: Sequence[Outcome]) -> str:
-    alarms = sum(bool(one.found) for one in clean)
+    alarms = sum(bool(outcome.found) for outcome in clean)
     return f"{_row(name, rows)}; false alarms {alarms} of {len(clean)} clean"
 
 
@@ -294,26 +298,31 @@ def _row(name: str, rows: Sequence[Outcome]) -> str:
     counts[1] += counts[0]
     bands = []
     for low, high in pairwise(RATIOS):
-        these = [one for one in rows if low <= one.ratio < high]
+        these = [outcome for outcome in rows if low <= outcome.ratio < high]
         bands.append(f"{_count(these, 'first', 'alternative')}/{len(these)}" if these else "-")
     return (
         f"  {name:<22} {len(rows):3d} " + " ".join(f"{count:6d}" for count in counts)
-        + f" {_mean([one.further for one in rows]):8.2f} {_values(rows):>8} {_inside(rows):>8}   "
+        + f" {_mean([outcome.further for outcome in rows]):8.2f} {_values(rows):>8}"
+        + f" {_inside(rows):>8}   "
         + " / ".join(bands)
     )  # fmt: skip
 
 
 def _count(rows: Sequence[Outcome], *places: str) -> int:
-    return sum(one.place in places for one in rows)
+    return sum(outcome.place in places for outcome in rows)
 
 
 def _values(rows: Sequence[Outcome]) -> str:
-    held = [error < CLOSE or one.inside[name] for one in rows for name, error in one.errors.items()]
+    held = [
+        error < CLOSE or outcome.inside[name]
+        for outcome in rows
+        for name, error in outcome.errors.items()
+    ]
     return f"{sum(held)}/{len(held)}"
 
 
 def _inside(rows: Sequence[Outcome]) -> str:
-    held = [value for one in rows for value in one.inside.values()]
+    held = [value for outcome in rows for value in outcome.inside.values()]
     return f"{sum(held)}/{len(held)}"
 
 

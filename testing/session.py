@@ -19,7 +19,7 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.recording.data import Coordinates
 from testing.hidden_parts import Hidden
-from testing.score import Outcome, report, tried
+from testing.score import Outcome, report, run_trial
 
 Trial = tuple[str, int, Callable[[], tuple[Recording, Hidden, float]]]
 """Effect, seed, and what records it: the recording, what is hidden in it, and how large."""
@@ -75,7 +75,7 @@ def hold(session: Session, prepare: Callable[[], Laboratory]) -> Session:
         laboratory = prepare()
         model = _identified(session, laboratory)
         for effect, seed, make in laboratory.trials(model, session):
-            outcome = tried(Outcome(session.engine, session.arm, seed, effect), make, model)
+            outcome = run_trial(Outcome(session.engine, session.arm, seed, effect), make, model)
             session.outcomes.append(outcome)
             _say(str(outcome))
     except Exception as error:
@@ -94,7 +94,7 @@ def hold_all(run: Callable[..., Session], todo: Sequence[tuple], jobs: int) -> l
         jobs: Processes.
     """
     if jobs == 1:
-        return [run(*one) for one in todo]
+        return [run(*arguments) for arguments in todo]
     with ProcessPoolExecutor(jobs) as pool:
         return list(pool.map(run, *zip(*todo, strict=True)))
 
@@ -102,14 +102,18 @@ def hold_all(run: Callable[..., Session], todo: Sequence[tuple], jobs: int) -> l
 def save(sessions: Sequence[Session], path: str) -> None:
     """Write every trial as JSON."""
     with open(path, "w", encoding="utf-8") as stream:
-        json.dump([asdict(one) for one in sessions], stream, indent=1, default=float)
+        json.dump([asdict(session) for session in sessions], stream, indent=1, default=float)
 
 
 def table(title: str, sessions: Sequence[Session]) -> str:
     """Return the table of all trials, and why there are none of some arms."""
-    outcomes = [outcome for one in sessions for outcome in one.outcomes]
-    seconds = {f"{one.arm} {one.seed}": one.identify for one in sessions if one.identify}
-    failures = [one.failure for one in sessions if one.failure]
+    outcomes = [outcome for session in sessions for outcome in session.outcomes]
+    seconds = {
+        f"{session.arm} {session.seed}": session.identify
+        for session in sessions
+        if session.identify
+    }
+    failures = [session.failure for session in sessions if session.failure]
     return "\n".join([report(title, outcomes, seconds), *failures])
 
 
@@ -117,8 +121,8 @@ def _identified(session: Session, laboratory: Laboratory) -> TorqueModel:
     start = time.monotonic()
     fit = identify(laboratory.calibration, laboratory.arm, laboratory.coordinates)
     session.identify = time.monotonic() - start
-    session.residual = [one.rmse for one in fit.held_out.values()]
-    session.share = [one.nrmse for one in fit.held_out.values()]
+    session.residual = [error.rmse for error in fit.held_out.values()]
+    session.share = [error.nrmse for error in fit.held_out.values()]
     shares = " ".join(f"{100 * share:.1f}" for share in session.share)
     _say(
         f"{session.engine} {session.arm} {session.seed}: identified in {session.identify:.1f} s, "

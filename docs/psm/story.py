@@ -142,7 +142,7 @@ def _against_references() -> Iterator[str]:
     for name in (BARE, FITTED):
         found = diagnose(DATA / LOADED, arm="psm", coordinates="actuator", reference=DATA / name)
         print(found.sentence, flush=True)
-        payload = next(one for one in found.findings if one.effect == Payload.NAME)
+        payload = next(finding for finding in found.findings if finding.effect == Payload.NAME)
         mass, moment = (payload.parameters[key] for key in ("mass", "first_moment_y"))
         yield (
             f"| `{name}` | {1e3 * mass.value:.0f} | {1e3 * mass.low:.0f} to {1e3 * mass.high:.0f} "
@@ -187,8 +187,8 @@ def _scales(result: Evaluation) -> Array:
 def _told(diagnosis: Diagnosis) -> Iterator[str]:
     print(diagnosis.verdict, flush=True)
     yield f"**{diagnosis.sentence}** (verdict: `{diagnosis.verdict}`)\n"
-    for number, one in enumerate(diagnosis.findings, start=1):
-        yield f"{number}. `{one.effect}` ({one.place}): {one.sentence}"
+    for number, finding in enumerate(diagnosis.findings, start=1):
+        yield f"{number}. `{finding.effect}` ({finding.place}): {finding.sentence}"
     for known in diagnosis.known:
         if "RMS" not in known.sentence:
             yield f"- known: {known.sentence}"
@@ -198,12 +198,12 @@ def _told(diagnosis: Diagnosis) -> Iterator[str]:
     yield "|---|---|---|---|---|"
     for joint, before in diagnosis.before.items():
         row = (before, diagnosis.after[joint], diagnosis.floor[joint], diagnosis.expected[joint])
-        yield f"| {joint} | " + " | ".join(f"{1e3 * one:.1f}" for one in row) + " |"
+        yield f"| {joint} | " + " | ".join(f"{1e3 * rmse:.1f}" for rmse in row) + " |"
     yield "\n(mN·m; insertion: mN)\n"
 
 
 def _weighed(diagnosis: Diagnosis) -> Iterator[str]:
-    found = next(one for one in diagnosis.findings if one.effect == Payload.NAME)
+    found = next(finding for finding in diagnosis.findings if finding.effect == Payload.NAME)
     yield "| | told | 95 % | by scales and tape |"
     yield "|---|---|---|---|"
     rows: Mapping[str, tuple[str, float]] = {
@@ -211,18 +211,20 @@ def _weighed(diagnosis: Diagnosis) -> Iterator[str]:
         "x": ("beside it, mm", BESIDE),
     }  # fmt: skip
     for name, (words, truth) in rows.items():
-        one = found.parameters[name]
-        value, low, high, known = (1e3 * part for part in (one.value, one.low, one.high, truth))
+        estimate = found.parameters[name]
+        value, low, high, known = (
+            1e3 * part for part in (estimate.value, estimate.low, estimate.high, truth)
+        )
         yield f"| {words} | {value:.0f} | {low:.0f} to {high:.0f} | {known:.0f} |"
 
 
-def _torque_of_weight(model: TorqueModel, result: Evaluation, link: str, place: Array) -> Array:
+def _torque_of_weight(model: TorqueModel, result: Evaluation, link: str, com: Array) -> Array:
     """Return (N, n) torques of the weight on a link along a recording, its inertia included."""
     (trace,) = result.traces
     assert trace.time is not None
     assert trace.velocity is not None
-    weight = Payload(model.arm, link, MASS, MASS * place, model.arm.gravity)
-    q, qd = (model.arm.joint_position(one) for one in (trace.position, trace.velocity))
+    weight = Payload(model.arm, link, MASS, MASS * com, model.arm.gravity)
+    q, qd = (model.arm.joint_position(values) for values in (trace.position, trace.velocity))
     qdd = np.gradient(qd, trace.time, axis=0)
     return model.arm.actuator_effort(weight.torque(State(q, qd, qdd)))
 
@@ -230,9 +232,9 @@ def _torque_of_weight(model: TorqueModel, result: Evaluation, link: str, place: 
 def _sliding(model: TorqueModel, result: Evaluation) -> tuple[float, float]:
     """Return how the insertion's effort differs from the model's, and would if it carried it."""
     (trace,) = result.traces
-    left = trace.measured[:, 2] - trace.predicted[:, 2]
+    residual = trace.measured[:, 2] - trace.predicted[:, 2]
     slid = _torque_of_weight(model, result, "link3", np.array([0.0, 0.0, 0.4318 - ALONG]))
-    return float(np.mean(left)), float(np.mean(slid[:, 2]))
+    return float(np.mean(residual)), float(np.mean(slid[:, 2]))
 
 
 def draw_weight(model: TorqueModel, result: Evaluation) -> None:

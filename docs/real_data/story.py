@@ -112,8 +112,10 @@ def _steps() -> Iterator[str]:
 
 
 def _gravity_alone(arm: Arm, poses: Sequence[Recording]) -> TorqueModel:
-    columns = gravity.regressor(np.vstack([one.position for one in poses]), arm.gravity, 10)
-    effort = np.vstack([one.effort for one in poses if one.effort is not None])
+    columns = gravity.regressor(
+        np.vstack([recording.position for recording in poses]), arm.gravity, 10
+    )
+    effort = np.vstack([recording.effort for recording in poses if recording.effort is not None])
     beta = np.linalg.lstsq(columns.reshape(-1, 10), effort.ravel(), rcond=None)[0]
     return TorqueModel(arm, (Gravity(arm, beta, arm.gravity),))
 
@@ -135,13 +137,13 @@ def _step(
     if findings:
         yield "| | finding | of the error removed, held out |"
         yield "|---|---|---|"
-        for number, one in enumerate(findings, start=1):
-            yield f"| {number} | `{one.effect}`: {one.sentence} | {_gain(one)} |"
+        for number, finding in enumerate(findings, start=1):
+            yield f"| {number} | `{finding.effect}`: {finding.sentence} | {_gain(finding)} |"
         yield ""
-    for one in findings:
-        for other in one.alternatives:
+    for finding in findings:
+        for other in finding.alternatives:
             where = ", ".join(other.joints) or "the arm"
-            yield f"- `{one.effect}` could as well be `{other.effect}` at {where}: {other.why}"
+            yield f"- `{finding.effect}` could as well be `{other.effect}` at {where}: {other.why}"
     for number, (effect, joint) in enumerate(pictures):
         found = next((f for f in findings if f.effect == effect and f.joints == (joint,)), None)
         if found is not None and found.picture is not None:

@@ -180,8 +180,8 @@ class Arm(Description):
             return self.with_drive_gains(np.ones(self.n), np.zeros(self.n))
         nominal, factor = self.inertial_parameters, size / self.effort_size
         joints = (
-            replace(one, read_in=unit, effort_limit=factor * one.effort_limit)
-            for one in self.joints
+            replace(joint, read_in=unit, effort_limit=factor * joint.effort_limit)
+            for joint in self.joints
         )
         return replace(
             self,
@@ -205,7 +205,7 @@ class Arm(Description):
         """
         values = np.array(gains, dtype=float)
         spread = None if error is None else np.array(error, dtype=float)
-        joints = tuple(replace(one, read_in="") for one in self.joints)
+        joints = tuple(replace(joint, read_in="") for joint in self.joints)
         return replace(self, joints=joints, drive_gains=values, drive_gain_error=spread)
 
     def holding(self, where: Mapping[str, float]) -> Arm:

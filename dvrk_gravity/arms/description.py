@@ -220,9 +220,9 @@ class Description:
             return
         if error.shape != (n,):
             raise ConfigError("drive_gain_error", error.tolist(), f"{n} numbers, 0 or more")
-        for joint, one in zip(self.joints, error.tolist(), strict=True):
-            if not 0.0 <= one < np.inf:
-                raise ConfigError(f"drive_gain_error of {joint.name}", one, "0 or more")
+        for joint, value in zip(self.joints, error.tolist(), strict=True):
+            if not 0.0 <= value < np.inf:
+                raise ConfigError(f"drive_gain_error of {joint.name}", value, "0 or more")
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:

@@ -21,8 +21,8 @@ def larger_arm(arm: str, names: Collection[str]) -> str:
     joints = _joints()
     if arm not in joints:
         return ""
-    for other, its in joints.items():
-        if joints[arm] < its <= set(names):
+    for other, other_joints in joints.items():
+        if joints[arm] < other_joints <= set(names):
             return other
     return ""
 

@@ -119,7 +119,7 @@ def find_root(robot: ElementTree.Element, joints: Mapping[str, ElementTree.Eleme
         raise ConfigError("link", roots, "one link that is no joint's child")
     reached = {roots[0]}
     waiting = list(joints.values())
-    while on_tree := [one for one in waiting if attribute(one, "parent", "link") in reached]:
+    while on_tree := [joint for joint in waiting if attribute(joint, "parent", "link") in reached]:
         reached |= {str(attribute(joint, "child", "link")) for joint in on_tree}
         waiting = [joint for joint in waiting if joint not in on_tree]
     if waiting:

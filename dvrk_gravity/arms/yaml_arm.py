@@ -136,7 +136,9 @@ def _as_read(described: Description, content: dict[str, Any]) -> Description:
     unit, frictionless = content.get("effort_unit", ""), content.get("frictionless", [])
     if not isinstance(unit, str):
         raise ConfigError("effort_unit", unit, "a unit as A or N·m")
-    if not isinstance(frictionless, list) or not all(isinstance(one, str) for one in frictionless):
+    if not isinstance(frictionless, list) or not all(
+        isinstance(name, str) for name in frictionless
+    ):
         raise ConfigError("frictionless", frictionless, "a list of joints")
     if in_newtons(unit) and gains is None:  # said, and not only supposed
         unit, gains, errors = "", np.ones(n), np.zeros(n)
@@ -267,7 +269,7 @@ def _followers(
     content: dict[str, Any], joints: Sequence[Joint], table: Sequence[DHRow], convention: Convention
 ) -> tuple[Follower, ...]:
     names = tuple(joint.name for joint in joints)
-    if "parallelogram" in content or parallelogram.named_alike(names):
+    if "parallelogram" in content or parallelogram.has_mtm_names(names):
         return _parallelogram(content, joints, table, convention)
     rows = content.get("followers", [])
     if not isinstance(rows, list):

@@ -80,8 +80,8 @@ def _cost_table(result: Conversion) -> Iterator[str]:
     yield f"{'':<16}{'torque':>9}{'at rest':>18}{'moving':>18}{'range':>14}"
     yield f"{'joint':<16}{'RMS':>9}{'RMS':>9}{'max':>9}{'RMS':>9}{'max':>9}{'deg':>14}"
     edges = zip(np.degrees(result.lower), np.degrees(result.upper), strict=True)
-    for (name, one), (low, high) in zip(result.joints.items(), edges, strict=True):
-        numbers = (one.torque, one.rest_rms, one.rest_max, one.moving_rms, one.moving_max)
+    for (name, cost), (low, high) in zip(result.joints.items(), edges, strict=True):
+        numbers = (cost.torque, cost.rest_rms, cost.rest_max, cost.moving_rms, cost.moving_max)
         yield (
             f"{name:<16}" + "".join(f"{1e3 * number:>9.2f}" for number in numbers)
             + f"{low:>9.0f}{high:>5.0f}"

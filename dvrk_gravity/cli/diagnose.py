@@ -130,13 +130,13 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         ]
         if not finding.in_model and finding.effect != "unknown":
             lines.append("   (not in the extended model: no term of a model file carries it)")
-    known = [one for one in diagnosis.known if one.effect != ERROR]
+    known = [entry for entry in diagnosis.known if entry.effect != ERROR]
     if known:
         lines.append("what the model is known to miss, or left uncertain:")
-        lines += [f"   {one.sentence}" for one in known]
-    suspected = [one for one in diagnosis.ambiguities if one.suspected]
-    lines += [f"not to be told apart: {one.sentence}" for one in suspected]
-    unseen = [one.pair for one in diagnosis.ambiguities if one not in suspected]
+        lines += [f"   {entry.sentence}" for entry in known]
+    suspected = [ambiguity for ambiguity in diagnosis.ambiguities if ambiguity.suspected]
+    lines += [f"not to be told apart: {ambiguity.sentence}" for ambiguity in suspected]
+    unseen = [ambiguity.pair for ambiguity in diagnosis.ambiguities if ambiguity not in suspected]
     if unseen:
         lines.append(
             f"no sign of these, but this data could not tell them apart: {'; '.join(unseen)} "

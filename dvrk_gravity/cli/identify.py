@@ -133,11 +133,11 @@ def _known_payload(arguments: argparse.Namespace) -> KnownPayload | None:
             if value is not None:
                 raise ConfigError(option, value, "--known-payload beside it")
         return None
-    place = None
+    com = None
     if centre is not None:
         x, y, z = arm_options.numbers("--payload-centre", centre, 3)
-        place = (x, y, z)
-    return KnownPayload(arguments.known_payload, link or "", place)
+        com = (x, y, z)
+    return KnownPayload(arguments.known_payload, link or "", com)
 
 
 def _coordinates(text: str | None) -> Coordinates | list[Coordinates] | None:
@@ -145,9 +145,9 @@ def _coordinates(text: str | None) -> Coordinates | list[Coordinates] | None:
         return None
     from dvrk_gravity.recording.data import Coordinates
 
-    known: dict[str, Coordinates] = {one: one for one in get_args(Coordinates)}
+    known: dict[str, Coordinates] = {system: system for system in get_args(Coordinates)}
     found = [known.get(name) for name in text.split(",")]
-    sure = [one for one in found if one is not None]
+    sure = [system for system in found if system is not None]
     if len(sure) < len(found):
         raise ConfigError("--coordinates", text, "joint or actuator, one for all or for each")
     return sure[0] if len(sure) == 1 else sure

@@ -50,9 +50,9 @@ class Ramp:
         if elapsed >= self._duration:
             self.over = True
             return wanted
-        left = 1.0 - elapsed / self._duration
-        return self._limits(left, settings.limits).clip(wanted + left * self._difference)
+        remaining = 1.0 - elapsed / self._duration
+        return self._limits(remaining, settings.limits).clip(wanted + remaining * self._difference)
 
-    def _limits(self, left: float, limits: EffortLimits) -> EffortLimits:
+    def _limits(self, remaining: float, limits: EffortLimits) -> EffortLimits:
         motor = limits.arm.actuator_effort(self._first)
-        return limits.widened(left * np.abs(self._first), left * np.abs(motor))
+        return limits.widened(remaining * np.abs(self._first), remaining * np.abs(motor))

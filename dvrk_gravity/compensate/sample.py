@@ -125,7 +125,7 @@ class SampleReader:
         """Find the joints among the names; remembered, since names hardly ever change."""
         if names == self._names:
             return
-        places = []
+        indices = []
         for joint in self._joints:
             count = names.count(joint)
             if count == 0:
@@ -134,14 +134,14 @@ class SampleReader:
                 )
             if count > 1:
                 raise DroppedSampleError("duplicate_joint", f"joint {joint} appears {count} times")
-            places.append(names.index(joint))
+            indices.append(names.index(joint))
         other = larger_arm(self._arm, names)
         if other:
             raise DroppedSampleError(
                 "other_arm", f"the joints of arm {other}, expected those of {self._arm} alone"
             )
         self._names = names
-        self._index = None if names == self._joints else np.array(places)
+        self._index = None if names == self._joints else np.array(indices)
 
     def _pick(self, field: str, given: ArrayLike) -> Array | None:
         values = np.asarray(given, dtype=float)

@@ -103,14 +103,14 @@ class Conversion:
         """Return the content of ``convert --json``."""
         return {
             "exact": self.exact,
-            "joints": {name: asdict(one) for name, one in self.joints.items()},
+            "joints": {name: asdict(joint_cost) for name, joint_cost in self.joints.items()},
             "unit": "N·m",
             "range_rad": {
                 name: [float(low), float(high)]
                 for name, low, high in zip(JOINT_NAMES, self.lower, self.upper, strict=True)
             },
             "notes": list(self.file.notes),
-            "findings": [asdict(one) for one in self.findings],
+            "findings": [asdict(finding) for finding in self.findings],
         }
 
 
@@ -139,7 +139,9 @@ def convert_model(model: TorqueModel, serial: str = "") -> Conversion:
     lower, upper = within_limits(model, calibrated_range(form))
     joints = cost(model, ConsoleFile.from_document(file.document).model(), lower, upper)
     _refuse_what_costs_too_much(model, joints)
-    serious = tuple(one for one in check(file.document) if one.severity is Severity.SERIOUS)
+    serious = tuple(
+        finding for finding in check(file.document) if finding.severity is Severity.SERIOUS
+    )
     if not model.document:
         _refuse_the_wrong_arm(model, serious)
     return Conversion(file, exact, joints, lower, upper, serious)
@@ -157,8 +159,8 @@ def cost(model: TorqueModel, form: TorqueModel, lower: Array, upper: Array) -> d
     random = np.random.default_rng(2)
     uniform = uniform_poses(lower, upper, SETTINGS.poses, 2)
     # What is largest tends to lie where some joints are at an edge.
-    place = random.integers(0, 4, uniform.shape)
-    edges = np.choose(place, [lower, upper, uniform, uniform])
+    index = random.integers(0, 4, uniform.shape)
+    edges = np.choose(index, [lower, upper, uniform, uniform])
     cable = form.term(DirectionalCable.NAME)
     assert isinstance(cable, DirectionalCable)
     speed = cable.saturation_velocity * random.choice([-1.0, 1.0], uniform.shape)
@@ -194,12 +196,13 @@ def _refuse_what_costs_too_much(model: TorqueModel, joints: Mapping[str, JointCo
     Joint 7 is left alone by every console file, good ones as well.
     """
     able = model.arm.effort_limit[:N_POLYNOMIALS].tolist()
-    for (name, one), largest in zip(joints.items(), able, strict=False):
-        most = max(SETTINGS.largest_share * one.torque, SETTINGS.held_by_friction * largest)
-        if one.rest_rms > most:
+    for (name, joint_cost), largest in zip(joints.items(), able, strict=False):
+        most = max(SETTINGS.largest_share * joint_cost.torque, SETTINGS.held_by_friction * largest)
+        if joint_cost.rest_rms > most:
             raise ConfigError(
                 name,
-                f"{1e3 * one.rest_rms:.1f} mN·m (RMS) at rest that the console cannot command",
+                f"{1e3 * joint_cost.rest_rms:.1f} mN·m (RMS) at rest that the console cannot "
+                "command",
                 f"at most {1e3 * most:.1f}: {SETTINGS.largest_share:.0%} of what the joint needs "
                 f"or {SETTINGS.held_by_friction:.0%} of its largest torque (identify --for-console "
                 "fits a model that the console holds)",

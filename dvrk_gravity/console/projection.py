@@ -214,12 +214,12 @@ def _at_rest(model: TorqueModel, lower: Array, upper: Array) -> tuple[Array, Arr
     prior = np.diag(SETTINGS.slight * np.sqrt(SETTINGS.poses) / np.concatenate(scale))
     right = np.concatenate([(rest / able).ravel(), np.zeros(len(prior))])
     theta = np.linalg.lstsq(np.vstack([x, prior]), right)[0]
-    place = N_GRAVITY
+    start = N_GRAVITY
     for joint in range(N_POLYNOMIALS):
         powers = _powers(lower[joint], upper[joint])
-        mean[:, joint] += powers @ theta[place : place + powers.shape[1]]
-        place += powers.shape[1]
-    return beta + theta[:N_GRAVITY], _settled(mean, lower, upper)
+        mean[:, joint] += powers @ theta[start : start + powers.shape[1]]
+        start += powers.shape[1]
+    return beta + theta[:N_GRAVITY], _without_rounding(mean, lower, upper)
 
 
 def _quartics(coefficients: Array, offset: Array, lower: Array, upper: Array) -> Array:
@@ -239,7 +239,7 @@ def _quartics(coefficients: Array, offset: Array, lower: Array, upper: Array) ->
         x = _legendre(q, lower[joint], upper[joint])
         value = np.polynomial.polynomial.polyval(q, powers)
         found[:, joint] = _powers(lower[joint], upper[joint]) @ np.linalg.lstsq(x, value)[0]
-    return _settled(found, lower, upper)
+    return _without_rounding(found, lower, upper)
 
 
 def _legendre(q: Array, low: float, high: float) -> Array:
@@ -256,12 +256,12 @@ def _powers(low: float, high: float) -> Array:
     matrix = np.zeros((N_POWERS, count))
     for k in range(count):
         domain = (low, high) if count > 1 else (low - 1.0, low + 1.0)
-        one = np.polynomial.Legendre.basis(k, domain=domain)
-        matrix[: k + 1, k] = one.convert(kind=np.polynomial.Polynomial).coef
+        polynomial = np.polynomial.Legendre.basis(k, domain=domain)
+        matrix[: k + 1, k] = polynomial.convert(kind=np.polynomial.Polynomial).coef
     return matrix
 
 
-def _settled(coefficients: Array, lower: Array, upper: Array) -> Array:
+def _without_rounding(coefficients: Array, lower: Array, upper: Array) -> Array:
     """Return coefficients with those at zero that are rounding."""
     reach = np.maximum(np.abs(lower), np.abs(upper)) ** np.arange(N_POWERS)[:, None]
     return np.where(np.abs(coefficients) * reach < SETTINGS.nothing, 0.0, coefficients)

@@ -46,19 +46,23 @@ def ambiguities(
 
     Args:
         validation: The validation.
-        named: The accepted effects.
+        named: The selected effects.
         pool: All hypotheses that need no search.
     """
     validation.weigh(validation.out_of_fold(named), final=True)
-    found = {one.hypothesis.key for one in named}
-    free = [one for one in pool if one.hypothesis.key not in found and one.acts.any()]
-    aligned = [one for one in free if one.hypothesis.alignment]
-    zeros = [one for one in aligned if one.size == 1]
-    others = [one for one in aligned if one.size > 1] + zeros
+    found = {candidate.hypothesis.key for candidate in named}
+    free = [
+        candidate
+        for candidate in pool
+        if candidate.hypothesis.key not in found and candidate.acts.any()
+    ]
+    aligned = [candidate for candidate in free if candidate.hypothesis.alignment]
+    zeros = [candidate for candidate in aligned if candidate.size == 1]
+    tilts = [candidate for candidate in aligned if candidate.size > 1]
     poses = _poses(validation.data.motion)
     result, seen = [], set()
     for zero in zeros:
-        for other in others:
+        for other in (*tilts, *zeros):
             pair = frozenset((zero.hypothesis.key, other.hypothesis.key))
             if other is zero or pair in seen:
                 continue
@@ -66,7 +70,7 @@ def ambiguities(
             if share > AmbiguitySettings().same:
                 seen.add(pair)
                 result.append(_ambiguity(validation, named, zero, other, share, theta, poses))
-    return tuple(sorted(result, key=lambda one: -one.overlap))
+    return tuple(sorted(result, key=lambda ambiguity: -ambiguity.overlap))
 
 
 def _ambiguity(
@@ -78,19 +82,19 @@ def _ambiguity(
     theta: Array,
     poses: MeasuredMotion,
 ) -> Ambiguity:
-    both = _estimates(validation, named, (zero, other))
+    fitted_together = _estimates(validation, named, (zero, other))
     contenders = []
     held_out = HeldOut(validation)
     without, before = validation.score(named), held_out.rmse(held_out.error(named))
-    for one, together in zip((zero, other), both, strict=True):
-        (alone,) = _estimates(validation, named, (one,))
-        gain = validation.score([*named, one]).likelihood - without.likelihood
-        after = held_out.rmse(held_out.error([*named, one]))
+    for candidate, together in zip((zero, other), fitted_together, strict=True):
+        (alone,) = _estimates(validation, named, (candidate,))
+        gain = validation.score([*named, candidate]).likelihood - without.likelihood
+        after = held_out.rmse(held_out.error([*named, candidate]))
         removed = 1.0 - after / np.where(before > 0.0, before, 1.0)
         best = int(np.argmax(removed))
         contenders.append(
             Contender(
-                one.hypothesis.effect, one.hypothesis.names, alone, together, gain,
+                candidate.hypothesis.effect, candidate.hypothesis.names, alone, together, gain,
                 validation.data.motion.arm.joint_names[best], float(removed[best]),
             )
         )  # fmt: skip
@@ -98,31 +102,35 @@ def _ambiguity(
     sentence = (
         f"{pair} cannot be told apart here: {100 * share:.0f} % of the "
         "torque of the first is the second's as well; "
-        + " against ".join(_numbers(one) for one in contenders)
+        + " against ".join(_numbers(contender) for contender in contenders)
         + f"; {_pose(validation, zero, other, theta, poses)}"
     )
     return Ambiguity(contenders[0], contenders[1], share, pair, sentence)
 
 
-def _numbers(one: Contender) -> str:
+def _numbers(contender: Contender) -> str:
     alone, together = (
-        ", ".join(f"{name} {told(one.effect, name, value)}" for name, value in values.items())
-        for values in (one.alone, one.together)
+        ", ".join(f"{name} {told(contender.effect, name, value)}" for name, value in values.items())
+        for values in (contender.alone, contender.together)
     )
+    removed = round(100 * contender.removed, 1) + 0.0
     return (
-        f"{alone} alone ({together} beside the other; log-likelihood {one.gain:+.0f} on unseen "
-        f"blocks, {round(100 * one.removed, 1) + 0.0:.1f} % of the held-out error at {one.at})"
+        f"{alone} alone ({together} beside the other; log-likelihood {contender.gain:+.0f} on "
+        f"unseen blocks, {removed:.1f} % of the held-out error at {contender.at})"
     )
 
 
 def _estimates(
-    validation: CrossValidation, named: Sequence[Candidate], ones: Sequence[Candidate]
+    validation: CrossValidation, named: Sequence[Candidate], candidates: Sequence[Candidate]
 ) -> list[dict]:
-    theta, covariance = validation.fit([*named, *ones])
-    sizes = [sum(one.size for one in named), *(one.size for one in ones)]
+    theta, covariance = validation.fit([*named, *candidates])
+    sizes = [
+        sum(candidate.size for candidate in named),
+        *(candidate.size for candidate in candidates),
+    ]
     return [
-        estimates(one.hypothesis, theta[a:b], covariance[a:b, a:b], {})
-        for one, (a, b) in zip(ones, pairwise(np.cumsum(sizes).tolist()), strict=True)
+        estimates(candidate.hypothesis, theta[a:b], covariance[a:b, a:b], {})
+        for candidate, (a, b) in zip(candidates, pairwise(np.cumsum(sizes).tolist()), strict=True)
     ]
 
 
@@ -147,11 +155,11 @@ def _pose(
 ) -> str:
     """Return in which pose one degree of zero differs most from what mimics it in the motion."""
     arm = poses.arm
-    mine = zero.hypothesis.build(poses, zero.hypothesis.setting) @ np.array([_DEGREE])
-    its = other.hypothesis.build(poses, other.hypothesis.setting) @ theta
-    apart = np.abs(mine - its)
+    torque_of_zero = zero.hypothesis.build(poses, zero.hypothesis.setting) @ np.array([_DEGREE])
+    torque_of_other = other.hypothesis.build(poses, other.hypothesis.setting) @ theta
+    apart = np.abs(torque_of_zero - torque_of_other)
     where, joint = np.unravel_index(int(np.argmax(apart * validation.weight)), apart.shape)
-    there = pose(poses.q[where], [one.unit for one in arm.joints])
+    there = pose(poses.q[where], arm.units)
     return (
         f"held still at {there}, a zero one degree off and what looks like it here differ by "
         f"{quantity(apart[where, joint], arm.joints[joint].effort_unit)} on "

@@ -1,4 +1,4 @@
-"""From what was accepted to findings with numbers and words."""
+"""From what was selected to findings with numbers and words."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def assemble(
     loaded: Loaded,
     readings: Readings,
     validation: CrossValidation,
-    accepted: Sequence[SelectedEffect],
+    selected: Sequence[SelectedEffect],
     unknown: Sequence[EffectTrial],
     unconfirmed: Sequence[Unconfirmed],
     minor: Sequence[EffectTrial],
@@ -80,11 +80,13 @@ def assemble(
     held_out, data = HeldOut(validation), validation.data
     arm = data.motion.arm
     names = arm.joint_names
-    named = [one.trial.candidate for one in accepted]
+    named = [effect.trial.candidate for effect in selected]
     theta, covariance, spreads = _fit(validation, named)
     scale = _scale_error(arm)
     slices = _slices(named)
-    found = [(one.hypothesis, theta[rows]) for one, rows in zip(named, slices, strict=True)]
+    found = [
+        (candidate.hypothesis, theta[rows]) for candidate, rows in zip(named, slices, strict=True)
+    ]
     model, carried = extended(loaded.motion, found)
     if found:
         model = updated(model, validation, named, held_out)
@@ -92,27 +94,27 @@ def assemble(
     first = data.residual[held_out.rows]
     first = np.where(data.usable[held_out.rows], first, np.nan)
     if readings:
-        score, before, alike = readings[0]
+        score, before, alternatives = readings[0]
         first = as_read_before(before, data, held_out)
         read_rightly = np.where(data.usable, data.residual, np.nan)[held_out.rows]
-        findings.append(reading_finding(score, alike, first, read_rightly, held_out))
-    of_accepted = []
-    for i, one in enumerate(accepted):
+        findings.append(reading_finding(score, alternatives, first, read_rightly, held_out))
+    effect_findings = []
+    for i, effect in enumerate(selected):
         rows = slices[i]
         parameters = estimates(
-            one.trial.candidate.hypothesis, theta[rows],
+            effect.trial.candidate.hypothesis, theta[rows],
             covariance[rows, rows] + scale**2 * np.outer(theta[rows], theta[rows]), spreads[i],
         )  # fmt: skip
-        finding = _finding(held_out, validation, accepted, i, parameters, theta[rows], carried[i])
-        of_accepted.append(finding)
-    findings += ordered(of_accepted)
-    for tried in unknown:
-        findings.append(unknown_finding(held_out, validation, named, tried))
+        finding = _finding(held_out, validation, selected, i, parameters, theta[rows], carried[i])
+        effect_findings.append(finding)
+    findings += ordered(effect_findings)
+    for trial in unknown:
+        findings.append(unknown_finding(held_out, validation, named, trial))
     after = held_out.rmse(held_out.error(named))
     # Friction of another day is told, if not as a finding: it is no error that nothing explains.
     explained = [*named, *other_day]
     unexplained = held_out.error(explained)
-    left = held_out.rmse(unexplained)
+    residual_rmse = held_out.rmse(unexplained)
     floor = data.noise_rms(loaded.floor, validation.residual(named))
     source = data.noise_source(floor)
     nameless = [finding for finding in findings if finding.effect == Unknown.NAME]
@@ -126,13 +128,14 @@ def assemble(
     likely = np.fmax(floor, expected)
     shapeless = [
         joint
-        for joint in range(len(left))
-        if min(left[joint], seen[joint])
+        for joint in range(len(residual_rmse))
+        if min(residual_rmse[joint], seen[joint])
         > (_SHAPELESS.far_above if noise[joint] else _SHAPELESS.above) * likely[joint]
         and names[joint] not in told
     ]
     findings += [
-        shapeless_finding(arm, joint, left[joint], floor[joint], source) for joint in shapeless
+        shapeless_finding(arm, joint, residual_rmse[joint], floor[joint], source)
+        for joint in shapeless
     ]
     return Diagnosis(
         verdict=_verdict(findings),
@@ -146,7 +149,7 @@ def assemble(
         samples=int((data.block >= 0).sum()),
         held_out=held_out.samples,
         warnings=loaded.warnings,
-        notes=(*_notes(loaded, validation, floor), *(str(one) for one in unconfirmed)),
+        notes=(*_notes(loaded, validation, floor), *(str(effect) for effect in unconfirmed)),
         ambiguities=ambiguities(validation, named, pool),
         model=model,
         band=data.band,
@@ -163,7 +166,7 @@ def _scale_error(arm: Arm) -> float:
 
 
 def _slices(candidates: Sequence[Candidate]) -> list[slice]:
-    edges = np.cumsum([0, *(one.size for one in candidates)]).tolist()
+    edges = np.cumsum([0, *(candidate.size for candidate in candidates)]).tolist()
     return [slice(a, b) for a, b in pairwise(edges)]
 
 
@@ -177,19 +180,19 @@ def _fit(
     theta, _ = validation.fit(named)
     slopes: list[Candidate] = []
     names: list[list[str]] = []
-    for one, rows in zip(named, _slices(named), strict=True):
-        found, columns = setting_columns(validation, one, theta[rows])
+    for candidate, rows in zip(named, _slices(named), strict=True):
+        found, columns = setting_columns(validation, candidate, theta[rows])
         names.append(found)
         slopes += columns
     # The settings move along, so that they widen the others' intervals; their values stay.
     _, covariance = validation.fit([*named, *slopes])
     deviation = np.sqrt(np.maximum(np.diag(covariance)[len(theta) :], 0.0)).tolist()
     spreads = []
-    for one, found in zip(named, names, strict=True):
+    for candidate, found in zip(named, names, strict=True):
         spread = {name: deviation.pop(0) for name in found}
-        others = [other for other in named if other is not one]
-        for name in set(one.hypothesis.edges) & set(one.hypothesis.refine):
-            low, high = plateau(validation, one, others, name)
+        rest = [other for other in named if other is not candidate]
+        for name in set(candidate.hypothesis.edges) & set(candidate.hypothesis.refine):
+            low, high = plateau(validation, candidate, rest, name)
             spread[name] = max(high - low, RefinementSettings().edge_step) / (2.0 * NORMAL_95)
         spreads.append(spread)
     return theta, covariance[: len(theta), : len(theta)], spreads
@@ -198,22 +201,22 @@ def _fit(
 def _finding(
     held_out: HeldOut,
     validation: CrossValidation,
-    accepted: Sequence[SelectedEffect],
+    selected: Sequence[SelectedEffect],
     i: int,
     parameters: dict[str, Estimate],
     theta: Array,
     carried: bool,
 ) -> Finding:
-    one = accepted[i]
-    hypothesis = one.trial.candidate.hypothesis
-    named = [other.trial.candidate for other in accepted]
+    effect = selected[i]
+    hypothesis = effect.trial.candidate.hypothesis
+    named = [other.trial.candidate for other in selected]
     # What the others leave to it, in whatever order they were found.
     before = held_out.error([other for k, other in enumerate(named) if k != i], named)
     after = held_out.error(named)
-    joints = held_out.main_joints(one.trial.candidate, before, after)
-    gain = held_out.gain(before, after, joints, candidate=one.trial.candidate)
+    joints = held_out.main_joints(effect.trial.candidate, before, after)
+    gain = held_out.gain(before, after, joints, candidate=effect.trial.candidate)
     rest_named = [other for k, other in enumerate(named) if k != i]
-    alternatives = _alternatives(validation, rest_named, one)
+    alternatives = _alternatives(validation, rest_named, effect)
     return Finding(
         effect=hypothesis.effect,
         joints=hypothesis.names,
@@ -227,9 +230,9 @@ def _finding(
                 other.candidate.hypothesis.names,
                 other.candidate.hypothesis.place,
                 other.gain,
-                one.trial.gain - other.gain,
+                effect.trial.gain - other.gain,
             )
-            for other in one.rejected
+            for other in effect.rejected
         ),
         sentence=sentence_of(
             hypothesis, parameters, gain, [hypothesis.arm.joint_names[joint] for joint in joints]
@@ -252,30 +255,34 @@ def _freed(
     rows = _slices(candidates)[i]
     alone = estimates(freed, theta[rows], covariance[rows, rows], {})
     return {
-        name: replace(one, low=min(one.low, alone[name].low), high=max(one.high, alone[name].high))
+        name: replace(
+            estimate,
+            low=min(estimate.low, alone[name].low),
+            high=max(estimate.high, alone[name].high),
+        )
         if name in alone
-        else one
-        for name, one in parameters.items()
+        else estimate
+        for name, estimate in parameters.items()
     }
 
 
 def _alternatives(
-    validation: CrossValidation, rest: Sequence[Candidate], one: SelectedEffect
+    validation: CrossValidation, rest: Sequence[Candidate], effect: SelectedEffect
 ) -> tuple[Alternative, ...]:
     result, seen = (
         [],
-        {(one.trial.candidate.hypothesis.effect, one.trial.candidate.hypothesis.joints)},
+        {(effect.trial.candidate.hypothesis.effect, effect.trial.candidate.hypothesis.joints)},
     )
-    for other in one.alternatives:
+    for other in effect.alternatives:
         hypothesis = other.candidate.hypothesis
         if (hypothesis.effect, hypothesis.joints) in seen:
             continue
         seen.add((hypothesis.effect, hypothesis.joints))
         why = (
             f"explains unseen blocks as well: log-likelihood gain {other.gain:.0f} "
-            f"against {one.trial.gain:.0f}"
+            f"against {effect.trial.gain:.0f}"
         )
-        apart = separation(validation, rest, one.trial.candidate, other.candidate)
+        apart = separation(validation, rest, effect.trial.candidate, other.candidate)
         result.append(
             Alternative(hypothesis.effect, hypothesis.names, f"{why}; {apart}" if apart else why)
         )

@@ -27,8 +27,8 @@ class OwnParameters:
 
 
 def block_fit(
-    regression: Regression, target: Array, block: NDArray[np.int64], own: OwnParameters,
-    alike: Array, counts: Array,
+    regression: Regression, target: Array, block: NDArray[np.int64],
+    own_parameters: OwnParameters, coherent_error: Array, counts: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Return parameters (k,) but for the model's own, and their covariance (k, k).
 
@@ -41,8 +41,8 @@ def block_fit(
         regression: Of (N n, d + k) columns of n joints in turn, the d of the model first.
         target: (N n,).
         block: (N n,) number of the block.
-        own: The model's own parameters.
-        alike: (n,) RMS error that may look like a cause, in units of the weights.
+        own_parameters: The model's own parameters.
+        coherent_error: (n,) RMS error that may look like a cause, in units of the weights.
         counts: (n,) samples that count.
     """
     from scipy.stats import norm
@@ -56,32 +56,35 @@ def block_fit(
         [x.T @ x for x, _ in pieces], [x.T @ y for x, y in pieces],
         regression.ridge, regression.trace,
     )  # fmt: skip
-    first = own.count
+    first = own_parameters.count
     inverse = regression.inverse[first:]
-    held = own.prior * inverse[:, :first] @ regression.ridge[:first, :first] @ inverse[:, :first].T
-    held += _coherent(design, inverse, first, alike, counts)
+    coupling = inverse[:, :first]
+    held = own_parameters.prior * coupling @ regression.ridge[:first, :first] @ coupling.T
+    held += _coherent(design, inverse, first, coherent_error, counts)
     wider = student.ppf(norm.cdf(NORMAL_95), max(len(pieces) - 1, 1)) / NORMAL_95
     return theta[first:], wider**2 * (covariance[first:, first:] + held)
 
 
-def _coherent(design: Array, inverse: Array, first: int, alike: Array, counts: Array) -> Array:
+def _coherent(
+    design: Array, inverse: Array, first: int, coherent_error: Array, counts: Array
+) -> Array:
     """Return the (k, k) covariance of what a known error that looks like a cause adds.
 
-    Of each joint an error of the RMS that is settled, in the shape of each of its columns.
+    Of each joint an error of that RMS, in the shape of each of its columns.
 
     Args:
         design: (N n, d + k) weighted columns, the model's own first.
         inverse: (k, d + k) rows of the inverse of the normal equations' matrix.
         first: d.
-        alike: (n,) RMS error.
+        coherent_error: (n,) RMS error.
         counts: (n,) samples that count.
     """
-    columns = design.reshape(-1, len(alike), design.shape[1]).transpose(1, 2, 0)
+    columns = design.reshape(-1, len(coherent_error), design.shape[1]).transpose(1, 2, 0)
     # As errors of that RMS over the usable samples: D_j' W x_jk / RMS(x_jk).
     products = np.matmul(columns, columns[:, first:].transpose(0, 2, 1))
     square = np.einsum("jkk->jk", products[:, first:]) / counts[:, None]
     per_rms = np.where(square > 0.0, 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0)), 0.0)
-    scaled = products * (alike[:, None] * per_rms)[:, None]
+    scaled = products * (coherent_error[:, None] * per_rms)[:, None]
     # A square: of columns that are all but the same it stays one to the last digit.
     root = inverse @ np.hstack(list(scaled))
     return np.asarray(root @ root.T)

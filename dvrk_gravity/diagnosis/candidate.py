@@ -107,11 +107,11 @@ def most_parsimonious(
         clearly: How much better one must be than a commoner one.
     """
     best = max(likelihood for likelihood, _ in candidates)
-    equal = [(value, one) for value, one in candidates if value >= best - tolerance]
-    fewest = min(one.parameters for _, one in equal)
-    simple = [(value, one) for value, one in equal if one.parameters == fewest]
+    equal = [(value, candidate) for value, candidate in candidates if value >= best - tolerance]
+    fewest = min(candidate.parameters for _, candidate in equal)
+    simple = [(value, candidate) for value, candidate in equal if candidate.parameters == fewest]
     least = max(value for value, _ in simple) - clearly
-    near = [(value, one) for value, one in simple if value >= least]
+    near = [(value, candidate) for value, candidate in simple if value >= least]
     return min(near, key=lambda pair: (effects.rank(pair[1].hypothesis.effect), -pair[0]))[1]
 
 

@@ -125,8 +125,8 @@ class CrossValidation:
         self._intraclass = np.zeros(self.joints)
         if final:
             first, second = self._pairs
-            both = self._usable[first] & self._usable[second]
-            self._intraclass = intraclass_correlation(residual[first], residual[second], both)
+            usable = self._usable[first] & self._usable[second]
+            self._intraclass = intraclass_correlation(residual[first], residual[second], usable)
 
     @cached_property
     def search_bases(self) -> Mapping[type[Effect], Any]:
@@ -145,12 +145,14 @@ class CrossValidation:
     def candidates(self, hypotheses: Iterable[Hypothesis]) -> Iterator[Candidate]:
         """Yield hypotheses with their columns, many of which are filtered together."""
         motion = self.data.motion
-        built = ((one, one.build(motion, one.setting)) for one in hypotheses)
-        for some in _together(built, lambda pair: pair[1].shape[2], self.settings.together):
-            every, columns = zip(*some, strict=True)
-            edges = np.cumsum([one.shape[2] for one in columns])[:-1]
+        built = (
+            (hypothesis, hypothesis.build(motion, hypothesis.setting)) for hypothesis in hypotheses
+        )
+        for batch in _batches(built, lambda pair: pair[1].shape[2], self.settings.together):
+            members, columns = zip(*batch, strict=True)
+            edges = np.cumsum([block.shape[2] for block in columns])[:-1]
             reduced = np.split(self.data.reduce(np.concatenate(columns, axis=2)), edges, axis=2)
-            yield from map(Candidate.of, every, reduced)
+            yield from map(Candidate.of, members, reduced)
 
     @property
     def _clustered(self) -> int:
@@ -199,10 +201,10 @@ class CrossValidation:
         return self.data.samples_per_independent * self.data.copies
 
     def _ridge_beside_model(self, candidates: Sequence[Candidate]) -> Array:
-        own = self.model_size
-        ridge = np.zeros((own + sum(c.size for c in candidates),) * 2)
-        ridge[:own, :own] = self._prior_weight * np.eye(own)
-        ridge[own:, own:] = self._ridge(candidates)
+        first = self.model_size
+        ridge = np.zeros((first + sum(c.size for c in candidates),) * 2)
+        ridge[:first, :first] = self._prior_weight * np.eye(first)
+        ridge[first:, first:] = self._ridge(candidates)
         return ridge
 
     def regression(self, candidates: Sequence[Candidate]) -> Regression:
@@ -239,8 +241,8 @@ class CrossValidation:
 
         Each is in units of its standard deviation.
         """
-        own = theta[: self.model_size]
-        return 0.5 * float(own @ own)
+        own_parameters = theta[: self.model_size]
+        return 0.5 * float(own_parameters @ own_parameters)
 
     def score(self, candidates: Sequence[Candidate]) -> Score:
         """Return the out-of-fold score of a set."""
@@ -296,7 +298,7 @@ class CrossValidation:
             selected: The selected ones.
             pool: Where they come from.
             keep: How many at most.
-            least: (n,) RMS torque that one must have on some joint: what could not be accepted,
+            least: (n,) RMS torque that one must have on some joint: what could not be selected,
                 however well it fits, takes no place from what could.
         """
         base = self.regression(selected)
@@ -304,19 +306,20 @@ class CrossValidation:
         target = self._target - base.design @ theta
         before = self._likelihood_of(target)
         found = []
-        for some in _together(pool, lambda one: one.size, self.settings.together):
-            raws = self.design(some)
+        for batch in _batches(pool, lambda candidate: candidate.size, self.settings.together):
+            raws = self.design(batch)
             besides = base.coefficients(raws)
             all_columns = raws - base.design @ besides
-            edges = np.cumsum([0, *(candidate.size for candidate in some)])
-            for candidate, own in zip(some, map(slice, edges, edges[1:]), strict=True):
-                raw, columns = raws[:, own], all_columns[:, own]
+            edges = np.cumsum([0, *(candidate.size for candidate in batch)])
+            for candidate, span in zip(batch, map(slice, edges, edges[1:]), strict=True):
+                raw, columns = raws[:, span], all_columns[:, span]
                 gram = raw.T @ columns + self._ridge([candidate])
-                its = solve(gram, raw.T @ target, self.settings.trace)
-                if not np.any(self.size(candidate, its) > least):
+                coefficients = solve(gram, raw.T @ target, self.settings.trace)
+                if not np.any(self.size(candidate, coefficients) > least):
                     continue
-                error = target - columns @ its
-                spared = self._improbable(theta) - self._improbable(theta - besides[:, own] @ its)
+                error = target - columns @ coefficients
+                adjusted = theta - besides[:, span] @ coefficients
+                spared = self._improbable(theta) - self._improbable(adjusted)
                 gain = self._likelihood_of(error) - before
                 found.append((gain + spared - candidate.cost, candidate))
         found.sort(key=lambda pair: -pair[0])
@@ -335,12 +338,13 @@ class CrossValidation:
         together = candidates if beside is None else beside
         theta = self.regression(together).coefficients(self._target)
         if beside is not None:
-            own = theta[: self.model_size]
-            model = self._beside_model([]) @ own
+            own_parameters = theta[: self.model_size]
+            model = self._beside_model([]) @ own_parameters
             found = Regression(
                 self.design(candidates), self._ridge(candidates), self.settings.trace
             )
-            theta = np.concatenate([own, found.coefficients(self._target - model)])
+            rest = found.coefficients(self._target - model)
+            theta = np.concatenate([own_parameters, rest])
         columns = [self.data.model_columns, *(candidate.columns() for candidate in candidates)]
         return self.data.residual - np.concatenate(columns, axis=2) @ theta
 
@@ -370,11 +374,11 @@ class CrossValidation:
 
         See :func:`block_fit.block_fit`; as many blocks together as errors hang together.
         """
-        alike = self.significance.settings.coherent * self.known_error * self.weight
+        coherent_error = self.significance.settings.coherent * self.known_error * self.weight
         return block_fit(
             self.regression(candidates), self._target,
             np.repeat(self._block // self._clustered, self.joints),
-            OwnParameters(self.model_size, self._prior_weight), alike, self._counts,
+            OwnParameters(self.model_size, self._prior_weight), coherent_error, self._counts,
         )  # fmt: skip
 
     def misfit(self, candidates: Sequence[Candidate]) -> float:
@@ -399,13 +403,13 @@ class CrossValidation:
         return np.sqrt((self.torque(candidate, theta) ** 2).sum(axis=0) / self._counts)
 
 
-def _together(some: Iterable[T], width: Callable[[T], int], columns: int) -> Iterator[list[T]]:
-    """Yield things in their order, as many at a time as have so many columns or a few more."""
+def _batches(items: Iterable[T], width: Callable[[T], int], columns: int) -> Iterator[list[T]]:
+    """Yield items in their order, in batches of so many columns or a few more."""
     batch: list[T] = []
     wide = 0
-    for one in some:
-        batch.append(one)
-        wide += width(one)
+    for item in items:
+        batch.append(item)
+        wide += width(item)
         if wide >= columns:
             yield batch
             batch, wide = [], 0

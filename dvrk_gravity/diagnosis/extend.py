@@ -57,8 +57,8 @@ def extended(
             continue
         values, carried[i] = changed, True
     names = {term.NAME for term in effects.terms()}
-    others = tuple(term for term in motion.model.terms if term.NAME not in names)
-    return replace(model, terms=(*model.terms, *others)), tuple(carried)
+    other_terms = tuple(term for term in motion.model.terms if term.NAME not in names)
+    return replace(model, terms=(*model.terms, *other_terms)), tuple(carried)
 
 
 def updated(
@@ -83,9 +83,11 @@ def updated(
     variance, vectors = np.linalg.eigh(covariance)
     spread = vectors * np.sqrt(np.maximum(variance, 0.0))
     # Between them lies what the model was asked outside its range.
-    own, found = mean[: before.size], mean[validation.model_size :]
-    edges = np.cumsum([0, *(one.size for one in named)])
-    own = _within(own, covariance[: before.size, : before.size], model, before)
+    own_parameters, found = mean[: before.size], mean[validation.model_size :]
+    edges = np.cumsum([0, *(candidate.size for candidate in named)])
+    own_parameters = _within(
+        own_parameters, covariance[: before.size, : before.size], model, before
+    )
 
     def at(theta: Array) -> TorqueModel:
         parts = np.split(theta, edges[1:-1])
@@ -110,12 +112,14 @@ def updated(
     for term in model.terms:
         change = before.deviations.get(term.NAME)
         if isinstance(term, LinearTerm) and change is not None and _same_length(term.theta, change):
-            term = _clipped(term.with_theta(term.theta + change @ own), model)
+            term = _clipped(term.with_theta(term.theta + change @ own_parameters), model)
         if before.gravity.any() and term.gravity_vector is not None:
-            term = term.with_gravity(term.gravity_vector + before.gravity @ own)
+            term = term.with_gravity(term.gravity_vector + before.gravity @ own_parameters)
         terms.append(term)
     moved = replace(
-        model, terms=tuple(terms), joint_offset=model.joint_offset + before.offset @ own
+        model,
+        terms=tuple(terms),
+        joint_offset=model.joint_offset + before.offset @ own_parameters,
     )
     after = coefficients_of(moved.terms)
     error = held_out.rmse(held_out.error(named))
@@ -134,22 +138,24 @@ def updated(
     return replace(moved, uncertainty=uncertainty)
 
 
-def _within(own: Array, covariance: Array, model: TorqueModel, before: ModelUncertainty) -> Array:
+def _within(
+    unconstrained: Array, covariance: Array, model: TorqueModel, before: ModelUncertainty
+) -> Array:
     """Return (d,) the mean of parameters given that coefficients stay in their ranges.
 
     One that would leave its range is at its end, and the others are what they are then on average:
     clipped alone, what made up for it would be left standing.
 
     Args:
-        own: (d,) their mean.
+        unconstrained: (d,) their mean without that.
         covariance: (d, d) of them.
         model: The model that they are added to.
         before: What they mean.
     """
     rows: list[Array] = []
     ends: list[float] = []
-    mean = own
-    for _ in range(len(own)):
+    mean = unconstrained
+    for _ in range(len(unconstrained)):
         new = False
         for term in model.terms:
             change = before.deviations.get(term.NAME)
@@ -171,7 +177,8 @@ def _within(own: Array, covariance: Array, model: TorqueModel, before: ModelUnce
             break
         held = np.array(rows)
         gain = covariance @ held.T
-        mean = own + gain @ np.linalg.pinv(held @ gain) @ (np.array(ends) - held @ own)
+        missing = np.array(ends) - held @ unconstrained
+        mean = unconstrained + gain @ np.linalg.pinv(held @ gain) @ missing
     return mean
 
 

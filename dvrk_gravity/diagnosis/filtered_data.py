@@ -68,7 +68,7 @@ class FilteredData:
     Attributes:
         motion: Where it comes from.
         band: Low-pass over residual and columns, Hz; ``None`` for static poses.
-        every: One of so many samples is kept.
+        decimation: One of so many samples is kept.
         residual: (T, n) measured minus modelled torque, N·m.
         blocks: Which samples belong together.
         repetition: How the motion repeats, if it does.
@@ -78,7 +78,7 @@ class FilteredData:
 
     motion: MeasuredMotion
     band: float | None
-    every: int
+    decimation: int
     residual: Array
     blocks: Blocks
     repetition: Repetition | None
@@ -91,15 +91,15 @@ class FilteredData:
         settings = settings or FilterSettings()
         rate = motion.rate
         band = None if rate is None else min(settings.band, rate / 6.0)
-        every = 1
+        decimation = 1
         if rate is not None and band is not None:
-            every = max(1, int(rate / (settings.oversampling * band)))
+            decimation = max(1, int(rate / (settings.oversampling * band)))
         nothing = Blocks(np.zeros(0, dtype=np.int64), 0, settings.blocks)
         empty = np.zeros(0)
-        data = cls(motion, band, every, np.zeros((0, 0)), nothing, None, empty, settings)
+        data = cls(motion, band, decimation, np.zeros((0, 0)), nothing, None, empty, settings)
         residual = data.reduce(motion.residual)
         if rate is None:
-            blocks = make_blocks(CommonTime.one(data.time), None, settings.blocks)
+            blocks = make_blocks(CommonTime.single_clock(data.time), None, settings.blocks)
             return replace(data, residual=residual, blocks=blocks, common_time=data.time)
         part = np.repeat(np.arange(len(motion.parts)), [p.stop - p.start for p in motion.parts])
         clock = motion.clock or (0,) * len(motion.parts)
@@ -108,7 +108,7 @@ class FilteredData:
         repetition, common = again or (None, motion.time)
         columns = np.column_stack([common if again else seen.time, seen.group])
         thinned = data.reduce_state(columns)
-        blocks = make_blocks(seen.at(*thinned.T), rate / every, settings.blocks)
+        blocks = make_blocks(seen.at(*thinned.T), rate / decimation, settings.blocks)
         return replace(
             data, residual=residual, blocks=blocks, repetition=repetition, common_time=thinned[:, 0]
         )
@@ -125,11 +125,11 @@ class FilteredData:
         for part in self.motion.parts:
             if part.stop - part.start <= 3 * low.edge:
                 continue
-            kept = range(part.stop - part.start)[low.edge : -low.edge : self.every]
+            kept = range(part.stop - part.start)[low.edge : -low.edge : self.decimation]
             piece = np.zeros((len(kept), flat.shape[1]))
             for first in range(0, len(live), together):
-                some = live[first : first + together]
-                piece[:, some] = low(flat[part, some])[low.edge : -low.edge : self.every]
+                batch = live[first : first + together]
+                piece[:, batch] = low(flat[part, batch])[low.edge : -low.edge : self.decimation]
             pieces.append(piece)
         reduced = np.concatenate(pieces)
         return reduced.reshape(len(reduced), *columns.shape[1:])
@@ -205,7 +205,7 @@ class FilteredData:
             return values
         low = LowPass(self.band, self.motion.rate)
         pieces = [
-            values[part][low.edge : -low.edge : self.every]
+            values[part][low.edge : -low.edge : self.decimation]
             for part in self.motion.parts
             if part.stop - part.start > 3 * low.edge
         ]

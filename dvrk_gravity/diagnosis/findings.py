@@ -204,8 +204,8 @@ class Finding:
         Of an effect of several sizes (two directions, three axes) one that is certain is enough.
         """
         sizes = [
-            not one.doubtful(zero)
-            for name, one in self.parameters.items()
+            not estimate.doubtful(zero)
+            for name, estimate in self.parameters.items()
             if (zero := effects.named(self.effect).meaning(name).neutral) is not None
         ]
         return self.gain.low > 0.0 and (any(sizes) or not sizes)
@@ -287,7 +287,7 @@ class Weighed:
 
 def ordered(findings: Iterable[Finding]) -> list[Finding]:
     """Return findings by what they remove, those last of which it may well be nothing."""
-    return sorted(findings, key=lambda one: (not one.certain, -one.gain.relative))
+    return sorted(findings, key=lambda finding: (not finding.certain, -finding.gain.relative))
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,7 +339,8 @@ class Diagnosis:
     def __repr__(self) -> str:
         """Give the verdict and the effects, in short."""
         found = ", ".join(
-            f"{one.effect} at {', '.join(one.joints) or 'the arm'}" for one in self.findings
+            f"{finding.effect} at {', '.join(finding.joints) or 'the arm'}"
+            for finding in self.findings
         )
         return f"<Diagnosis {self.verdict}: {found or 'no findings'}>"
 
@@ -392,11 +393,11 @@ class Diagnosis:
             },
             "ambiguities": [
                 {
-                    "between": [one.first.to_dict(), one.second.to_dict()],
-                    "overlap": one.overlap,
-                    "sentence": one.sentence,
+                    "between": [ambiguity.first.to_dict(), ambiguity.second.to_dict()],
+                    "overlap": ambiguity.overlap,
+                    "sentence": ambiguity.sentence,
                 }
-                for one in self.ambiguities
+                for ambiguity in self.ambiguities
             ],
             "known_payload": self.weighed and self.weighed.to_dict(),
             "notes": list(self.notes),

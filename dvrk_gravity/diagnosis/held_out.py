@@ -136,11 +136,11 @@ class HeldOut:
         part = np.where(whole, total**2 / np.maximum(count, 1), 0.0).sum(axis=0)
         return np.asarray(part / np.maximum(np.where(whole, square, 0.0).sum(axis=0), 1e-300))
 
-    def main_joints(self, one: Candidate, before: Array, after: Array) -> list[int]:
+    def main_joints(self, candidate: Candidate, before: Array, after: Array) -> list[int]:
         """Return the joints by which a candidate is judged, the one that gains most first."""
         removed = 1.0 - self.rmse(after) / np.maximum(self.rmse(before), 1e-12)
-        acts = np.flatnonzero(one.acts).tolist()
-        joints = [j for j in one.hypothesis.judged_at if j in acts] or acts
+        acts = np.flatnonzero(candidate.acts).tolist()
+        joints = [j for j in candidate.hypothesis.judged_at if j in acts] or acts
         if np.max(removed[joints]) <= 0.0:
             joints = acts  # a motor's friction, say, is felt by other joints
         least = max(self.settings.notable * float(np.max(removed[joints])), 0.0)
@@ -180,13 +180,13 @@ class HeldOut:
         before = self.error([other for other in chosen if other is not candidate], chosen)
         after = self.error(chosen)
         joints = self.main_joints(candidate, before, after)
-        own = split(chosen, self._validation.parameters(chosen))
-        torque = candidate.columns() @ next(theta for other, theta in own if other is candidate)
+        fitted = split(chosen, self._validation.parameters(chosen))
+        torque = candidate.columns() @ next(theta for other, theta in fitted if other is candidate)
         data = self._validation.data
-        every = (np.where(data.usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
+        square = (np.where(data.usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
         inside = data.block >= 0
-        most = np.bincount(data.block[inside], every[inside]).max(initial=0.0)
-        power, least = every[self._held], self.settings.active * most
+        most = np.bincount(data.block[inside], square[inside]).max(initial=0.0)
+        power, least = square[self._held], self.settings.active * most
         settings = candidate.hypothesis.setting
         for edge in (settings[name] for name in candidate.hypothesis.edges):
             # Of an edge within a held-out block the choice could not know where it is.
@@ -268,7 +268,7 @@ def estimates(
     random = np.random.default_rng(0)
     drawn = random.multivariate_normal(theta, covariance, JudgementSettings().draws, method="eigh")
     middle = hypothesis.describe(theta, hypothesis.setting)
-    draws = [hypothesis.describe(one, hypothesis.setting) for one in drawn]
+    draws = [hypothesis.describe(draw, hypothesis.setting) for draw in drawn]
     result = {}
     for name, value in middle.items():
         if not hypothesis.meaning(name).reported:
@@ -283,11 +283,11 @@ def estimates(
 
 
 def setting_columns(
-    validation: CrossValidation, one: Candidate, theta: Array
+    validation: CrossValidation, candidate: Candidate, theta: Array
 ) -> tuple[list[str], list[Candidate]]:
     """Return slopes of a candidate's torque by its searched settings, as further columns."""
     names, slopes = [], []
-    hypothesis = one.hypothesis
+    hypothesis = candidate.hypothesis
     for name in hypothesis.refine:
         value = hypothesis.setting[name]
         step = 0.05 if name in hypothesis.edges else 0.02 * abs(value)

@@ -87,18 +87,18 @@ class InSimulation:
                 "rmse_before": self._by_joint(self.before),
                 "rmse_after": self._by_joint(self.after),
             }
-        drift = [
+        drifts = [
             {
-                "friction": one.friction,
+                "friction": drift.friction,
                 "seconds": DURATION,
-                "poses": len(one.before),
-                "largest_before": self._by_joint(np.abs(one.before).max(axis=(0, 1))),
-                "largest_after": self._by_joint(np.abs(one.after).max(axis=(0, 1))),
+                "poses": len(drift.before),
+                "largest_before": self._by_joint(np.abs(drift.before).max(axis=(0, 1))),
+                "largest_after": self._by_joint(np.abs(drift.after).max(axis=(0, 1))),
             }
-            for one in self.drifts
+            for drift in self.drifts
         ]
         units = dict(zip(self.joints, self.units, strict=True))
-        return {"units": units, "motion": motion, "drift": drift, "notes": list(self.notes)}
+        return {"units": units, "motion": motion, "drift": drifts, "notes": list(self.notes)}
 
 
 def in_simulation(
@@ -156,7 +156,7 @@ def _drifts(
             drifts = tuple(_drift(arm, given, extended, poses, part) for part in FRICTION)
     except ConfigError:  # the simulated arm takes no effort that is not finite
         return (), _AWAY
-    if not all(np.isfinite([one.before, one.after]).all() for one in drifts):
+    if not all(np.isfinite([drift.before, drift.after]).all() for drift in drifts):
         return (), _AWAY
     return drifts, ""
 

@@ -49,7 +49,7 @@ def known(
         held_out: The held-out samples.
         minor: Effects that are significant, and smaller than the known error, or what friction
             changes by from day to day.
-        named: The accepted effects.
+        named: The selected effects.
         expected: See :func:`expected_error`.
     """
     motion = validation.data.motion
@@ -58,7 +58,7 @@ def known(
     arm = motion.arm
     told = [_minor(validation, trial, named) for trial in minor]
     moved = validation.moved(named)[held_out.rows]
-    left = held_out.rmse(held_out.error(named))
+    residual_rmse = held_out.rmse(held_out.error(named))
     size = held_out.rmse(np.where(validation.data.usable[held_out.rows], moved, np.nan))
     for joint in np.flatnonzero(motion.present).tolist():
         name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
@@ -75,11 +75,12 @@ def known(
                 )
             )  # fmt: skip
         if error > 0.0:
-            rms = Estimate(float(left[joint]), float(left[joint]), float(left[joint]), unit)
+            value = float(residual_rmse[joint])
+            rms = Estimate(value, value, value, unit)
             told.append(
                 Known(
                     ERROR, (name,), {"rms": rms},
-                    f"{name} is left with {quantity(float(left[joint]), unit)} RMS; by what it "
+                    f"{name} is left with {quantity(value, unit)} RMS; by what it "
                     "left of data that its identification had not seen, and as friction changes "
                     f"from day to day, the model may be off by {quantity(error, unit)}",
                 )
@@ -88,10 +89,10 @@ def known(
 
 
 def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Candidate]) -> Known:
-    one, hypothesis = trial.candidate, trial.candidate.hypothesis
-    theta, covariance = validation.fit([*named, one])
-    own = slice(len(theta) - one.size, len(theta))
-    parameters = estimates(hypothesis, theta[own], covariance[own, own], {})
+    candidate, hypothesis = trial.candidate, trial.candidate.hypothesis
+    theta, covariance = validation.fit([*named, candidate])
+    rows = slice(len(theta) - candidate.size, len(theta))
+    parameters = estimates(hypothesis, theta[rows], covariance[rows, rows], {})
     no_news = "less than the model is known to miss"
     if trial.other_day:
         no_news = "no more than its friction may have changed by, as other joints' has"

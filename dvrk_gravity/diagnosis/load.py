@@ -97,17 +97,20 @@ def load(
     settings = settings or LoadSettings()
     if not recordings:
         raise RecordingError("recordings", "there are none, expected at least one")
-    heads = [one.head if isinstance(one, RecordingFile) else one for one in recordings]
-    kinds = {one.time is None for one in heads}
+    heads = [
+        recording.head if isinstance(recording, RecordingFile) else recording
+        for recording in recordings
+    ]
+    kinds = {head.time is None for head in heads}
     if len(kinds) > 1:
         raise RecordingError(
             heads[0].source, "static poses and trajectories cannot be diagnosed together"
         )
     static = kinds.pop()
     still, held = held_beyond(recordings, model.arm, still or {})
-    for one in heads:
-        require_all(one, model.arm, still)
-    if {one.joints for one in heads} != {heads[0].joints}:
+    for head in heads:
+        require_all(head, model.arm, still)
+    if {head.joints for head in heads} != {heads[0].joints}:
         raise RecordingError(heads[0].source, "the recordings hold different joints")
     pieces: list[MeasuredMotion] = []
     recordings, left_out, repeated = counted_once(recordings)
@@ -214,7 +217,9 @@ def _piece(
         arm, which = model.arm, recording.coordinates
         q = completed(q[:, columns], columns, there, arm, which)
         there = np.zeros(len(names))
-        qd, qdd = (completed(one[:, columns], columns, there, arm, which) for one in (qd, qdd))
+        qd, qdd = (
+            completed(values[:, columns], columns, there, arm, which) for values in (qd, qdd)
+        )
     effort = full(recording.effort)
     direction = None if recording.direction is None else full(recording.direction, 1.0)
     if recording.coordinates == "actuator":
@@ -298,7 +303,7 @@ def _noise_density(recording: Recording, arm: Arm, settings: LoadSettings) -> Ar
     high = effort - low(effort)
     frequency = np.linspace(0.0, rate / 2.0, 2000)
     # Two runs of a second-order Butterworth: amplitude 1 / (1 + (f / fc)^4).
-    left = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
-    variance = np.mean(high[low.edge : -low.edge] ** 2, axis=0) / left
+    passed = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
+    variance = np.mean(high[low.edge : -low.edge] ** 2, axis=0) / passed
     known = np.isin(np.arange(arm.n), columns)
     return np.where(known, np.sqrt(variance / (rate / 2.0)), np.nan)

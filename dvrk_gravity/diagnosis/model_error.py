@@ -97,11 +97,11 @@ def friction_change(
         settings: How friction changes.
     """
     settings = settings or FrictionChangeSettings()
-    own = (friction**2).sum(axis=0)
-    rubbing = own > 0.0
-    change = (friction * error).sum(axis=0) / np.where(rubbing, own, 1.0)
-    others = max(int(rubbing.sum()) - 1, 1)
-    elsewhere = np.sqrt(np.maximum((change**2).sum() - change**2, 0.0) / others)
+    square = (friction**2).sum(axis=0)
+    rubbing = square > 0.0
+    change = (friction * error).sum(axis=0) / np.where(rubbing, square, 1.0)
+    other_joints = max(int(rubbing.sum()) - 1, 1)
+    elsewhere = np.sqrt(np.maximum((change**2).sum() - change**2, 0.0) / other_joints)
     likely = np.minimum(settings.part, elsewhere)
     return np.where(rubbing, settings.deviations * likely, 0.0)
 
@@ -111,8 +111,8 @@ def like_friction(
 ) -> NDArray[np.bool_]:
     """Return (n,) where a factor of a model's (R, n) friction reproduces most of a torque."""
     settings = settings or FrictionChangeSettings()
-    square, own = (torque**2).sum(axis=0), (friction**2).sum(axis=0)
-    shared = (friction * torque).sum(axis=0) ** 2 > settings.shared * square * own
+    square, friction_square = (torque**2).sum(axis=0), (friction**2).sum(axis=0)
+    shared = (friction * torque).sum(axis=0) ** 2 > settings.shared * square * friction_square
     return np.asarray(shared & (square > 0.0))
 
 
@@ -132,14 +132,14 @@ def like_changed_friction(
         of_friction: The hypothesis is about friction.
         settings: How friction changes.
     """
-    square, own = (torque**2).sum(axis=0), (friction**2).sum(axis=0)
-    acts = (square > 0.0) & (own > 0.0)
-    own = np.where(own > 0.0, own, 1.0)
+    square, friction_square = (torque**2).sum(axis=0), (friction**2).sum(axis=0)
+    acts = (square > 0.0) & (friction_square > 0.0)
+    friction_square = np.where(friction_square > 0.0, friction_square, 1.0)
     if of_friction:
         # In units of the joints' friction, for joints differ; each counts as far as it is rubbed.
-        part = np.where(acts, square / own, 0.0)
+        part = np.where(acts, square / friction_square, 0.0)
         return np.asarray(acts & bool((part * part).sum() <= (part * most**2).sum()))
-    factor = (friction * torque).sum(axis=0) / own
+    factor = (friction * torque).sum(axis=0) / friction_square
     return np.asarray(acts & like_friction(torque, friction, settings) & (np.abs(factor) <= most))
 
 

@@ -262,8 +262,8 @@ class MeasuredMotion:
         for rows in self.pieces():
             whole = self.regressor(rows, self.gravity)
             for link, (columns, joints) in enumerate(zip(links, moved, strict=True)):
-                own = slice(rigid_body.PER_LINK * link, rigid_body.PER_LINK * (link + 1))
-                columns[rows] = whole[:, joints, own]
+                parameters = slice(rigid_body.PER_LINK * link, rigid_body.PER_LINK * (link + 1))
+                columns[rows] = whole[:, joints, parameters]
         return links
 
     def release(self) -> None:

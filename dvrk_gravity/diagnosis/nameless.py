@@ -41,18 +41,18 @@ class NamelessSettings:
 
 
 def with_nameless(
-    validation: CrossValidation, selection: Selection, accepted: list[SelectedEffect], floor: Array
+    validation: CrossValidation, selection: Selection, selected: list[SelectedEffect], floor: Array
 ) -> tuple[list[SelectedEffect], list[EffectTrial]]:
-    """Return the accepted effects that bear their name, and structure that no name fits.
+    """Return the selected effects that bear their name, and structure that no name fits.
 
     Args:
         validation: The samples.
         selection: What chose the effects.
-        accepted: Those.
+        selected: Those.
         floor: (n,) noise, N·m.
     """
     settings = NamelessSettings()
-    named = [one.trial.candidate for one in accepted]
+    named = [effect.trial.candidate for effect in selected]
     present = validation.data.motion.present
     # False where the floor is not known.
     clean = validation.score(named).rms <= settings.at_floor * floor
@@ -60,36 +60,49 @@ def with_nameless(
     pool = list(validation.candidates(nameless(validation.data.motion, joints)))
     unknown: list[EffectTrial] = []
     while len(unknown) < settings.most:
-        beside = [*named, *(one.candidate for one in unknown)]
+        beside = [*named, *(trial.candidate for trial in unknown)]
         validation.weigh(validation.out_of_fold(beside), final=True)
         before = validation.score(beside)
         best = selection.best(beside, before, pool)
         strong = [
-            one for one in best
-            if one.passes and not one.other_day and one.removed > settings.least
-            and np.any(one.size > validation.data.expected_on_another_day)
+            trial for trial in best
+            if trial.passes and not trial.other_day and trial.removed > settings.least
+            and np.any(trial.size > validation.data.expected_on_another_day)
         ]  # fmt: skip
         if not strong:
             break
         unknown.append(strong[0])
     held_out = HeldOut(validation)
     unknown = [
-        one for one in unknown if not held_out.unconfirmed([*named, one.candidate], [one.candidate])
+        trial
+        for trial in unknown
+        if not held_out.unconfirmed([*named, trial.candidate], [trial.candidate])
     ]
-    for found in unknown:
-        named = [one for one in named if not _mimics(validation, named, one, found.candidate)]
-    kept = [one for one in accepted if any(one.trial.candidate is other for other in named)]
+    for trial in unknown:
+        named = [
+            candidate
+            for candidate in named
+            if not _mimics(validation, named, candidate, trial.candidate)
+        ]
+    kept = [
+        effect
+        for effect in selected
+        if any(effect.trial.candidate is candidate for candidate in named)
+    ]
     return kept, unknown
 
 
 def _mimics(
-    validation: CrossValidation, named: Sequence[Candidate], one: Candidate, function: Candidate
+    validation: CrossValidation,
+    named: Sequence[Candidate],
+    candidate: Candidate,
+    function: Candidate,
 ) -> bool:
     """Tell whether a function without a name does so much better that the name does not fit."""
-    if not set(one.hypothesis.joints) & set(function.hypothesis.joints):
+    if not set(candidate.hypothesis.joints) & set(function.hypothesis.joints):
         return False
-    rest = [other for other in named if other is not one]
+    rest = [other for other in named if other is not candidate]
     without = validation.score(rest).likelihood
-    mine = validation.score([*rest, one]).likelihood - without
-    its = validation.score([*rest, function]).likelihood - without
-    return mine < NamelessSettings().mimic * its
+    gain = validation.score([*rest, candidate]).likelihood - without
+    function_gain = validation.score([*rest, function]).likelihood - without
+    return gain < NamelessSettings().mimic * function_gain

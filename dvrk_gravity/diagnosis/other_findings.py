@@ -36,11 +36,11 @@ def unknown_finding(
     held_out: HeldOut,
     validation: CrossValidation,
     named: Sequence[Candidate],
-    tried: EffectTrial,
+    trial: EffectTrial,
 ) -> Finding:
     """Return the finding of structure that no name fits."""
-    hypothesis = tried.candidate.hypothesis
-    with_it = [*named, tried.candidate]
+    hypothesis = trial.candidate.hypothesis
+    with_it = [*named, trial.candidate]
     before, after = held_out.error(named, with_it), held_out.error(with_it)
     joint = hypothesis.joints[0]
     gain = held_out.gain(before, after, [joint])
@@ -73,7 +73,7 @@ def as_read_before(motion: MeasuredMotion, data: FilteredData, held_out: HeldOut
 
 def reading_finding(
     score: ReadingScore,
-    alike: Sequence[ReadingScore],
+    alternatives: Sequence[ReadingScore],
     before: Array,
     after: Array,
     held_out: HeldOut,
@@ -97,7 +97,7 @@ def reading_finding(
                 f"{other.reading.words}: log-likelihood gain {other.gain:.0f} "
                 f"against {score.gain:.0f}",
             )
-            for other in alike
+            for other in alternatives
         ),
         rejected=(),
         sentence=(
@@ -121,20 +121,20 @@ def picture_of(
     """Return the held-out error of a joint against what a hypothesis depends on."""
     motion = data.motion
     variable = hypothesis.variable if not motion.static else "position"
-    own = joint if hypothesis.depends_on is None else hypothesis.depends_on
-    name, unit = motion.arm.joint_names[own], motion.arm.joints[own].unit
+    argument = joint if hypothesis.depends_on is None else hypothesis.depends_on
+    name, unit = motion.arm.joint_names[argument], motion.arm.joints[argument].unit
     scale, shown = (np.degrees(1.0), "deg") if unit == "rad" else (1e3, "mm")
     values, label = {
-        "position": (scale * motion.q[:, own], f"position of {name} [{shown}]"),
-        "velocity": (scale * motion.qd[:, own], f"velocity of {name} [{shown}/s]"),
-        "acceleration": (scale * motion.qdd[:, own], f"acceleration of {name} [{shown}/s²]"),
+        "position": (scale * motion.q[:, argument], f"position of {name} [{shown}]"),
+        "velocity": (scale * motion.qd[:, argument], f"velocity of {name} [{shown}/s]"),
+        "acceleration": (scale * motion.qdd[:, argument], f"acceleration of {name} [{shown}/s²]"),
         "time": (motion.time, "time [s]"),
     }[variable]
     x = data.reduce_state(values[:, None])[held_out.rows, 0]
     forward = None
     if variable == "position" and hypothesis.directed:
         way = motion.qd if motion.direction is None else motion.direction
-        forward = data.reduce_state(way[:, [own]])[held_out.rows, 0] > 0.0
+        forward = data.reduce_state(way[:, [argument]])[held_out.rows, 0] > 0.0
     return Picture(
         motion.arm.joint_names[joint], label, x, before[:, joint], after[:, joint], forward
     )

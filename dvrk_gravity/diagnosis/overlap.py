@@ -36,19 +36,19 @@ def contains(
 
 
 def overlap(
-    validation: CrossValidation, mine: Candidate, other: Candidate, rest: Sequence[Candidate]
+    validation: CrossValidation, candidate: Candidate, other: Candidate, rest: Sequence[Candidate]
 ) -> float:
     """Return the part of a hypothesis' torque that another one's columns reproduce.
 
     Both are taken beside the rest: what that reproduces anyway does not count.
     """
-    theta = validation.parameters([*rest, mine])
-    return reproduced(validation, mine, theta[-mine.size :], other, rest)[0]
+    theta = validation.parameters([*rest, candidate])
+    return reproduced(validation, candidate, theta[-candidate.size :], other, rest)[0]
 
 
 def reproduced(
     validation: CrossValidation,
-    mine: Candidate,
+    candidate: Candidate,
     theta: Array,
     other: Candidate,
     rest: Sequence[Candidate],
@@ -57,15 +57,15 @@ def reproduced(
 
     Args:
         validation: The samples.
-        mine: The hypothesis.
+        candidate: The hypothesis.
         theta: Its parameters.
         other: Another one.
         rest: What both are taken beside.
     """
     base = validation.regression(rest)
-    torque = base.residual(validation.design([mine]) @ theta)
+    torque = base.residual(validation.design([candidate]) @ theta)
     columns = base.residual(validation.design([other]))
     free = Regression(columns, np.zeros((other.size, other.size)), base.trace)
     found = free.coefficients(torque)
-    left = torque - columns @ found
-    return 1.0 - float(left @ left) / max(float(torque @ torque), 1e-300), found
+    residual = torque - columns @ found
+    return 1.0 - float(residual @ residual) / max(float(torque @ torque), 1e-300), found

@@ -78,8 +78,8 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
     told = np.concatenate([_times(motion, group, track) for group in _by_clock(motion)])
     rough = NearbyTorque.fit(other)
     # What it leaves of the reference is of that phase; what it says, of where the arm is now.
-    left = other.effort - rough.torque(other)
-    measured = track.at(told, [left[p] for p in other.parts]) + rough.torque(motion)
+    residual = other.effort - rough.torque(other)
+    measured = track.at(told, [residual[p] for p in other.parts]) + rough.torque(motion)
     shown: NDArray[np.bool_] = np.all(np.isfinite(measured), axis=1)
     pieces = [
         piece
@@ -178,5 +178,5 @@ def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:
 
 def _further(warnings: Sequence[DataWarning], said: Sequence[DataWarning]) -> list[DataWarning]:
     """Return the warnings of a reference that the recording itself does not deserve as well."""
-    known = {(one.kind, one.joint) for one in said}
-    return [one for one in warnings if (one.kind, one.joint) not in known]
+    known = {(warning.kind, warning.joint) for warning in said}
+    return [warning for warning in warnings if (warning.kind, warning.joint) not in known]

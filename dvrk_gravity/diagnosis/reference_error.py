@@ -57,8 +57,8 @@ def reference_columns(
         columns[:, joint, 4 * index] = settings.by_load * grown[:, joint] * sign
         columns[:, joint, 4 * index + 1] = settings.by_inertia * inertia[:, joint]
         # About as much as the reference's torque owes to direction and speed.
-        for place, way in enumerate((sign, speed), start=2):
+        for column, way in enumerate((sign, speed), start=2):
             moving = max(float(np.mean(way**2)), 1e-12)
             owed = abs(float(np.mean(way * motion.reference[:, joint]))) / moving
-            columns[:, joint, 4 * index + place] = settings.by_day * owed * way
+            columns[:, joint, 4 * index + column] = settings.by_day * owed * way
     return columns

@@ -25,7 +25,7 @@ class RefinementSettings:
         steps: Evaluations in the search for a setting. Chosen: a bound on time.
         fixed_points: Rounds in the search for a setting that its own fit tells: it converges
             quadratically, and halves the way where it begins too far. Chosen: a bound on time.
-        settled: Change of such a setting, of its size, at which the search ends. Chosen.
+        tolerance: Change of such a setting, of its size, at which the search ends. Chosen.
     """
 
     edge_step: float = 0.03
@@ -33,7 +33,7 @@ class RefinementSettings:
     profile: float = 1.92
     steps: int = 12
     fixed_points: int = 10
-    settled: float = 1e-3
+    tolerance: float = 1e-3
 
 
 def begun(validation: CrossValidation, candidate: Candidate) -> Candidate:
@@ -58,7 +58,7 @@ def refined(
         size = max(abs(setting[n]) for n in hypothesis.fixed_point)
         hypothesis = replace(hypothesis, setting=setting)
         candidate = validation.candidate(hypothesis)
-        if max(moved) <= settings.settled * size:
+        if max(moved) <= settings.tolerance * size:
             break
     for name in hypothesis.refine:
         if name in hypothesis.edges:

@@ -55,7 +55,7 @@ class RunSettings:
     Attributes:
         reading: Part of the best hypothesis' gain that another reading of the recording must
             reach. Chosen: a wrong reading explains nearly all, a cause beside it some.
-        alike: ... and of its gain, that yet another must reach to be told beside it. Chosen.
+        alternative: ... and of its gain, that yet another must reach to be told beside it. Chosen.
         doubtful: Times the noise, above which the masses of a model that does not tell how sure it
             is may move along. Chosen.
         moving_gain: Log-likelihood that they must then bring, all costs taken off: what five
@@ -65,7 +65,7 @@ class RunSettings:
     """
 
     reading: float = 0.7
-    alike: float = 0.97
+    alternative: float = 0.97
     doubtful: float = 1.5
     moving_gain: float = 20.0
     attempts: int = 3
@@ -77,13 +77,13 @@ _SETTINGS = RunSettings()
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What was accepted, before it is put into words.
+    """What was selected, before it is put into words.
 
     Attributes:
         loaded: The motion as it was finally read.
         readings: Wrong readings found, each with the motion read as it was before.
         validation: The validation.
-        accepted: Named effects in order.
+        selected: Named effects in order.
         unknown: Structure without a name.
         unconfirmed: Effects that the held-out blocks do not show.
         minor: Effects that are significant, and smaller than what the model is known to miss.
@@ -94,7 +94,7 @@ class Outcome:
     loaded: Loaded
     readings: Readings
     validation: CrossValidation
-    accepted: tuple[SelectedEffect, ...]
+    selected: tuple[SelectedEffect, ...]
     unknown: tuple[EffectTrial, ...]
     unconfirmed: tuple[Unconfirmed, ...]
     minor: tuple[EffectTrial, ...]
@@ -144,7 +144,7 @@ def diagnose(
     whole, said = opened(recordings, coordinates, arm), tuple[str, ...]()
     if model is None:
         arm, said = in_their_unit(arm, whole)
-        whole, model = [one.of(arm) for one in whole], model_of(arm)
+        whole, model = [recording.of(arm) for recording in whole], model_of(arm)
     say = progress or _silent
     say("reading")
     loaded = load(whole, model, known_still(still))
@@ -154,7 +154,7 @@ def diagnose(
     outcome = investigate(loaded, say)
     say("measuring gains on held-out blocks")
     diagnosis = assemble(
-        outcome.loaded, outcome.readings, outcome.validation, outcome.accepted, outcome.unknown,
+        outcome.loaded, outcome.readings, outcome.validation, outcome.selected, outcome.unknown,
         outcome.unconfirmed, outcome.minor, outcome.other_day, outcome.pool,
     )  # fmt: skip
     if known_payload is not None:
@@ -178,12 +178,15 @@ def _beside_reference(
 ) -> Loaded:
     """Return what recordings and a reference both show."""
     (other,) = opened(reference, coordinates, model.arm)
-    for one in (*recordings, other):
-        require_moving(one)
-    heads = [one.head if isinstance(one, RecordingFile) else one for one in (recordings[0], other)]
+    for recording in (*recordings, other):
+        require_moving(recording)
+    heads = [
+        recording.head if isinstance(recording, RecordingFile) else recording
+        for recording in (recordings[0], other)
+    ]
     before = ReadBefore()
-    for one in (*recordings, other):
-        before.read(one)
+    for recording in (*recordings, other):
+        before.read(recording)
     if before.skipped:  # the last of them
         raise RecordingError(heads[1].source, "is what is diagnosed, too: expected another one")
     sure = replace(model, uncertainty=None)  # what it does not know, it does not know in either
@@ -197,7 +200,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     """Choose readings, effects and nameless structure."""
     loaded, readings, validation, pool = _read_rightly(loaded, say)
     # One link before all of them: what every mass together explains is no cause yet.
-    sparse = [one for one in pool if not one.hypothesis.of_model]
+    sparse = [candidate for candidate in pool if not candidate.hypothesis.of_model]
     selection = Selection(validation, sparse, say)
     say("weighing hypotheses")
     chosen = selection.run()
@@ -209,16 +212,16 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
         selection, chosen = _with_model_moving(validation, pool, selection, chosen, say)
     chosen, unconfirmed = _confirmed(validation, selection, chosen, say)
     # Masses that only moved along are no cause: they come last.
-    chosen.sort(key=lambda one: one.hypothesis.of_model)
-    accepted = selection.explained(chosen)
+    chosen.sort(key=lambda candidate: candidate.hypothesis.of_model)
+    selected = selection.explained(chosen)
     say("looking for structure without a name")
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
     validation.release()
-    accepted, unknown = with_nameless(validation, selection, accepted, floor)
-    other_day = [one.trial.candidate for one in accepted if one.trial.other_day]
-    accepted = [one for one in accepted if not one.trial.other_day]
-    minor = _minor(validation, sparse, accepted, unknown)
-    return Outcome(loaded, readings, validation, tuple(accepted), tuple(unknown),
+    selected, unknown = with_nameless(validation, selection, selected, floor)
+    other_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
+    selected = [effect for effect in selected if not effect.trial.other_day]
+    minor = _minor(validation, sparse, selected, unknown)
+    return Outcome(loaded, readings, validation, tuple(selected), tuple(unknown),
                    tuple(unconfirmed), tuple(minor), tuple(other_day), tuple(pool))  # fmt: skip
 
 
@@ -232,30 +235,31 @@ def _read_rightly(
     """
     validation, pool = _prepare(loaded.motion, say)
     # Of two recordings of one motion both are read alike.
-    tried = try_readings(loaded.motion) if loaded.motion.reference is None else []
-    if not tried or not tried[0].passes:
+    scores = try_readings(loaded.motion) if loaded.motion.reference is None else []
+    if not scores or not scores[0].passes:
         return loaded, (), validation, pool
     as_it_is = validation.score([])
     best = Selection(validation, pool, say).best([], as_it_is)
     least = _SETTINGS.reading * (best[0].gain if best else 0.0)
-    if tried[0].gain <= least:
+    if scores[0].gain <= least:
         return loaded, (), validation, pool
     validation.release()
     del validation, pool  # of a long recording there is no room for two
-    motion = read_as(loaded.motion, tried[0].reading)
+    motion = read_as(loaded.motion, scores[0].reading)
     validation, pool = _prepare(motion, say)
     if validation.score([]).likelihood - as_it_is.likelihood <= least:
         return loaded, (), *_prepare(loaded.motion, say)
-    say(f"wrong reading: {tried[0].reading.words}")
-    alike = tuple(one for one in tried[1:] if one.gain > _SETTINGS.alike * tried[0].gain)
-    readings = ((tried[0], loaded.motion, alike),)
+    say(f"wrong reading: {scores[0].reading.words}")
+    limit = _SETTINGS.alternative * scores[0].gain
+    alternatives = tuple(score for score in scores[1:] if score.gain > limit)
+    readings = ((scores[0], loaded.motion, alternatives),)
     return replace(loaded, motion=motion), readings, validation, pool
 
 
 def _minor(
     validation: CrossValidation,
     pool: Sequence[Candidate],
-    accepted: Sequence[SelectedEffect],
+    selected: Sequence[SelectedEffect],
     unknown: Sequence[EffectTrial],
 ) -> list[EffectTrial]:
     """Return what is significant beside the findings, and less than the model's known error.
@@ -267,7 +271,8 @@ def _minor(
     validation = copy(validation)
     lenient = replace(validation.significance.settings, least=0.0)
     validation.significance = Significance(validation.data, lenient)
-    chosen = [*(one.trial.candidate for one in accepted), *(one.candidate for one in unknown)]
+    chosen = [effect.trial.candidate for effect in selected]
+    chosen += [trial.candidate for trial in unknown]
     settings = replace(SelectionSettings(), consequence=0.0)
     selection = Selection(validation, pool, _silent, settings=settings)
     validation.weigh(validation.out_of_fold(chosen))
@@ -275,8 +280,8 @@ def _minor(
     most = SelectionSettings().consequence * validation.known_error
     told: list[EffectTrial] = []
     for trial in selection.best(chosen, validation.score(chosen)):
-        others = {joint for one in told for joint in one.candidate.hypothesis.joints}
-        apart = others.isdisjoint(trial.candidate.hypothesis.joints)
+        joints = {joint for earlier in told for joint in earlier.candidate.hypothesis.joints}
+        apart = joints.isdisjoint(trial.candidate.hypothesis.joints)
         if trial.passes and apart and not np.any(trial.size > most):
             told.append(trial)
     return told[: _SETTINGS.most_minor]
@@ -295,15 +300,20 @@ def _with_model_moving(
     could; only when they move along does the cause get its due.
     """
     say("weighing hypotheses with the model's own parameters moving along")
-    always = [one for one in pool if one.hypothesis.of_model]
+    always = [candidate for candidate in pool if candidate.hypothesis.of_model]
     # What links weigh is theirs to say now.
-    pool = [one for one in pool if one in always or one.hypothesis.site.kind is not Kind.LINK]
+    pool = [
+        candidate
+        for candidate in pool
+        if candidate in always or candidate.hypothesis.site.kind is not Kind.LINK
+    ]
     moving = Selection(validation, pool, say, always)
     other = moving.run()
     validation.weigh(validation.out_of_fold(other))
     whole = validation.score(other).likelihood
     # What the masses overfit shows in the folds that they have not seen: no further cost.
-    gain = whole + sum(one.cost for one in always) - validation.score(chosen).likelihood
+    cost = sum(candidate.cost for candidate in always)
+    gain = whole + cost - validation.score(chosen).likelihood
     if gain <= _SETTINGS.moving_gain:
         return selection, chosen
     return moving, other
@@ -327,7 +337,7 @@ def _confirmed(
         unconfirmed += failed
         if not failed or attempt == _SETTINGS.attempts - 1:
             break
-        selection.exclude(one.hypothesis for one in failed)
+        selection.exclude(effect.hypothesis for effect in failed)
         chosen = selection.run(chosen)
     return chosen, unconfirmed
 
@@ -340,10 +350,10 @@ def _held_out_confirms(
 
     def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
         validation.weigh(validation.out_of_fold(kept))
-        on_trial = [one for one in kept if not one.hypothesis.of_model]
+        on_trial = [candidate for candidate in kept if not candidate.hypothesis.of_model]
         found = HeldOut(validation).unconfirmed(kept, on_trial)
-        failures.update({id(one): failure for failure, one in found})
-        return [(failure.gain.relative, one) for failure, one in found]
+        failures.update({id(candidate): failure for failure, candidate in found})
+        return [(failure.gain.relative, candidate) for failure, candidate in found]
 
     # The weakest goes first: of two that share one torque, either may hold without the other.
     failures: dict[int, Unconfirmed] = {}
@@ -363,8 +373,12 @@ def _prepare(
     say("building hypotheses")
     validation = CrossValidation(FilteredData.of(motion))
     pool = list(validation.candidates(hypotheses(motion)))
-    pool = [one for one in pool if np.isfinite(one.values).all() and one.acts.any()]
-    return validation, [begun(validation, one) for one in pool]
+    pool = [
+        candidate
+        for candidate in pool
+        if np.isfinite(candidate.values).all() and candidate.acts.any()
+    ]
+    return validation, [begun(validation, candidate) for candidate in pool]
 
 
 def _silent(line: str) -> None:

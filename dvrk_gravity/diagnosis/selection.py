@@ -190,7 +190,11 @@ class Selection:
         newest = trial.move
 
         def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
-            old = [one for one in kept if one is not newest and one not in self._always]
+            old = [
+                candidate
+                for candidate in kept
+                if candidate is not newest and candidate not in self._always
+            ]
             return [
                 (found.worth, found.move) for found in self._without(kept, old) if not found.passes
             ]
@@ -216,7 +220,7 @@ class Selection:
         pool = [candidate for candidate in pool if candidate.hypothesis.key not in known]
         least = settings.consequence * validation.known_error
         screened = validation.screen(selected, pool, settings.screened, least)
-        trials = [self.tried(selected, candidate, before) for candidate in screened]
+        trials = [self.evaluate(selected, candidate, before) for candidate in screened]
         if not trials:
             return []
         limit = (1.0 - settings.close) * max(trial.gain for trial in trials)
@@ -230,12 +234,13 @@ class Selection:
             seen.add(name)
             adjustable = hypothesis.refine or hypothesis.fixed_point
             if adjustable and trial.gain >= limit and len(seen) <= settings.refined:
-                again = self.tried(selected, refined(validation, trial.candidate, selected), before)
+                adjusted = refined(validation, trial.candidate, selected)
+                again = self.evaluate(selected, adjusted, before)
                 trial = again if again.gain > trial.gain else trial
             result.append(trial)
         return sorted(result, key=lambda trial: -trial.gain)
 
-    def tried(
+    def evaluate(
         self, selected: Sequence[Candidate], candidate: Candidate, before: Score
     ) -> EffectTrial:
         """Return how a candidate does beside the selected ones."""
@@ -263,8 +268,8 @@ class Selection:
         size = np.where(used, self.validation.size(candidate, theta), 0.0)
         if self.validation.model_size:
             # What the model's parameters would make up for as best they can is not theirs.
-            both = np.maximum(np.hypot(after.rms, size), 1e-300)
-            removed = np.fmax(removed, 1.0 - after.rms / both)
+            with_torque = np.maximum(np.hypot(after.rms, size), 1e-300)
+            removed = np.fmax(removed, 1.0 - after.rms / with_torque)
         most = float(np.max(removed[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
         expected = self._other_day.explains(candidate, theta, beside)
@@ -283,12 +288,13 @@ class Selection:
     ) -> list[EffectTrial]:
         """Return how some of the selected do beside all others."""
         whole, theta = self.validation.score(selected), self.validation.parameters(selected)
-        own = {id(candidate): its for candidate, its in split(selected, theta)}
+        parameters = {id(candidate): values for candidate, values in split(selected, theta)}
         trials = []
         for candidate in looked_at:
             rest = [other for other in selected if other is not candidate]
             before = self.validation.score(rest)
-            trials.append(self._trial(candidate, rest, before, whole, own[id(candidate)]))
+            fitted = parameters[id(candidate)]
+            trials.append(self._trial(candidate, rest, before, whole, fitted))
         return trials
 
     def _searched(self, selected: Sequence[Candidate]) -> list[Candidate]:
@@ -346,19 +352,18 @@ class Selection:
             if len(selected) == 1:
                 continue
             without = validation.score(rest)
-            mine = self.tried(rest, selected[i], without)
-            if mine.other_day:  # nothing more is to be said of it
+            current = self.evaluate(rest, selected[i], without)
+            if current.other_day:  # nothing more is to be said of it
                 continue
-            others = [trial for trial in self.best(rest, without) if trial.passes]
-            if others:
-                its = self._preferred([mine, *others])
-                simpler = its.candidate.parameters < mine.candidate.parameters or its.other_day
-                better = simpler or its.gain > mine.gain + settings.equal_least
-                if better and its is not mine:
-                    self._report(
-                        f"{its.candidate.hypothesis} instead of {mine.candidate.hypothesis}"
-                    )
-                    selected[i] = its.candidate
+            alternatives = [trial for trial in self.best(rest, without) if trial.passes]
+            if alternatives:
+                preferred = self._preferred([current, *alternatives])
+                new, old = preferred.candidate, current.candidate
+                simpler = new.parameters < old.parameters or preferred.other_day
+                better = simpler or preferred.gain > current.gain + settings.equal_least
+                if better and preferred is not current:
+                    self._report(f"{new.hypothesis} instead of {old.hypothesis}")
+                    selected[i] = new
         return selected
 
     def _preferred(self, trials: Sequence[EffectTrial]) -> EffectTrial:
@@ -388,15 +393,15 @@ class Selection:
             validation.weigh(validation.out_of_fold(selected))
             whole = validation.score(selected).likelihood
             without = validation.score(rest)
-            if self.tried(rest, selected[i], without).other_day:
+            if self.evaluate(rest, selected[i], without).other_day:
                 continue
             key = selected[i].hypothesis.key
-            others = [
+            alternatives = [
                 trial.candidate
                 for trial in self.best(rest, without)
                 if trial.passes and trial.candidate.hypothesis.key != key
             ]
-            for other in others[: settings.refined]:
+            for other in alternatives[: settings.refined]:
                 replaced = [*selected[:i], other, *selected[i + 1 :]]
                 for second in rest:
                     if second in self._always:
@@ -415,13 +420,13 @@ class Selection:
         rest = [*selected[:i], *selected[i + 1 :]]
         validation.weigh(validation.out_of_fold(selected))
         without = validation.score(rest)
-        mine = self.tried(rest, selected[i], without)
-        if mine.other_day:
-            return SelectedEffect(mine, (), ())
+        current = self.evaluate(rest, selected[i], without)
+        if current.other_day:
+            return SelectedEffect(current, (), ())
         key = selected[i].hypothesis.key
         # Needless parameters make no alternative, but those that white noise would make needful do.
-        more = mine.gain + settings.equal_least
-        others = [
+        more = current.gain + settings.equal_least
+        alternatives = [
             trial
             for trial in self.best(rest, without)
             if trial.candidate.hypothesis.key != key
@@ -430,7 +435,7 @@ class Selection:
             and (trial.gain > more or not contains(validation, trial.candidate, selected[i], rest))
             and overlap(validation, selected[i], trial.candidate, rest) > settings.overlap
         ]
-        least = mine.gain - self._margin([mine])
-        equal = tuple(trial for trial in others if trial.gain > least)
-        worse = tuple(trial for trial in others if trial.gain <= least)
-        return SelectedEffect(mine, equal, worse[: settings.rejected])
+        least = current.gain - self._margin([current])
+        equal = tuple(trial for trial in alternatives if trial.gain > least)
+        worse = tuple(trial for trial in alternatives if trial.gain <= least)
+        return SelectedEffect(current, equal, worse[: settings.rejected])

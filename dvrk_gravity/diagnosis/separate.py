@@ -15,7 +15,7 @@ _POSES = 400
 
 
 def separation(
-    validation: CrossValidation, rest: Sequence[Candidate], mine: Candidate, other: Candidate
+    validation: CrossValidation, rest: Sequence[Candidate], selected: Candidate, other: Candidate
 ) -> str:
     """Return what would tell two hypotheses apart, in words; ``""`` if nothing found does.
 
@@ -24,14 +24,14 @@ def separation(
 
     Args:
         validation: The validation.
-        rest: The other accepted effects.
-        mine: The hypothesis that was accepted.
+        rest: The other selected effects.
+        selected: The hypothesis that was selected.
         other: The one that could stand in its place.
     """
     data = validation.data
-    pair = (mine.hypothesis, other.hypothesis)
-    told = next((one.told_apart_by for one in pair if one.told_apart_by), "")
-    if told or not all(one.of_state for one in pair):
+    pair = (selected.hypothesis, other.hypothesis)
+    told = next((hypothesis.told_apart_by for hypothesis in pair if hypothesis.told_apart_by), "")
+    if told or not all(hypothesis.of_state for hypothesis in pair):
         return told
     motion = data.motion
     random = np.random.default_rng(0)
@@ -49,15 +49,15 @@ def separation(
         parts=(slice(0, _POSES),),
     )
     torques = []
-    for one in (mine, other):
-        theta, _ = validation.fit([*rest, one])
-        columns = one.hypothesis.build(anywhere, one.hypothesis.setting)
-        torques.append(columns @ theta[-one.size :])
+    for candidate in (selected, other):
+        theta, _ = validation.fit([*rest, candidate])
+        columns = candidate.hypothesis.build(anywhere, candidate.hypothesis.setting)
+        torques.append(columns @ theta[-candidate.size :])
     apart = np.abs(torques[0] - torques[1]) * validation.weight
     where, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
     unit = arm.joints[joint].effort_unit
     difference = quantity(abs(torques[0][where, joint] - torques[1][where, joint]), unit)
     if apart[where, joint] < 2.0:
         return "they hardly differ anywhere within the joints' limits"
-    there = pose(q[where], [one.unit for one in arm.joints])
+    there = pose(q[where], arm.units)
     return f"at {there} they differ by {difference} on {arm.joint_names[joint]}"

@@ -13,7 +13,7 @@ from dvrk_gravity.quantity import quantity
 
 def weighed(findings: Sequence[Finding], known: float, arm: Arm) -> Weighed:
     """Compare the payload that was found with the mass that is known."""
-    found = next((one for one in findings if one.effect == Payload.NAME), None)
+    found = next((finding for finding in findings if finding.effect == Payload.NAME), None)
     if found is None:
         return Weighed(known, None, f"no payload was found, and {known:g} kg are said to be there")
     mass = found.parameters["mass"]

@@ -79,13 +79,13 @@ class Cogging(Term):
             given = [by_joint.numbers(values, name) for name in names]
             count = max(map(len, given))
             expected = f"{count}: amplitude, cycles_per_revolution, phase of each ripple"
-            for total, name, one in zip(numbers.values(), names, given, strict=True):
-                by_joint.check_count(name, one, count, expected)
-                total.extend(one)
+            for total, name, ripples in zip(numbers.values(), names, given, strict=True):
+                by_joint.check_count(name, ripples, count, expected)
+                total.extend(ripples)
             motors += [motor] * count
         if not motors:
             return None
-        return cls(arm, np.array(motors), *(np.array(one) for one in numbers.values()))
+        return cls(arm, np.array(motors), *(np.array(ripples) for ripples in numbers.values()))
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
@@ -116,8 +116,8 @@ class Cogging(Term):
             steps = 2.0 * _LEAST_CYCLES + 0.5 * np.arange(_FREQUENCIES)
             grid = steps * np.pi / np.ptp(angle)
             waves: list[NDArray[np.float32]] = []
-            for some in np.split(grid, _FREQUENCIES // _TOGETHER):
-                reduced = data.reduce(np.exp(1j * angle[:, None] * some).view(float))
+            for batch in np.split(grid, _FREQUENCIES // _TOGETHER):
+                reduced = data.reduce(np.exp(1j * angle[:, None] * batch).view(float))
                 waves.append(reduced.astype(np.float32))
             cosine, sine = (np.hstack([wave[:, first::2] for wave in waves]) for first in (0, 1))
             bases.append(_Waves(motor, row, grid, cosine, sine))

@@ -74,16 +74,16 @@ class Contact(Term):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Contact | None:
-        """See :meth:`Term.from_parameters`; where there is a stiffness, there must be a place."""
+        """See :meth:`Term.from_parameters`; a stiffness needs a position."""
         n = arm.n
         arrays: list[Array] = []
         for side in ("above", "below"):
             stiffness = as_array(values.get(f"{cls.NAME}.{side}"), n, 0.0)
-            place = values.get(f"{cls.NAME}.{side}_position")
-            if stiffness.any() and not place:
+            position = values.get(f"{cls.NAME}.{side}_position")
+            if stiffness.any() and not position:
                 joint = arm.joint_names[int(np.argmax(stiffness != 0.0))]
                 raise ConfigError(f"{cls.NAME}.{side}_position of {joint}", None, "a position")
-            arrays += [stiffness, as_array(place, n, 0.0)]
+            arrays += [stiffness, as_array(position, n, 0.0)]
         term = cls(*arrays)
         return term if term.above.any() or term.below.any() else None
 

@@ -22,7 +22,7 @@ from dvrk_gravity.effects.base.arrays import (
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import (
-    friction_places,
+    friction_site_kinds,
     friction_sites,
     likely_columns,
     moves_between,
@@ -100,11 +100,11 @@ class CoulombFriction(LinearTerm):
         """See :meth:`Term.from_parameters`; a direction that is not given equals the other."""
         n = arm.n
         levels = {}
-        for place in ("joint", "motor"):
-            up = values.get(f"{cls.NAME}.{place}_positive") or ()
-            down = values.get(f"{cls.NAME}.{place}_negative") or ()
-            levels[f"{place}_positive"] = as_array(up or down, n, 0.0)
-            levels[f"{place}_negative"] = as_array(down or up, n, 0.0)
+        for kind in ("joint", "motor"):
+            up = values.get(f"{cls.NAME}.{kind}_positive") or ()
+            down = values.get(f"{cls.NAME}.{kind}_negative") or ()
+            levels[f"{kind}_positive"] = as_array(up or down, n, 0.0)
+            levels[f"{kind}_negative"] = as_array(down or up, n, 0.0)
         if not any(level.any() for level in levels.values()):
             return None
         transition = as_array(values.get(f"{cls.NAME}.transition_velocity"), n, 0.02)
@@ -119,9 +119,9 @@ class CoulombFriction(LinearTerm):
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
         values: dict[str, Value] = {}
-        for place in ("joint", "motor"):
+        for kind in ("joint", "motor"):
             # Both or none: one alone would stand for both.
-            levels = {name: getattr(self, name) for name in _LEVELS if name.startswith(place)}
+            levels = {name: getattr(self, name) for name in _LEVELS if name.startswith(kind)}
             if any(level.any() for level in levels.values()):
                 values |= {f"{self.NAME}.{name}": as_value(v) for name, v in levels.items()}
         return values | {f"{self.NAME}.transition_velocity": as_value(self.transition_velocity)}
@@ -180,9 +180,9 @@ class CoulombFriction(LinearTerm):
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
         """See :meth:`LinearTerm.moves`."""
         for joint in range(table.arm.n):
-            for place in friction_places(table.arm, joint):
-                here = tuple(table.select(effect=cls.NAME, place=place, joint=joint))
-                text = f"{cls.NAME} {where(table.arm, joint, place)}"
+            for kind in friction_site_kinds(table.arm, joint):
+                here = tuple(table.select(effect=cls.NAME, site_kind=kind, joint=joint))
+                text = f"{cls.NAME} {where(table.arm, joint, kind)}"
                 if here[0] in inside:
                     yield ModelChange((), here, f"without {text}")
                 else:
@@ -219,8 +219,8 @@ class CoulombFriction(LinearTerm):
                 cls.NAME, kind, PART * effort_of_motor(arm, kind), 0, True, "N·m"
             )
         ]
-        both = np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1)))
-        return Unknowns(term, tuple(columns), both.astype(float))
+        basis = np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1)))
+        return Unknowns(term, tuple(columns), basis.astype(float))
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
@@ -245,14 +245,14 @@ class CoulombFriction(LinearTerm):
         """See :meth:`Effect.hypotheses`; of poses only where their direction is known."""
         if motion.static and motion.direction is None:
             return
-        for place in friction_sites(motion):
+        for friction_site in friction_sites(motion):
             setting: dict[str, float] = {}
             if not motion.static:
-                setting["transition"] = motion.slowest(place.row(motion.arm))
+                setting["transition"] = motion.slowest(friction_site.row(motion.arm))
             for one_level in (True, False):
                 yield CoulombHypothesis(
-                    arm=motion.arm, site=place, joints=(place.index,), setting=setting,
-                    refine=tuple(setting), one_level=one_level,
+                    arm=motion.arm, site=friction_site, joints=(friction_site.index,),
+                    setting=setting, refine=tuple(setting), one_level=one_level,
                 )  # fmt: skip
 
     def at(self, where: site.Site) -> float:
@@ -326,11 +326,11 @@ class CoulombHypothesis(Hypothesis):
         if up == down:
             return f"{where} has {told['positive']} Coulomb friction than the model"
         if up.value * down.value > 0.0 and not (up.doubtful(0.0) or down.doubtful(0.0)):
-            both = f"{up.magnitude.shown} moving up, {down.magnitude.shown} moving down"
+            levels = f"{up.magnitude.shown} moving up, {down.magnitude.shown} moving down"
             way = MORE[up.value < 0.0]
-            return f"{where} has {way} Coulomb friction than the model: {both}"
-        both = f"{told['positive']} moving up, {told['negative']} moving down"
-        return f"{where} has another Coulomb friction than the model: {both}"
+            return f"{where} has {way} Coulomb friction than the model: {levels}"
+        levels = f"{told['positive']} moving up, {told['negative']} moving down"
+        return f"{where} has another Coulomb friction than the model: {levels}"
 
 
 def with_coulomb(arm: Arm, values: Values, where: site.Site, levels: Array) -> dict[str, Any]:

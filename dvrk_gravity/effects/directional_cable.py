@@ -170,8 +170,8 @@ class DirectionalCable(Term):
 
     def prepare(self) -> Evaluator:
         """See :meth:`Term.prepare`."""
-        both, sum_up = self.prepare_parts(self.ratio), np.ones(2).dot
-        return lambda q, qd: sum_up(both(q, qd))
+        parts, sum_up = self.prepare_parts(self.ratio), np.ones(2).dot
+        return lambda q, qd: sum_up(parts(q, qd))
 
     def prepare_parts(self, part: Array) -> Evaluator:
         """See :meth:`Term.prepare_parts`: both parts share their powers of the position."""
@@ -180,7 +180,7 @@ class DirectionalCable(Term):
             return lambda q, qd: np.stack([elastic.torque(State(q)), friction.torque(State(q, qd))])
         count, n = elastic.coefficients.shape
         slope = friction.ratio / (friction.saturation_velocity - friction.dead_band)
-        both = np.vstack([elastic.coefficients, friction.positive * slope])
+        coefficients = np.vstack([elastic.coefficients, friction.positive * slope])
         # A velocity cut at the one less the same velocity cut at the other: the blend's ramp.
         edges = np.array([friction.saturation_velocity, friction.dead_band])
         lowest, full_less_dead = -edges, np.array([1.0, -1.0]).dot
@@ -193,7 +193,7 @@ class DirectionalCable(Term):
             powers(q, plain)
             ramp = 0.0 if qd is None else full_less_dead(np.minimum(np.maximum(qd, lowest), edges))
             np.multiply(plain, ramp, blended)
-            return sum_up(both * factors)
+            return sum_up(coefficients * factors)
 
         return evaluate
 
@@ -208,8 +208,8 @@ class DirectionalCable(Term):
         n = self.positive.shape[1]
 
         def at(q: Array, qd: Array) -> tuple[Array, Array | None]:
-            both = values(q)
-            return both[:n], np.abs(both[n:])
+            torques = values(q)
+            return torques[:n], np.abs(torques[n:])
 
         return PlantPart(at=at)
 

@@ -108,8 +108,8 @@ class Gravity(LinearTerm):
         """See :meth:`Term.prepare`."""
         if not self.enabled:
             return super().prepare()
-        own = beta_tree(self.arm, self.beta, self.vector)  # Pinocchio's workspace is for one thread
-        return weight_evaluator(own)
+        # A tree of its own: Pinocchio's workspace is for one thread.
+        return weight_evaluator(beta_tree(self.arm, self.beta, self.vector))
 
     @property
     def theta(self) -> Array:
@@ -150,11 +150,11 @@ def with_beta(values: Values, change: Array) -> Values | None:
 def link_beta(link: str, mass: float, moment: Array) -> Array:
     """Return (14,) change of beta, N·m, by a link's mass, kg, and (3,) first moment, kg·m."""
     weight = gravity.beta_from_links({link: gravity.LinkMass(1.0)}, columns=_SIZES[-1])
-    place = [
+    per_moment = [
         gravity.beta_from_links(
             {link: gravity.LinkMass(1.0, tuple(axis.tolist()))}, columns=_SIZES[-1]
         )
         - weight
         for axis in np.eye(3)
     ]
-    return mass * weight + np.array(place).T @ moment
+    return mass * weight + np.array(per_moment).T @ moment

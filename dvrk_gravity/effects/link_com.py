@@ -121,11 +121,14 @@ class MomentHypothesis(Hypothesis):
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""
         along = ", ".join(
-            self.meaning(f"delta_beta_{AXES[axis]}").tell(one)
-            for axis, one in zip(self.axes, parameters.values(), strict=True)
+            self.meaning(f"delta_beta_{AXES[axis]}").tell(estimate)
+            for axis, estimate in zip(self.axes, parameters.values(), strict=True)
         )
-        place = f"the centre of mass of {self.site.words(self.arm)} is not where the model has it"
-        return f"{place}: its weight moment is off by {along}"
+        link = self.site.words(self.arm)
+        return (
+            f"the centre of mass of {link} is not where the model has it: "
+            f"its weight moment is off by {along}"
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -188,8 +188,8 @@ class PayloadHypothesis(Hypothesis):
     far_from_start: bool = True  # a link may turn about its frame's origin, where a mass is nothing
 
     def _directions(self, setting: Setting) -> Array:
-        place = np.array([setting[axis] for axis in AXES])
-        return mass_directions(self.arm, self.site.index, place)
+        com = np.array([setting[axis] for axis in AXES])
+        return mass_directions(self.arm, self.site.index, com)
 
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`."""
@@ -202,9 +202,9 @@ class PayloadHypothesis(Hypothesis):
         moments = {f"first_moment_{a}": float(m) for a, m in zip(AXES, theta[1:], strict=True)}
         # Of a mass that is not known yet (about the axis it turns about, say) the moment still
         # tells which way it is: the search comes in from afar.
-        place = theta[1:] / max(abs(mass), _LEAST)
-        place *= min(1.0, _FARTHEST / max(float(np.linalg.norm(place)), _LEAST))
-        return {"mass": mass, **moments} | {a: float(p) for a, p in zip(AXES, place, strict=True)}
+        com = theta[1:] / max(abs(mass), _LEAST)
+        com *= min(1.0, _FARTHEST / max(float(np.linalg.norm(com)), _LEAST))
+        return {"mass": mass, **moments} | {a: float(p) for a, p in zip(AXES, com, strict=True)}
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`: with its centre, as far as that is known."""

@@ -15,7 +15,7 @@ from dvrk_gravity.effects.base.dahl import Elements, build_up, dahl
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import (
-    friction_places,
+    friction_site_kinds,
     friction_sites,
     moves_between,
     where,
@@ -44,7 +44,7 @@ _DISPLACEMENTS = (1e-4, 10.0)  # rad
 _RESOLVED = 3.0  # encoder steps that a displacement must have to be seen
 _REPLACED = 1.5  # times the model's Coulomb friction: more than that, it cannot take away
 _LENGTHS = (0.02, 0.06, 0.15, 0.35)  # of half the way of the joint, from which the search begins
-_PLACES = ("joint", "motor")
+_KINDS = ("joint", "motor")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +92,11 @@ class PreslidingHysteresis(LinearTerm):
             ),
             *(
                 Parameter(
-                    f"{cls.NAME}.{place}.{joint.name}", (), joint.effort_unit,
-                    f"friction of each element at the {place}, {joint.name}",
+                    f"{cls.NAME}.{kind}.{joint.name}", (), joint.effort_unit,
+                    f"friction of each element at the {kind}, {joint.name}",
                     lower=0.0, lengths=lengths,
                 )
-                for place in _PLACES
+                for kind in _KINDS
                 for joint in arm.joints
             ),
         )  # fmt: skip
@@ -109,16 +109,16 @@ class PreslidingHysteresis(LinearTerm):
             return None
         expected = f"{len(displacement)}, as many as {cls.NAME}.displacement"
         joint, motor = (
-            read_rows(arm, values, f"{cls.NAME}.{place}", len(displacement), expected)
-            for place in _PLACES
+            read_rows(arm, values, f"{cls.NAME}.{kind}", len(displacement), expected)
+            for kind in _KINDS
         )
         return cls(arm, np.array(displacement), joint, motor)
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
         values: dict[str, Value] = {f"{self.NAME}.displacement": as_value(self.displacement)}
-        for place in _PLACES:
-            values |= write_rows(self.arm, f"{self.NAME}.{place}", getattr(self, place))
+        for kind in _KINDS:
+            values |= write_rows(self.arm, f"{self.NAME}.{kind}", getattr(self, kind))
         return values
 
     def torque(self, state: State) -> Array:
@@ -151,15 +151,15 @@ class PreslidingHysteresis(LinearTerm):
         """See :meth:`Effect.hypotheses`: at several displacements, with and without exchange."""
         if motion.static:
             return
-        for place in friction_sites(motion):
-            row = place.row(motion.arm)
+        for friction_site in friction_sites(motion):
+            row = friction_site.row(motion.arm)
             half = float(np.ptp(np.percentile(motion.q @ row, [1, 99]))) / 2
             # What happens within few steps of an encoder looks like what happens at low speed.
             shortest = _RESOLVED * float(motion.step @ np.abs(row))
             for length in sorted({max(part * half, shortest) for part in _LENGTHS}):
-                for known in (None, _known_coulomb(motion, place)):
+                for known in (None, _known_coulomb(motion, friction_site)):
                     yield PreslidingHypothesis(
-                        arm=motion.arm, site=place, joints=(place.index,),
+                        arm=motion.arm, site=friction_site, joints=(friction_site.index,),
                         setting={"length": length}, shortest=shortest, known=known,
                     )  # fmt: skip
 
@@ -191,10 +191,10 @@ class PreslidingHysteresis(LinearTerm):
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
         """See :meth:`LinearTerm.moves`: elements come, go, and take each other's places."""
         for joint in range(table.arm.n):
-            for place in friction_places(table.arm, joint):
-                elements = table.select(effect=cls.NAME, place=place, joint=joint)
+            for kind in friction_site_kinds(table.arm, joint):
+                elements = table.select(effect=cls.NAME, site_kind=kind, joint=joint)
                 for element, length in zip(elements, DISPLACEMENTS, strict=True):
-                    text = f"{cls.NAME} {where(table.arm, joint, place)}, {length:g} rad"
+                    text = f"{cls.NAME} {where(table.arm, joint, kind)}, {length:g} rad"
                     if element in inside:
                         yield ModelChange((), (element,), f"without {text}")
                         continue
@@ -210,8 +210,8 @@ class PreslidingHysteresis(LinearTerm):
         return [
             index
             for joint in range(table.arm.n)
-            for place in friction_places(table.arm, joint)
-            for index in table.select(effect=cls.NAME, place=place, joint=joint)
+            for kind in friction_site_kinds(table.arm, joint)
+            for index in table.select(effect=cls.NAME, site_kind=kind, joint=joint)
         ]
 
     def memory(self, state: State, before: Array | None = None) -> Array:
@@ -311,16 +311,16 @@ class PreslidingHypothesis(Hypothesis):
         if theta[0] < 0.0:
             return None
         name = self.effect
-        mine = f"{name}.{self.site.kind.value}.{self.arm.joint_names[self.site.index]}"
+        key = f"{name}.{self.site.kind.value}.{self.arm.joint_names[self.site.index]}"
         lengths = tuple(values.get(f"{name}.displacement") or ())
         length = float(np.clip(self.setting["length"], *_DISPLACEMENTS))
         result = {**values, f"{name}.displacement": (*lengths, length)}
-        levels = tuple(f"{name}.{place}." for place in _PLACES)
+        levels = tuple(f"{name}.{kind}." for kind in _KINDS)
         for other in values:
             if other.startswith(levels) and values[other]:
                 result[other] = (*values[other], 0.0)
-        before = tuple(values.get(mine) or np.zeros(len(lengths)).tolist())
-        result[mine] = (*before, float(theta[0]))
+        before = tuple(values.get(key) or np.zeros(len(lengths)).tolist())
+        result[key] = (*before, float(theta[0]))
         if len(theta) > 1:
             result = with_coulomb(self.arm, result, self.site, theta[1:])
         return result

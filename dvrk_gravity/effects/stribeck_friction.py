@@ -28,7 +28,7 @@ from dvrk_gravity.effects.base.term import Friction
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
-_PLACES = ("joint", "motor")
+_KINDS = ("joint", "motor")
 _SPEEDS = (0.12, 0.3, 0.7)  # of the RMS speed, from which the search begins
 _SLOWEST = 1e-4  # rad/s, of a velocity that a level can have
 
@@ -79,13 +79,13 @@ class StribeckFriction(Friction):
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> StribeckFriction | None:
         """See :meth:`Term.from_parameters`; where there is a level, there must be a velocity."""
         n = arm.n
-        levels = {p: as_array(values.get(f"{cls.NAME}.{p}"), n, 0.0) for p in _PLACES}
+        levels = {kind: as_array(values.get(f"{cls.NAME}.{kind}"), n, 0.0) for kind in _KINDS}
         if not any(level.any() for level in levels.values()):
             return None
         speeds = {}
-        for place, level in levels.items():
-            name = f"{cls.NAME}.{place}_velocity"
-            speeds[f"{place}_velocity"] = speed = as_array(values.get(name), n, 0.0)
+        for kind, level in levels.items():
+            name = f"{cls.NAME}.{kind}_velocity"
+            speeds[f"{kind}_velocity"] = speed = as_array(values.get(name), n, 0.0)
             for index in np.flatnonzero((level > 0.0) & (speed < _SLOWEST)).tolist():
                 raise ConfigError(
                     f"{name} of {arm.joint_names[index]}",
@@ -97,8 +97,8 @@ class StribeckFriction(Friction):
 
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
-        used = [place for place in _PLACES if getattr(self, place).any()]
-        names = [name for place in used for name in (place, f"{place}_velocity")]
+        used = [kind for kind in _KINDS if getattr(self, kind).any()]
+        names = [name for kind in used for name in (kind, f"{kind}_velocity")]
         names.append("transition_velocity")
         return {f"{self.NAME}.{name}": as_value(getattr(self, name)) for name in names}
 
@@ -129,11 +129,11 @@ class StribeckFriction(Friction):
         """See :meth:`Effect.hypotheses`."""
         if motion.static:
             return
-        for place in friction_sites(motion):
-            speed = float(np.sqrt(np.mean((motion.qd @ place.row(motion.arm)) ** 2)))
+        for friction_site in friction_sites(motion):
+            speed = float(np.sqrt(np.mean((motion.qd @ friction_site.row(motion.arm)) ** 2)))
             for part in _SPEEDS:
                 yield StribeckHypothesis(
-                    arm=motion.arm, site=place, joints=(place.index,),
+                    arm=motion.arm, site=friction_site, joints=(friction_site.index,),
                     setting={"velocity": part * speed},
                 )  # fmt: skip
 
@@ -143,11 +143,11 @@ class StribeckFriction(Friction):
         motion = np.vstack([np.eye(len(self.joint)), self.arm.joint_to_actuator])
         motion *= np.concatenate(self._inverse)[:, None]
 
-        def left(qd: Array) -> Array:
+        def fade(qd: Array) -> Array:
             ratio = motion.dot(qd)
             return np.exp(-ratio * ratio)
 
-        return PlantPart(dry=np.array([level, level]), fade=left)
+        return PlantPart(dry=np.array([level, level]), fade=fade)
 
     def _parts(self, state: State) -> tuple[Array, Array] | None:
         """Return (…, n) torques per level at the joints and at the motors."""
@@ -204,7 +204,7 @@ class StribeckHypothesis(Hypothesis):
         """See :meth:`Hypothesis.merge`; a joint has one velocity."""
         del motion
         name, index = f"{self.effect}.{self.site.kind.value}", self.site.index
-        level, speed = (array(self.arm, values, one) for one in (name, f"{name}_velocity"))
+        level, speed = (array(self.arm, values, key) for key in (name, f"{name}_velocity"))
         if level[index] > 0.0 or theta[0] < 0.0:
             return None
         level[index], speed[index] = theta[0], self.setting["velocity"]

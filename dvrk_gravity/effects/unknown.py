@@ -128,6 +128,6 @@ def _products(motion: Motion, joint: int, other: int) -> Array:
     """Return (N, 15) products of Chebyshev polynomials of two joints' positions."""
     middle, half = motion.travel
     x = np.clip((motion.q - middle) / half, -_REACH, _REACH)
-    mine, theirs = (np.polynomial.chebyshev.chebvander(x[:, k], _DEGREE) for k in (joint, other))
-    products = (mine[:, :, None] * theirs[:, None, :]).reshape(len(x), -1)
+    first, second = (np.polynomial.chebyshev.chebvander(x[:, k], _DEGREE) for k in (joint, other))
+    products = (first[:, :, None] * second[:, None, :]).reshape(len(x), -1)
     return products[:, 1:]  # a constant depends on nothing

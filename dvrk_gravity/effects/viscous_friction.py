@@ -20,7 +20,7 @@ from dvrk_gravity.effects.base.arrays import (
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import (
-    friction_places,
+    friction_site_kinds,
     friction_sites,
     likely_columns,
     moves_between,
@@ -116,8 +116,10 @@ class ViscousFriction(Friction):
         """See :meth:`Effect.hypotheses`."""
         if motion.static:
             return
-        for place in friction_sites(motion):
-            yield ViscousHypothesis(arm=motion.arm, site=place, joints=(place.index,))
+        for friction_site in friction_sites(motion):
+            yield ViscousHypothesis(
+                arm=motion.arm, site=friction_site, joints=(friction_site.index,)
+            )
 
     def plant(self) -> PlantPart:
         """See :meth:`Term.plant`."""
@@ -131,13 +133,13 @@ class ViscousFriction(Friction):
         would still be in the other parameters, beyond their intervals.
         """
         for joint in range(table.arm.n):
-            both = inside & set(table.select(effect=cls.NAME, joint=joint))
-            for place in friction_places(table.arm, joint):
-                here = tuple(table.select(effect=cls.NAME, place=place, joint=joint))
-                text = f"{cls.NAME} {where(table.arm, joint, place)}"
+            present = inside & set(table.select(effect=cls.NAME, joint=joint))
+            for kind in friction_site_kinds(table.arm, joint):
+                here = tuple(table.select(effect=cls.NAME, site_kind=kind, joint=joint))
+                text = f"{cls.NAME} {where(table.arm, joint, kind)}"
                 if here[0] not in inside:
                     yield ModelChange(here, (), text)
-                elif len(both) > 1:
+                elif len(present) > 1:
                     yield ModelChange((), here, f"without {text}")
         yield from moves_between(cls.NAME, table, inside)
 

@@ -60,9 +60,9 @@ class HeldOutSums:
         many = theta.reshape(-1, *theta.shape[-2:])
         explained = np.empty((len(many), *self._power.shape))
         for j, (used, gram, cross) in enumerate(self._channels):
-            own = many[:, :, used].transpose(1, 2, 0)
-            left = 2.0 * cross[:, :, None] - np.matmul(gram, own)
-            explained[:, :, j] = (left * own).sum(axis=1).T
+            coefficients = many[:, :, used].transpose(1, 2, 0)
+            factor = 2.0 * cross[:, :, None] - np.matmul(gram, coefficients)
+            explained[:, :, j] = (factor * coefficients).sum(axis=1).T
         errors = np.maximum(self._power - explained, 0.0)
         return errors.reshape(*theta.shape[:-1], errors.shape[-1])
 

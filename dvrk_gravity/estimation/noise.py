@@ -136,8 +136,8 @@ def noise_density(high: Array, cutoff: float, rate: float) -> Array:
         rate: Hz.
     """
     frequency = np.linspace(0.0, rate / 2.0, 2000)
-    left = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
-    return np.sqrt(np.mean(high**2, axis=0) / left / (rate / 2.0))
+    passed = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
+    return np.sqrt(np.mean(high**2, axis=0) / passed / (rate / 2.0))
 
 
 def pairs_a_period_apart(

@@ -52,27 +52,27 @@ class NormalEquations:
             # Most columns do not touch a given channel.
             used = np.flatnonzero(np.any(x[:, j] != 0.0, axis=0))
             root = np.sqrt(weight[:, j])
-            mine = x[:, j, used] * root[:, None]
-            gram[j][np.ix_(used, used)] = mine.T @ mine  # of one array: half of it is computed
-            cross[j][used] = mine.T @ (root * y[:, j])
+            scaled = x[:, j, used] * root[:, None]
+            gram[j][np.ix_(used, used)] = scaled.T @ scaled  # of one array: half of it is computed
+            cross[j][used] = scaled.T @ (root * y[:, j])
         return cls(gram, cross, (weight * y * y).sum(0), weight.sum(0))
 
     @classmethod
     def total(cls, parts: Iterable[NormalEquations]) -> NormalEquations:
         """Add up the sums of parts: of blocks of samples that need not be held together."""
-        first, *others = parts
-        for other in others:
+        first, *rest = parts
+        for other in rest:
             first = first + other
         return first
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         """Return the sums of both sets together."""
-        names = (one.name for one in fields(self))
+        names = (field.name for field in fields(self))
         return NormalEquations(*(getattr(self, f) + getattr(other, f) for f in names))
 
     def __sub__(self, other: NormalEquations) -> NormalEquations:
         """Return the sums of this set without a part of it."""
-        names = (one.name for one in fields(self))
+        names = (field.name for field in fields(self))
         return NormalEquations(*(getattr(self, f) - getattr(other, f) for f in names))
 
     def select(self, chosen: Sequence[int] | NDArray[np.int64]) -> NormalEquations:
@@ -221,10 +221,10 @@ def solve_signed(
     from scipy.linalg import cho_factor, cho_solve, solve_triangular
     from scipy.optimize import nnls
 
-    signed, others = np.flatnonzero(positive), np.flatnonzero(~positive)
-    coupling = precision[np.ix_(others, signed)]
-    factor = cho_factor(precision[np.ix_(others, others)], check_finite=False)
-    through = cho_solve(factor, np.column_stack([coupling, right[others]]))
+    signed, unsigned = np.flatnonzero(positive), np.flatnonzero(~positive)
+    coupling = precision[np.ix_(unsigned, signed)]
+    factor = cho_factor(precision[np.ix_(unsigned, unsigned)], check_finite=False)
+    through = cho_solve(factor, np.column_stack([coupling, right[unsigned]]))
     reduced = precision[np.ix_(signed, signed)] - coupling.T @ through[:, :-1]
     target = right[signed] - coupling.T @ through[:, -1]
     # In units in which every unknown counts alike, for the solver's tolerance.
@@ -237,7 +237,7 @@ def solve_signed(
             f"{len(signed)} coefficients that must not be negative: {error}"
         ) from error
     theta[signed] = found / unit
-    theta[others] = through[:, -1] - through[:, :-1] @ theta[signed]
+    theta[unsigned] = through[:, -1] - through[:, :-1] @ theta[signed]
     free = np.ones(len(right), dtype=bool)
     free[signed] = found > 0.0
     return theta, free

@@ -76,7 +76,7 @@ class CommonTime:
     periods: tuple[float | None, ...]
 
     @classmethod
-    def one(cls, time: Array, period: float | None = None) -> CommonTime:
+    def single_clock(cls, time: Array, period: float | None = None) -> CommonTime:
         """Return the time of samples that all are on one clock already."""
         return cls(time, np.zeros(len(time), dtype=np.int64), (period,))
 
@@ -122,15 +122,15 @@ def find_common_time(
     clocks: dict[int, list[int]] = {}
     for number in numbers:
         clocks.setdefault(-1 - number if clock is None else clock[number], []).append(number)
-    found = [one for same in clocks.values() for one in _of_clock(same, given, rate, settings)]
+    found = [group for same in clocks.values() for group in _of_clock(same, given, rate, settings)]
     common = np.array(time, dtype=float)
-    group = np.zeros(len(time), dtype=np.int64)
+    group_index = np.zeros(len(time), dtype=np.int64)
     joined = _joined(found, given, rate, settings)
-    for index, one in enumerate(joined):
-        for number, shift in one.shift.items():
+    for index, group in enumerate(joined):
+        for number, shift in group.shift.items():
             common[rows[number]] += shift
-            group[rows[number]] = index
-    return CommonTime(common, group, tuple(one.period for one in joined))
+            group_index[rows[number]] = index
+    return CommonTime(common, group_index, tuple(group.period for group in joined))
 
 
 def find_repetition(
@@ -214,7 +214,7 @@ def _of_clock(
     if period is None and alone is not None:
         period, same = alone, [longest]
         for number in numbers:
-            trial = [given[one] for one in {*same, number}]
+            trial = [given[member] for member in {*same, number}]
             if number not in same and _holds(period, trial, rate, settings):
                 same.append(number)
     elif period is None:
@@ -286,21 +286,21 @@ def _joined(
 ) -> list[_Group]:
     """Return groups with those as one that show the same motion."""
     least = settings.overlap * rate
-    length = [sum(len(given[number][1]) for number in one.shift) for one in groups]
+    length = [sum(len(given[number][1]) for number in group.shift) for group in groups]
     order = sorted(range(len(groups)), key=lambda index: -length[index])
     asked = {index for index in order[: settings.most] if length[index] >= least}
     found: list[_Group] = []
-    for index, one in enumerate(groups):
+    for index, group in enumerate(groups):
         # It may be what connects two that are there.
         for other in list(found) if index in asked else ():
-            both = _together(other, one, given, rate, settings)
-            if both is not None:
-                found[found.index(other)] = both
-                if one in found:
-                    found.remove(one)
-                one = both
-        if one not in found:
-            found.append(one)
+            union = _together(other, group, given, rate, settings)
+            if union is not None:
+                found[found.index(other)] = union
+                if group in found:
+                    found.remove(group)
+                group = union
+        if group not in found:
+            found.append(group)
     return found
 
 
@@ -315,10 +315,10 @@ def _together(
     if shift is None:
         return None
     moved = {number: by + shift for number, by in second.shift.items()}
-    both = _Group({**first.shift, **moved})
+    union = _Group({**first.shift, **moved})
     known = first.period or second.period
-    period = _common_period(both.parts(given), known, rate, settings)
-    return None if known and period is None else replace(both, period=period)
+    period = _common_period(union.parts(given), known, rate, settings)
+    return None if known and period is None else replace(union, period=period)
 
 
 def _shift(first: Series, second: Series, settings: RepetitionSettings) -> float | None:
@@ -329,7 +329,7 @@ def _shift(first: Series, second: Series, settings: RepetitionSettings) -> float
     """
     seen = np.concatenate([first.seen, second.seen])
     middle, spread = seen.mean(axis=0), spread_of(seen)
-    a, b = (one.scaled(middle, spread).thinned(settings.search) for one in (first, second))
+    a, b = (series.scaled(middle, spread).thinned(settings.search) for series in (first, second))
     shifts = np.arange(1 - len(b.there), len(a.there))
     pairs, square, variance = compare(a, b, shifts)
     good = (pairs >= settings.overlap * a.rate) & (variance > settings.moving**2)

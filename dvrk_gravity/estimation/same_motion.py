@@ -41,9 +41,9 @@ class Track:
         """Return (n, …) values, given by part, at times within the parts; NaN elsewhere."""
         shape = values[0].shape[1:]
         found = np.full((len(when), *shape), np.nan)
-        for time, own in zip(self.time, values, strict=True):
+        for time, part_values in zip(self.time, values, strict=True):
             inside = (when >= time[0]) & (when <= time[-1])
-            flat = own.reshape(len(own), -1)
+            flat = part_values.reshape(len(part_values), -1)
             columns = [np.interp(when[inside], time, column) for column in flat.T]
             found[inside] = np.stack(columns, axis=-1).reshape(-1, *shape)
         return found
@@ -67,26 +67,26 @@ def same_motion(
         By part of ``track``, (N,) times on the other's clock; NaN where it does not show them.
     """
     settings = settings or SameMotionSettings()
-    alike = [_resampled(t, q, rate) for t, q in zip(other.time, other.position, strict=True)]
-    alike = [(t, q) for t, q in alike if len(t) > 1]
-    parts = [*zip(track.time, track.position, strict=True), *alike]
+    resampled = [_resampled(t, q, rate) for t, q in zip(other.time, other.position, strict=True)]
+    resampled = [(t, q) for t, q in resampled if len(t) > 1]
+    parts = [*zip(track.time, track.position, strict=True), *resampled]
     numbers = np.repeat(np.arange(len(parts)), [len(time) for time, _ in parts])
-    clock = [0] * len(track.time) + [1] * len(alike)
-    time, position = (np.concatenate(list(one)) for one in zip(*parts, strict=True))
+    clock = [0] * len(track.time) + [1] * len(resampled)
+    time, position = (np.concatenate(list(arrays)) for arrays in zip(*parts, strict=True))
     common = find_common_time(time, numbers, position, rate, clock)
     edges = np.flatnonzero(np.diff(numbers, prepend=-1, append=-1))
     rows = [slice(int(a), int(b)) for a, b in pairwise(edges)]
-    own, others = rows[: len(track.time)], rows[len(track.time) :]
+    track_rows, other_rows = rows[: len(track.time)], rows[len(track.time) :]
     spread = np.maximum(np.std(np.concatenate(list(track.position)), axis=0), 1e-9)
     found = []
-    for mine, moved in zip(own, track.position, strict=True):
-        when = np.full(mine.stop - mine.start, np.nan)
-        here, group = common.time[mine], common.group[mine][0]
-        for its in others:
-            if common.group[its][0] != group:
+    for part, moved in zip(track_rows, track.position, strict=True):
+        when = np.full(part.stop - part.start, np.nan)
+        here, group = common.time[part], common.group[part][0]
+        for other_part in other_rows:
+            if common.group[other_part][0] != group:
                 continue
-            shift = common.time[its][0] - time[its][0]
-            first, last = common.time[its][0], common.time[its][-1]
+            shift = common.time[other_part][0] - time[other_part][0]
+            first, last = common.time[other_part][0], common.time[other_part][-1]
             for there in _periods(here, common.periods[group], first, last):
                 open_ = np.isnan(when) & (there >= first) & (there <= last)
                 when[open_] = there[open_] - shift

@@ -17,13 +17,13 @@ class ScaleSettings:
     Attributes:
         rounds: Gauss-Newton steps, at most. Chosen: the problem is bilinear, and ten do.
         unknown: Relative standard deviation of a scale before any data. Chosen: as good as none.
-        settled: Relative change of the scales by which they count as found. Chosen: a thousandth of
-            what data can tell.
+        tolerance: Relative change of the scales by which they count as found. Chosen: a thousandth
+            of what data can tell.
     """
 
     rounds: int = 50
     unknown: float = 10.0
-    settled: float = 1e-6
+    tolerance: float = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ def solve_scales(
         theta, phi = theta + step[:p], phi + step[p : p + m * q].reshape(m, q)
         change = step[p + m * q :]
         inverse = inverse + change
-        if round_ > 2 and np.all(np.abs(change) < settings.settled * np.abs(inverse)):
+        if round_ > 2 and np.all(np.abs(change) < settings.tolerance * np.abs(inverse)):
             break
     torque = known + shared @ theta
     residual = reading - torque * inverse - np.einsum("nmq,mq->nm", own, phi)

@@ -107,8 +107,8 @@ def select(
             steps += 1
             progress(steps)
         if steps == before:  # tried again, none of them passed: nothing is to be had
-            others = [trial for trial in trials if not trial.passes]
-            return state, [*others, *vain]
+            failed = [trial for trial in trials if not trial.passes]
+            return state, [*failed, *vain]
 
 
 def eliminate_backward(

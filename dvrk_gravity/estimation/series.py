@@ -49,8 +49,8 @@ class Series:
 
     def thinned(self, rate: float) -> Series:
         """Return the series at about a rate, no less."""
-        every = max(1, int(self.rate / rate))
-        return Series(self.begin, self.rate / every, self.position[::every], self.there[::every])
+        step = max(1, int(self.rate / rate))
+        return Series(self.begin, self.rate / step, self.position[::step], self.there[::step])
 
     @property
     def seen(self) -> Array:
@@ -71,9 +71,9 @@ def compare(first: Series, second: Series, shifts: NDArray[np.int64]) -> tuple[A
     from scipy.fft import irfft, next_fast_len, rfft
 
     size = next_fast_len(len(first.there) + len(second.there), real=True)
-    there, place = rfft(first.there, size), rfft(first.position, size, axis=0)
+    there, position = rfft(first.there, size), rfft(first.position, size, axis=0)
     power = rfft((first.position**2).sum(axis=1), size)
-    there_2, place_2 = (
+    there_2, position_2 = (
         np.conj(rfft(values, size, axis=0)) for values in (second.there, second.position)
     )
     power_2 = np.conj(rfft((second.position**2).sum(axis=1), size))
@@ -82,12 +82,13 @@ def compare(first: Series, second: Series, shifts: NDArray[np.int64]) -> tuple[A
         return np.asarray(irfft(spectrum, size, axis=0)[shifts])  # from the end, if negative
 
     pairs = np.round(at(there * there_2))
-    some, channels = np.maximum(pairs, 1.0), first.position.shape[1]
-    both = at(power * there_2 + there * power_2 - 2.0 * (place * place_2).sum(axis=1))
-    mean = at(place * there_2[:, None]) / some[:, None]
-    square = at(power * there_2) / some
+    count, channels = np.maximum(pairs, 1.0), first.position.shape[1]
+    product = (position * position_2).sum(axis=1)
+    difference = at(power * there_2 + there * power_2 - 2.0 * product)
+    mean = at(position * there_2[:, None]) / count[:, None]
+    square = at(power * there_2) / count
     variance = (square - (mean**2).sum(axis=1)) / channels
-    return pairs, np.maximum(both, 0.0) / (some * channels), np.maximum(variance, 0.0)
+    return pairs, np.maximum(difference, 0.0) / (count * channels), np.maximum(variance, 0.0)
 
 
 def spread_of(positions: Array) -> Array:
@@ -98,6 +99,6 @@ def spread_of(positions: Array) -> Array:
 def run_around(good: NDArray[np.bool_], inside: int) -> slice:
     """Return the run of true values around one."""
     wrong = np.flatnonzero(~good)
-    place = int(np.searchsorted(wrong, inside))
-    start = int(wrong[place - 1]) + 1 if place else 0
-    return slice(start, int(wrong[place]) if place < len(wrong) else len(good))
+    index = int(np.searchsorted(wrong, inside))
+    start = int(wrong[index - 1]) + 1 if index else 0
+    return slice(start, int(wrong[index]) if index < len(wrong) else len(good))

@@ -133,8 +133,8 @@ class Blocks:
     @cached_property
     def held_out(self) -> Mask:
         """(n,) samples that neither fit nor choice sees."""
-        every = self.settings.held_out
-        return (self.label >= 0) & (self.label % every == every - 1)
+        spacing = self.settings.held_out
+        return (self.label >= 0) & (self.label % spacing == spacing - 1)
 
     @cached_property
     def fold(self) -> Labels:
@@ -206,17 +206,18 @@ def make_blocks(
     if rate is None:
         total = len(seen.time)
         count = int(np.clip(total // settings.poses, *bounds))
-        place, length = np.arange(total, dtype=float), float(total)
+        coordinate, length = np.arange(total, dtype=float), float(total)
     else:
-        place, length, turns = _laid_out(seen, rate)
+        coordinate, length, turns = _laid_out(seen, rate)
         count = int(np.clip(length / rate / settings.duration, *bounds))
         if any(seen.periods):
             count = max(2 * settings.folds, min(count, int(length / settings.phase_samples)))
-    label = np.minimum((place * count / length).astype(np.int64), count - 1)
+    label = np.minimum((coordinate * count / length).astype(np.int64), count - 1)
     # A guard on either side, in whatever part.
     edges = np.unique([*(np.arange(1, count) * length / count), *turns])
-    before = place[:, None] - edges[np.maximum(np.searchsorted(edges, place, "right") - 1, 0), None]
-    after = np.append(edges, np.inf)[np.searchsorted(edges, place, "right")] - place
+    following = np.searchsorted(edges, coordinate, "right")
+    before = coordinate[:, None] - edges[np.maximum(following - 1, 0), None]
+    after = np.append(edges, np.inf)[following] - coordinate
     guard = 0 if rate is None else settings.guard
     near = (before[:, 0] >= 0.0) & (before[:, 0] < guard)
     near |= after <= guard
@@ -224,24 +225,24 @@ def make_blocks(
 
 
 def _laid_out(seen: CommonTime, rate: float) -> tuple[Array, float, list[float]]:
-    """Return (n,) places of samples where what is the same lies in one, groups in a row.
+    """Return (n,) coordinates of samples, equal for what is the same, groups in a row.
 
     Returns:
-        Places, in samples; their number; and where a period begins or ends.
+        Coordinates, in samples; their number; and where a period begins or ends.
     """
-    place, total = np.zeros(len(seen.time)), 0.0
+    coordinate, total = np.zeros(len(seen.time)), 0.0
     turns: list[float] = []
     for index, period in enumerate(seen.periods):
         rows = np.flatnonzero(seen.group == index)
         if period is None:
             since = np.round((seen.time[rows] - seen.time[rows].min()) * rate)
             there, rank = np.unique(since, return_inverse=True)
-            place[rows], length = total + rank, float(len(there))
+            coordinate[rows], length = total + rank, float(len(there))
         else:
-            place[rows], length = total + seen.time[rows] % period * rate, period * rate
+            coordinate[rows], length = total + seen.time[rows] % period * rate, period * rate
             turns += [total, total + length]
         total += length
-    return place, total, turns
+    return coordinate, total, turns
 
 
 def slabs(position: Array, settings: GridSettings | None = None) -> Labels:

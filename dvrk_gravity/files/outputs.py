@@ -84,16 +84,16 @@ def _check(
     read += [path.with_name("metadata.yaml") for path in read if path.suffix in _BAG_FILES]
     before: list[tuple[str, Path]] = []
     for option, path, kind in wanted:
-        for one in read:
-            inside = one.is_dir() and _within(path, one)
+        for source in read:
+            inside = source.is_dir() and _within(path, source)
             if (
-                _same(path, one)
+                _same(path, source)
                 or inside
-                or (kind == "folder" and not holds and _within(one, path))
+                or (kind == "folder" and not holds and _within(source, path))
             ):
-                raise ConfigError(option, f"{one.name}, which is read", "another name", path)
-        for other, one in before:
-            if _same(path, one) or _within(path, one):
+                raise ConfigError(option, f"{source.name}, which is read", "another name", path)
+        for other, earlier in before:
+            if _same(path, earlier) or _within(path, earlier):
                 raise ConfigError(option, f"what is written as {other}", "another name", path)
         before.append((option, path))
         if path.is_symlink():
@@ -120,11 +120,11 @@ def _writable(option: str, path: Path, folder: Path) -> None:
         raise ConfigError(option, str(folder), "a folder that can be written to", path)
 
 
-def _same(one: Path, other: Path) -> bool:
+def _same(path: Path, other: Path) -> bool:
     """Tell whether two names are one file's, by links of either kind, existing or not."""
-    if os.path.realpath(one) == os.path.realpath(other):
+    if os.path.realpath(path) == os.path.realpath(other):
         return True
-    return one.exists() and other.exists() and one.samefile(other)
+    return path.exists() and other.exists() and path.samefile(other)
 
 
 def _within(path: Path, folder: Path) -> bool:

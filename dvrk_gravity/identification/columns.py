@@ -26,7 +26,7 @@ from dvrk_gravity.recording.data import Array
 
 def identified(arm: Arm) -> tuple[str, ...]:
     """Return the names of the effects that trajectories of an arm are fitted with."""
-    found = (one.term.NAME for one in _unknowns(arm, Range(*arm.range)))
+    found = (unknowns.term.NAME for unknowns in _unknowns(arm, Range(*arm.range)))
     return tuple(sorted({*RIGID, *KINEMATIC, *found}))
 
 
@@ -57,8 +57,8 @@ class Columns:
         self._rigid = RigidColumns(self.mounted, self.ABSENT)
         self._unknowns = tuple(_unknowns(arm, self.valid))
         columns = [*self._rigid.columns]
-        for one in self._unknowns:
-            columns += one.columns
+        for unknowns in self._unknowns:
+            columns += unknowns.columns
         self.columns = (*columns, *self.kinematics.columns(arm))
 
     @property
@@ -106,8 +106,8 @@ class Columns:
         keys = {self.columns[i].key for i in chosen}
         return [
             index
-            for index, one in enumerate(others.columns)
-            if one.effect == RIGID[0] or one.key in keys
+            for index, column in enumerate(others.columns)
+            if column.effect == RIGID[0] or column.key in keys
         ]
 
     def effect(self, index: int) -> type[LinearTerm]:
@@ -117,8 +117,8 @@ class Columns:
 
     def basis(self, effect: str) -> Array:
         """Return (k, p) from the coefficients of an effect's columns to its term's theta."""
-        (one,) = (one for one in self._unknowns if effect == one.term.NAME)
-        return np.eye(len(one.columns)) if one.basis is None else one.basis
+        (unknowns,) = (unknowns for unknowns in self._unknowns if effect == unknowns.term.NAME)
+        return np.eye(len(unknowns.columns)) if unknowns.basis is None else unknowns.basis
 
     def history(self, state: State, before: Array | None = None) -> Array:
         """Return (N, m) what effects remember along a motion.
@@ -129,7 +129,8 @@ class Columns:
         """
         known = [None] * len(self._unknowns) if before is None else self._split(before)
         parts = [
-            one.term.memory(state, part) for one, part in zip(self._unknowns, known, strict=True)
+            unknowns.term.memory(state, part)
+            for unknowns, part in zip(self._unknowns, known, strict=True)
         ]
         return np.concatenate(parts, axis=-1)
 
@@ -145,8 +146,8 @@ class Columns:
         true = self.kinematics.true(state)
         parts = [self._rigid.regressor(true)]
         parts += [
-            one.regressor(true, memory)
-            for one, memory in zip(self._unknowns, self._split(history), strict=True)
+            unknowns.regressor(true, memory)
+            for unknowns, memory in zip(self._unknowns, self._split(history), strict=True)
         ]
         if self.kinematics.links is not None:
             parts.append(self.kinematics.smooth_slopes(self.arm, state, stride))
@@ -161,7 +162,7 @@ class Columns:
     def _memories(self) -> tuple[int, ...]:
         """How many numbers each effect remembers."""
         still = State(np.zeros((1, self.arm.n)))
-        return tuple(one.term.memory(still).shape[1] for one in self._unknowns)
+        return tuple(unknowns.term.memory(still).shape[1] for unknowns in self._unknowns)
 
     def _split(self, memory: Array) -> list[Array]:
         """Return each effect's part of (…, m) memory."""
@@ -182,9 +183,9 @@ class Columns:
         """
         start = len(self._rigid.columns)
         built = self._rigid.terms(self.arm, theta[:start], links)
-        for one in self._unknowns:
-            found = one.found(theta[start : start + len(one.columns)])
-            start += len(one.columns)
+        for unknowns in self._unknowns:
+            found = unknowns.found(theta[start : start + len(unknowns.columns)])
+            start += len(unknowns.columns)
             if found is not None:
                 built.append(found)
         return tuple(built)

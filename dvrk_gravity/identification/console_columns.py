@@ -54,7 +54,7 @@ class ConsoleColumns(Columns):
         if column.effect == "elastic_cable":
             return column.index < N_POWERS and column.joint < N_POLYNOMIALS
         if column.effect == "coulomb_friction":
-            return column.place == "joint"  # of a motor, presliding does what it does
+            return column.site_kind == "joint"  # of a motor, presliding does what it does
         return True
 
     def terms(self, theta: Array, links: Array | None = None) -> tuple[Term, ...]:

@@ -50,7 +50,7 @@ def detect_coordinates(recording: Source, arm: Arm) -> tuple[Coordinates, str]:
     if arm.direct_drive:
         return "joint", ""
     errors = coordinate_errors(recording, arm)
-    best = min(errors, key=lambda one: errors[one])
+    best = min(errors, key=lambda system: errors[system])
     other = max(errors.values())
     if errors[best] > CoordinateSettings().clear * other:
         return "joint", (
@@ -66,13 +66,13 @@ def detect_coordinates(recording: Source, arm: Arm) -> tuple[Coordinates, str]:
 def coordinate_errors(recording: Source, arm: Arm) -> dict[Coordinates, float]:
     """Return the held-out |e|/|tau| of a plain model in either reading of a recording."""
     trajectory = replace(read(recording), coordinates=None)
-    return {one: _error(trajectory, arm, one) for one in get_args(Coordinates)}
+    return {system: _error(trajectory, arm, system) for system in get_args(Coordinates)}
 
 
 def doubt(recording: Source, arm: Arm, given: Coordinates) -> tuple[DataWarning, ...]:
     """Return a warning if the other coordinates than those given clearly fit better."""
     errors = coordinate_errors(recording, arm)
-    best = min(errors, key=lambda one: errors[one])
+    best = min(errors, key=lambda system: errors[system])
     if best == given or errors[best] > CoordinateSettings().clear * errors[given]:
         return ()
     return (
@@ -106,7 +106,7 @@ def _error(recording: Source, arm: Arm, coordinates: Coordinates) -> float:
         ],
         axis=0,
     )
-    power = np.sum([one.power for one in test], axis=0)
+    power = np.sum([unseen.power for unseen in test], axis=0)
     return float(np.exp(0.5 * np.mean(np.log(held_out / np.maximum(power, 1e-12) + 1e-12))))
 
 

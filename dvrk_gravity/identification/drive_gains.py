@@ -49,8 +49,8 @@ class GainSettings:
             5 % from the difference of one motion, and is then off by a tenth.
         seen: Least size of the load's torque, in units of what is left unexplained, for a joint to
             tell its gain. Chosen: less is noise as much as load.
-        alike: Relative standard error that is told of gains that are not determined. Chosen: see
-            above.
+        undetermined: Relative standard error that is told of gains that are not determined. Chosen:
+            see above.
         shown: s of the same motion that must be in both for their difference to be looked at.
             Chosen: twice what tells that it is the same.
         unmodelled: Relative error that a gain may have beyond what noise tells. Chosen: of a UR10e
@@ -67,7 +67,7 @@ class GainSettings:
     friction_change: float = 0.1
     certain: float = 0.05
     seen: float = 1.0
-    alike: float = 0.2
+    undetermined: float = 0.2
     shown: float = 10.0
     unmodelled: float = 0.03
     still: float = 0.06
@@ -180,7 +180,7 @@ def drive_gains(
         )  # fmt: skip
     arm = replace(arm, drive_gains=None, drive_gain_error=None)
     body = load.body(arm)
-    motions = read_motions([one.of(arm) for one in (*bare, *loaded)], arm, coordinates)
+    motions = read_motions([recording.of(arm) for recording in (*bare, *loaded)], arm, coordinates)
     if len({part.source for part in motions.parts}) < len(bare) + len(loaded):
         raise RecordingError(
             head(loaded[-1]).source,
@@ -217,7 +217,7 @@ def drive_gains(
     mean = float(np.exp(np.mean(np.log(found.gain[determined]))))
     return DriveGains(
         np.where(determined, found.gain, mean),
-        np.where(determined, error, settings.alike),
+        np.where(determined, error, settings.undetermined),
         determined,
         how,
         same,
@@ -272,11 +272,11 @@ def _when(
     """Return (N,) when the bare recordings show the samples of the loaded ones; NaN if never."""
     found = np.full(len(carried.y), np.nan)
     for number in sorted({part.source for part in second}):
-        mine = [i for i, part in enumerate(second) if part.source == number]
-        track = Track([second[i].time for i in mine], [second[i].state.q for i in mine])
+        index = [i for i, part in enumerate(second) if part.source == number]
+        track = Track([second[i].time for i in index], [second[i].state.q for i in index])
         other = _track([part for part in first if part.source == first[0].source])
-        times = same_motion(track, other, second[mine[0]].filter.rate)
-        for i, when in zip(mine, times, strict=True):
+        times = same_motion(track, other, second[index[0]].filter.rate)
+        for i, when in zip(index, times, strict=True):
             rows = carried.part == i
             found[rows] = np.interp(carried.time[rows], second[i].time, when)
     return found
@@ -316,7 +316,7 @@ def _of_difference(
         gain = found.gain
         # A joint that does not feel the load must not tell how friction grows with it.
         feels = _seen(known + shared @ found.theta[:-1], found, settings)
-        reading, grown, known = (one * feels for one in (reading, grown, known))
+        reading, grown, known = (array * feels for array in (reading, grown, known))
         shared = shared * feels[:, None]
     assert found is not None
     return found, known + shared @ found.theta[:-1]
@@ -349,9 +349,9 @@ def _of_all(
     each = [[i for i in chosen if i not in rigid and design.x[:, j, i].any()] for j in range(arm.n)]
     own = np.zeros((*reading.shape, 1 + max(map(len, each))))
     own_scale = np.full(own.shape[1:], settings.differing)
-    for j, mine in enumerate(each):
-        own[:, j, 1 : 1 + len(mine)] = design.x[:, j, mine] * moves[:, j, None]
-        own_scale[j, 1 : 1 + len(mine)] = columns.scale[mine]
+    for j, index in enumerate(each):
+        own[:, j, 1 : 1 + len(index)] = design.x[:, j, index] * moves[:, j, None]
+        own_scale[j, 1 : 1 + len(index)] = columns.scale[index]
     guess, grown = _guess(known[loaded], reading[loaded]), np.zeros_like(reading)
     gain = guess
     found = None

@@ -120,7 +120,7 @@ def evaluate(
             return _evaluate_static(model, poses, still, coordinates, detected)
     else:
         # Read once, compared in both coordinates.
-        trajectories = [replace(read(one, cutoff), still=still) for one in recordings]
+        trajectories = [replace(read(recording, cutoff), still=still) for recording in recordings]
 
         def run(coordinates: Coordinates, detected: str) -> Evaluation:
             return _evaluate_dynamic(model, trajectories, coordinates, cutoff, detected)
@@ -137,8 +137,8 @@ def _in_coordinates(
     """Return the evaluation in some coordinates, or in those in which the model fits better."""
     if coordinates is not None:
         return run(coordinates, "")
-    results = {one: run(one, "") for one in get_args(Coordinates)}
-    size = {one: _total(result.joints) for one, result in results.items()}
+    results = {system: run(system, "") for system in get_args(Coordinates)}
+    size = {system: _total(result.joints) for system, result in results.items()}
     best: Coordinates = "joint" if size["joint"] <= size["actuator"] else "actuator"
     reason = (
         f"taken as {best} coordinates: mean |e|/|tau| {size[best]:.3f}, "
@@ -154,7 +154,7 @@ def all_static(recordings: Sequence[Recording | RecordingFile]) -> bool:
         RecordingError: Poses mixed with trajectories.
     """
     heads = [head(recording) for recording in recordings]
-    static = [isinstance(one, Recording) and one.time is None for one in heads]
+    static = [isinstance(first, Recording) and first.time is None for first in heads]
     if any(static) != all(static):
         raise RecordingError(
             heads[static.index(True)].source,

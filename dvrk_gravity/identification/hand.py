@@ -89,7 +89,11 @@ def _by_limits(q: Array, arm: Arm, beyond: Array) -> DataWarning | None:
 def by_weight(parameters: tuple[FittedParameter, ...], arm: Arm) -> list[DataWarning]:
     """Return a warning if the platform's moment surely has the sign of the other hand."""
     expected = PLATFORM.get(arm.name)
-    found = [one for one in parameters if one.name.startswith("beta") and PLATFORM_NAME in one.name]
+    found = [
+        parameter
+        for parameter in parameters
+        if parameter.name.startswith("beta") and PLATFORM_NAME in parameter.name
+    ]
     if expected is None or not found:
         return []
     value, (low, high) = found[0].value, found[0].ci95

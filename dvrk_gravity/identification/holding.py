@@ -61,6 +61,6 @@ def holding(
             np.sqrt(np.maximum(variance, 0).mean(axis=0)),
         ]
     return {
-        joint: Holding(*(float(one[k]) for one in (*found, lower, upper)))
+        joint: Holding(*(float(values[k]) for values in (*found, lower, upper)))
         for k, joint in enumerate(arm.joint_names)
     }

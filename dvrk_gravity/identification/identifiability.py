@@ -100,14 +100,14 @@ def describe(
 
 
 def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
-    index = {column: place for place, column in enumerate(chosen)}
+    index = {column: i for i, column in enumerate(chosen)}
     rigid = [index[i] for i in link_columns(columns) if i in index]
     found: list[_Quantity] = []
 
     def row(values: dict[int, float]) -> Array:
         direction = np.zeros(len(chosen))
-        for place, value in values.items():
-            direction[place] = value
+        for i, value in values.items():
+            direction[i] = value
         return direction
 
     springs = {columns.columns[i].index: index[i] for i in columns.select(effect="gravity")}
@@ -144,16 +144,16 @@ def _quantities(columns: Columns, chosen: Sequence[int]) -> list[_Quantity]:
                     columns.effect(i).coefficient_name(columns.arm, column),
                     column.site.unit(columns.arm, column.unit), row({index[i]: 1.0}),
                     column.joint,
-                    shared=i in dry.get((column.place, column.joint), ()),
+                    shared=i in dry.get((column.site_kind, column.joint), ()),
                 )
             )  # fmt: skip
         elif column.effect in KINEMATIC:
-            kinematics, one = columns.kinematics, row({index[i]: 1.0})
+            kinematics, direction = columns.kinematics, row({index[i]: 1.0})
             tilt = column.effect == "base_tilt"
             around = kinematics.tilt[column.index] if tilt else kinematics.offset[column.joint]
             unit = "rad" if tilt else columns.arm.units[column.joint]
             found.append(
-                _Quantity(kinematic_name(columns, column), unit, one, column.joint, around)
+                _Quantity(kinematic_name(columns, column), unit, direction, column.joint, around)
             )
     return found
 
@@ -176,20 +176,20 @@ def kinematic_name(columns: Columns, column: Column) -> str:
 
 
 def _divided(columns: Columns, chosen: Sequence[int]) -> dict[tuple[str, int], list[int]]:
-    """Return by place and joint the columns that divide one torque by a choice.
+    """Return by kind of site and joint the columns that divide one torque by a choice.
 
     The elements of presliding are a basis: which of them a search takes, and how friction is
     divided among them and Coulomb friction, is no property of the arm.
     """
     found: dict[tuple[str, int], list[int]] = {}
-    for one in {columns.effect(i): None for i in chosen if columns.columns[i].unit}:
-        if not one.DIVIDED_WITH:
+    for term in {columns.effect(i): None for i in chosen if columns.columns[i].unit}:
+        if not term.DIVIDED_WITH:
             continue
-        for effect in (one, *one.DIVIDED_WITH):
+        for effect in (term, *term.DIVIDED_WITH):
             for i in columns.select(effect=effect.NAME):
-                place = columns.columns[i].place, columns.columns[i].joint
-                if i in chosen and (effect is one or place in found):
-                    found.setdefault(place, []).append(i)
+                site = columns.columns[i].site_kind, columns.columns[i].joint
+                if i in chosen and (effect is term or site in found):
+                    found.setdefault(site, []).append(i)
     return found
 
 
@@ -267,15 +267,16 @@ def _absent_statements(
         joint = columns.columns[column].joint
         alone = float(np.sum(x * design.x[:, :, column])) + columns.scale[column] ** -2
         rest = alone - shared @ solution.precision @ shared
-        for one in (q for q in quantities if q.name.startswith("beta")):
-            through = float(one.direction @ shared)
-            own = float(one.direction @ inverse @ one.direction)
+        for quantity in (q for q in quantities if q.name.startswith("beta")):
+            through = float(quantity.direction @ shared)
+            own = float(quantity.direction @ inverse @ quantity.direction)
             if through**2 < inseparable**2 * (rest * own + through**2):
                 continue
             name = columns.arm.joint_names[joint]
             statements.append(
-                f"{one.name} includes any linear elastic torque of {name}: over {ranges[joint]} "
-                f"the two cannot be separated; a wider range of {name} would separate them"
+                f"{quantity.name} includes any linear elastic torque of {name}: over "
+                f"{ranges[joint]} the two cannot be separated; a wider range of {name} would "
+                "separate them"
             )
     return statements
 
@@ -287,9 +288,9 @@ def _dry_friction_statements(
     value = dict(zip(chosen, solution.theta.tolist(), strict=True))
     names = columns.arm.joint_names
     where = [
-        f"{names[joint]} ({place}, {sum(value[i] for i in parts):.3g} "
+        f"{names[joint]} ({kind}, {sum(value[i] for i in parts):.3g} "
         f"{columns.arm.effort_units[joint]} together)"
-        for (place, joint), parts in _divided(columns, chosen).items()
+        for (kind, joint), parts in _divided(columns, chosen).items()
     ]
     if not where:
         return []
@@ -301,10 +302,12 @@ def _dry_friction_statements(
 
 
 def _open_statements(quantities: Sequence[_Quantity], spread: Uncertainty) -> list[str]:
-    left = [one.name for one in quantities if not spread.identifiable(one.direction)]
-    if not left:
+    unidentifiable = [
+        quantity.name for quantity in quantities if not spread.identifiable(quantity.direction)
+    ]
+    if not unidentifiable:
         return []
     return [
-        f"{len(left)} of {len(quantities)} parameters are not identifiable from these data; their "
-        f"estimates stay near the prior: {'; '.join(left)}"
+        f"{len(unidentifiable)} of {len(quantities)} parameters are not identifiable from these "
+        f"data; their estimates stay near the prior: {'; '.join(unidentifiable)}"
     ]

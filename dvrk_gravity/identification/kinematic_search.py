@@ -25,18 +25,18 @@ class KinematicSearchSettings:
 
     Attributes:
         steps: Of Gauss and Newton, at most. Chosen: it converges quadratically.
-        settled: Change of a zero or of the tilt that ends it, rad. Chosen: far below any
+        tolerance: Change of a zero or of the tilt that ends it, rad. Chosen: far below any
             interval.
-        roughly: The same before terms are chosen anew, rad. Chosen: the cosine of 0.01 rad is 1 to
-            5e-5, so that the slopes there are as good as those at the end.
+        rough_tolerance: The same before terms are chosen anew, rad. Chosen: the cosine of 0.01 rad
+            is 1 to 5e-5, so that the slopes there are as good as those at the end.
         farthest: Of a zero or the tilt, standard deviations of what is plausible
             (``KinematicSettings``): beyond that they stand for something else. Chosen: what a
             diagnosis takes for possible, too.
     """
 
     steps: int = 6
-    settled: float = 1e-4
-    roughly: float = 1e-2
+    tolerance: float = 1e-4
+    rough_tolerance: float = 1e-2
     farthest: float = 6.0
 
 
@@ -72,15 +72,15 @@ def around_calibration(
         assumed.choices += choices
         return problem, chosen, kinematic_statements(around, start)
     report("zeros and tilt", 0.3)
-    around, found = _settled(around, found, motions, settings.roughly)
+    around, found = _converged(around, found, motions, settings.rough_tolerance)
     columns = around.design.columns
     moved = [i for i in found if columns.columns[i].effect in KINEMATIC]
-    plain = [sorted({*one, *moved}) for one in starts(columns, around.selection.effects)]
-    around.selection.choices = [one for one in (*assumed.choices, *choices) if one.kept]
+    plain = [sorted({*initial, *moved}) for initial in starts(columns, around.selection.effects)]
+    around.selection.choices = [choice for choice in (*assumed.choices, *choices) if choice.kept]
     around, found = choose(around, [found, *plain], lambda share: report("choice of terms", share))
     chosen_anew = around.selection.choices
-    choices = [one for one in choices if one not in chosen_anew] + chosen_anew
-    around, found = _settled(around, found, motions, settings.settled)
+    choices = [choice for choice in choices if choice not in chosen_anew] + chosen_anew
+    around, found = _converged(around, found, motions, settings.tolerance)
     beyond = _beyond(around, found)
     if beyond:
         return problem, chosen, (*kinematic_statements(*started), *beyond)
@@ -125,7 +125,7 @@ def _moved(
     return reweighed(around, same), same
 
 
-def _settled(
+def _converged(
     problem: Problem, chosen: list[int], motions: Sequence[CalibrationMotion], within: float
 ) -> tuple[Problem, list[int]]:
     """Return the problem around the kinematics that a fit changes by no more than some rad."""

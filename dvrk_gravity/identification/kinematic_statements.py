@@ -35,7 +35,7 @@ def never_shown(arm: Arm) -> str:
     """Say what no motion of an arm identifies."""
     *others, last = (n for j, n in enumerate(arm.joint_names) if j not in offset_joints(arm))
     parts = [
-        *(f"the joint offset of {one} (weights do not depend on it)" for one in others[:1]),
+        *(f"the joint offset of {name} (weights do not depend on it)" for name in others[:1]),
         f"the joint offset of {last} (equivalent to another centre of mass of its link)",
         "a payload (equivalent to parameters of the links that carry it)",
         "a constant torque offset (equivalent to the constant of a cable's torque)",
@@ -51,7 +51,7 @@ def kinematic_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, 
         chosen: Columns of the fit; its zeros and tilt, if any, are judged like all others.
     """
     columns, settings = problem.design.columns, KinematicStatementSettings()
-    kinematics = [i for i, one in enumerate(columns.columns) if one.effect in KINEMATIC]
+    kinematics = [i for i, column in enumerate(columns.columns) if column.effect in KINEMATIC]
     information = _information(problem, [i for i in chosen if i not in kinematics], kinematics)
     first = NORMAL_95 / np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information)
@@ -60,7 +60,9 @@ def kinematic_statements(problem: Problem, chosen: Sequence[int]) -> tuple[str, 
     names = [kinematic_name(columns, columns.columns[i]) for i in kinematics]
     hidden, entangled = [], []
     for k, name in enumerate(names):
-        alone, together = (_shown(columns, kinematics[k], one[k]) for one in (first, second))
+        alone, together = (
+            _shown(columns, kinematics[k], half_width[k]) for half_width in (first, second)
+        )
         if first[k] > settings.well * _scale(columns, kinematics[k]):
             hidden.append(f"{name} (±{alone})")
         elif second[k] > settings.entangled * first[k]:

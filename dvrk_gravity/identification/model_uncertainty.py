@@ -84,9 +84,9 @@ def stood_in_for(
     reproduced = np.einsum("ij,ij->j", beside, np.linalg.solve(inside, beside))
     own = np.diag(gram)
     # A motor that moves its own joint alone is that joint: no other place.
-    alike = gram**2 > (1.0 - settings.same) * np.outer(own, own)
-    twins = np.asarray(np.triu(alike, 1).any(axis=0))
-    new = ~twins[others] & ~np.asarray(alike[np.ix_(index, others)].any(axis=0))
+    collinear = gram**2 > (1.0 - settings.same) * np.outer(own, own)
+    twins = np.asarray(np.triu(collinear, 1).any(axis=0))
+    new = ~twins[others] & ~np.asarray(collinear[np.ix_(index, others)].any(axis=0))
     found = others[new & (reproduced > settings.overlap * own[others])]
     return [column for column in found.tolist() if columns.offers(columns.columns[column])]
 
@@ -112,7 +112,7 @@ def held_by_terms(columns: Columns, theta: Array, wanted: Sequence[int]) -> list
 
 def _layout(columns: Columns, theta: Array) -> dict[str, int]:
     """Return how many coefficients each term of a model has."""
-    return {name: len(one) for name, one in coefficients_of(columns.terms(theta)).items()}
+    return {name: len(values) for name, values in coefficients_of(columns.terms(theta)).items()}
 
 
 def model_uncertainty(
@@ -154,11 +154,13 @@ def model_uncertainty(
     return ModelUncertainty(
         coefficients={name: own[name] for name in here},
         deviations={
-            name: np.stack([one[name] - value for one in there], axis=1)
+            name: np.stack([shifted[name] - value for shifted in there], axis=1)
             for name, value in here.items()
         },
-        offset=np.stack([one.offset - zeros for one in moved], axis=1),
-        gravity=np.stack([one.mounted(arm).gravity - base for one in moved], axis=1),
+        offset=np.stack([calibration.offset - zeros for calibration in moved], axis=1),
+        gravity=np.stack(
+            [calibration.mounted(arm).gravity - base for calibration in moved], axis=1
+        ),
         error=error.rms,
         band=error.band,
         together=error.together,

@@ -169,7 +169,7 @@ def read_motions(
     warnings, handling = list(repeated), list(left_out)
     trajectories = [trajectory for trajectory in once if trajectory is not None]
     same = 1.0 + RateSettings().same
-    rates = [one.filter.rate for trajectory in trajectories for one in trajectory.stretches]
+    rates = [stretch.filter.rate for trajectory in trajectories for stretch in trajectory.stretches]
     for source, trajectory in enumerate(trajectories):
         require_all(trajectory, arm, trajectory.still)
         warnings += trajectory.warnings
@@ -183,7 +183,7 @@ def read_motions(
             parts.append(_motion(stretch, trajectory, arm, coordinates, source))
         _require_torque(trajectory)
         seen = np.concatenate(
-            [one.state.q[:: max(1, len(one) // 1000)] for one in parts if one.source == source]
+            [part.state.q[:: max(1, len(part) // 1000)] for part in parts if part.source == source]
         )
         warnings += beyond_limits(seen, arm)
     if max(rates) > same * min(rates):
@@ -212,7 +212,7 @@ def held_beyond(
     Joints beyond all that were recorded are taken to be held at zero, or at the limit next to it.
     An MTM's recording has all seven joints; there, one that is missing is a mistake.
     """
-    seen = {joint for one in recordings for joint in head(one).joints}
+    seen = {joint for recording in recordings for joint in head(recording).joints}
     missing = [joint for joint in arm.joint_names if joint not in seen and joint not in still]
     where = beyond(arm, tuple(seen | set(still))) if missing and not is_mtm(arm) else None
     if not where:
@@ -303,7 +303,9 @@ def _motion(
     if len(columns) < arm.n:
         still = np.array([trajectory.still.get(joint, 0.0) for joint in arm.joint_names])
         q = completed(q, columns, still, arm, coordinates)
-        qd, qdd = (completed(one, columns, np.zeros(arm.n), arm, coordinates) for one in (qd, qdd))
+        qd, qdd = (
+            completed(array, columns, np.zeros(arm.n), arm, coordinates) for array in (qd, qdd)
+        )
         narrow, effort = effort, np.zeros(q.shape)
         effort[:, columns] = narrow
     measured = motors_measured(columns, arm, coordinates)

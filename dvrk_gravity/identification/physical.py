@@ -156,11 +156,11 @@ def _parameters() -> Array:
     maps[0, 3, 3] = 1.0
     for k in range(3):
         maps[1 + k, k, 3] = 1.0
-    for place, (i, j) in zip((4, 5, 6, 7, 8, 9), ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)),
+    for index, (i, j) in zip((4, 5, 6, 7, 8, 9), ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)),
                              strict=True):  # fmt: skip
-        maps[place, i, j] = -1.0
+        maps[index, i, j] = -1.0
         if i == j:
-            maps[place, :3, :3] += np.eye(3)
+            maps[index, :3, :3] += np.eye(3)
     return 0.5 * (maps + maps.transpose(0, 2, 1))
 
 

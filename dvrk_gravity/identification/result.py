@@ -212,8 +212,8 @@ class Verdict:
             "reason": self.reason,
             "record": self.record,
             "joints": {
-                name: {"verdict": one.level, "reason": one.reason, "record": one.record}
-                for name, one in self.joints.items()
+                name: {"verdict": verdict.level, "reason": verdict.reason, "record": verdict.record}
+                for name, verdict in self.joints.items()
             },
         }
 

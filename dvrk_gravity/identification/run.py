@@ -136,7 +136,7 @@ def _with_held(
     stood, lines = held_beyond(recordings, arm, still)
     held = {name: at for name, at in stood.items() if name not in still}
     if still and all_static(recordings) and not is_mtm(arm):
-        seen = {joint for one in recordings for joint in head(one).joints}
+        seen = {joint for recording in recordings for joint in head(recording).joints}
         said = {name: at for name, at in still.items() if name not in seen}
         shown = ", ".join(f"{name} at {at:g}" for name, at in said.items())
         held |= said
@@ -167,8 +167,8 @@ def _with_gains(
     if not isinstance(load, KnownPayload):
         load = KnownPayload(float(load))
     *bare, loaded = recordings
-    for one in recordings:
-        require_all(head(one), arm)
+    for recording in recordings:
+        require_all(head(recording), arm)
     found = drive_gains(bare, [loaded], arm, load, coordinates[0] or "joint")
     return arm.with_drive_gains(found.gain, found.error), found.lines(arm)
 
@@ -189,7 +189,7 @@ def _each(
         return [known_coordinates(coordinates)] * count
     if not isinstance(coordinates, Iterable):
         raise ArgumentError("coordinates", coordinates, "joint or actuator, for all or for each")
-    each = [known_coordinates(one) for one in coordinates]
+    each = [known_coordinates(system) for system in coordinates]
     if len(each) != count:
         raise ConfigError(
             "--coordinates", ",".join(map(str, each)), f"one for all recordings, or {count}"
@@ -254,21 +254,21 @@ def _dynamic(
     report("coordinates", 0.0)
     reasons, warnings = list(left_out), list(repeated)
     readable: list[Trajectory] = []
-    fitted = [place for place, trajectory in enumerate(trajectories) if trajectory is not None]
-    complete = [complete[place] for place in fitted]
-    for full, place in zip(complete, fitted, strict=True):
-        trajectory, one = trajectories[place], coordinates[place]
+    fitted = [index for index, trajectory in enumerate(trajectories) if trajectory is not None]
+    complete = [complete[index] for index in fitted]
+    for full, index in zip(complete, fitted, strict=True):
+        trajectory, system = trajectories[index], coordinates[index]
         assert trajectory is not None
         if not full:
-            one = one or "joint"
-            reasons.append(_partial(trajectory, arm, one, still))
-        elif one is None:
-            one, reason = detect_coordinates(trajectory, arm)
+            system = system or "joint"
+            reasons.append(_partial(trajectory, arm, system, still))
+        elif system is None:
+            system, reason = detect_coordinates(trajectory, arm)
             if reason:
                 reasons.append(reason if sum(complete) == 1 else f"{trajectory.source}: {reason}")
         else:
-            warnings += doubt(trajectory, arm, one)
-        readable.append(replace(trajectory, coordinates=one, still={} if full else still))
+            warnings += doubt(trajectory, arm, system)
+        readable.append(replace(trajectory, coordinates=system, still={} if full else still))
     shown = readable[complete.index(True)].coordinates
     assert shown is not None
     form = ConsoleColumns if for_console else Columns

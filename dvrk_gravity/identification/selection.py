@@ -187,7 +187,7 @@ class ColumnSelection:
         self.choices.append(self._choice(trial, state.errors, True))
         return Chosen(_apply(state.columns, trial.move), trial.errors)
 
-    def tried(self, state: Chosen, moves: Sequence[ModelChange]) -> list[MoveTrial]:
+    def evaluate(self, state: Chosen, moves: Sequence[ModelChange]) -> list[MoveTrial]:
         """Return what moves would bring."""
         others = [_apply(state.columns, move) for move in moves]
         if len(others) == 1:
@@ -210,7 +210,7 @@ class ColumnSelection:
     def permitted(self, move: ModelChange) -> bool:
         """Tell whether a move may be tried."""
         added = [self.columns.columns[i] for i in move.add]
-        return all(self.allowed(one.effect) and self.columns.offers(one) for one in added)
+        return all(self.allowed(column.effect) and self.columns.offers(column) for column in added)
 
     def _choice(self, trial: MoveTrial, before: Array, kept: bool) -> Choice:
         after = trial.errors
@@ -237,7 +237,7 @@ class _MoveSearch:
         return filter(self.selection.permitted, found)
 
     def attempt(self, state: Chosen, moves: Sequence[ModelChange]) -> list[MoveTrial]:
-        return self.selection.tried(state, moves)
+        return self.selection.evaluate(state, moves)
 
     def choose(self, trials: Sequence[MoveTrial]) -> MoveTrial | None:
         passing = (trial for trial in trials if trial.passes)

@@ -55,9 +55,9 @@ def fit_static(
         poses, arm, lambda share: report("held-out error", share), for_console
     )
     report("fit", 0.0)
-    tried: list[result.Choice] = []
+    choices: list[result.Choice] = []
     table = Table.of(poses, arm, for_console)
-    model, solution, _, weight = fit_poses(table, choose(table, tried.append))
+    model, solution, _, weight = fit_poses(table, choose(table, choices.append))
     spread = static_report.uncertainty(table, solution, weight)
     fitted = model.torque(poses.q, direction=poses.direction)
 
@@ -84,7 +84,7 @@ def fit_static(
         training=training,
         parameters=static_report.parameters(table, solution, spread),
         identifiability=static_report.identifiability(table, solution, spread),
-        choices=tuple(tried),
+        choices=tuple(choices),
         warnings=warnings,
         handling=tuple(_handling(poses, weight, arm)),
         validation="one slab of poses for each joint that moved, at positions of that joint which "
@@ -136,12 +136,12 @@ def _handling(poses: Poses, weight: Array, arm: Arm) -> list[str]:
     lines = ["static poses, used as they are; Huber's loss"]
     outlier = PoseSettings().robust.outlier
     for joint, name in enumerate(arm.joint_names):
-        left = int((weight[:, joint] == 0.0).sum())
-        if left:
+        excluded = int((weight[:, joint] == 0.0).sum())
+        if excluded:
             worst = float(np.abs(poses.effort[weight[:, joint] == 0.0, joint]).max())
             lines.append(
-                f"{name}: {left} of {len(poses)} poses left out, more than {outlier:g} standard "
-                f"deviations off all others (up to {worst:.3f} {arm.effort_units[joint]})"
+                f"{name}: {excluded} of {len(poses)} poses left out, more than {outlier:g} "
+                f"standard deviations off all others (up to {worst:.3f} {arm.effort_units[joint]})"
             )
     if not np.all(weight > 0.0):
         lines.append("poses left out on a joint count in the errors, not in the verdict")

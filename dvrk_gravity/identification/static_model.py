@@ -80,13 +80,13 @@ def cable_rows(table: Table, solution: PoseSolution, joint: int) -> dict[str, Ar
     rows = {
         name: np.zeros((1 + MAX_DEGREE, len(solution.theta))) for name in ("positive", "negative")
     }
-    for place, column in zip(solution.places(joint), solution.columns[joint], strict=True):
+    for k, column in zip(solution.indices(joint), solution.columns[joint], strict=True):
         if columns.group[column] != 0:
             continue
         powers = _powers(columns.own[column], argument)
         sign = -1.0 if columns.along[column] else 1.0
-        rows["positive"][: len(powers), place] += powers
-        rows["negative"][: len(powers), place] += sign * powers
+        rows["positive"][: len(powers), k] += powers
+        rows["negative"][: len(powers), k] += sign * powers
     return rows
 
 
@@ -123,11 +123,11 @@ def _held(table: Table, solution: PoseSolution) -> dict[str, Value]:
     entries = []
     for joint in range(table.arm.n):
         columns = table.joints[joint]
-        for place, column in zip(solution.places(joint), solution.columns[joint], strict=True):
+        for k, column in zip(solution.indices(joint), solution.columns[joint], strict=True):
             if columns.group[column] != 0:
                 function = index.setdefault(tuple(columns.orders[column].tolist()), len(index))
                 kind = "difference" if columns.along[column] else "mean"
-                entries.append((kind, joint, function, solution.theta[place]))
+                entries.append((kind, joint, function, solution.theta[k]))
     if not index:
         return {}
     sizes = {kind: np.zeros((len(index), table.arm.n)) for kind in ("mean", "difference")}

@@ -47,7 +47,7 @@ def uncertainty(table: Table, solution: PoseSolution, weight: Array) -> Uncertai
             pull = weight[mask, joint] * residual[mask, joint]
             score[: solution.count] += table.gravity[mask, joint].T @ pull
             chosen = table.matrices[joint][mask][:, solution.columns[joint]]
-            score[solution.places(joint)] += chosen.T @ pull
+            score[solution.indices(joint)] += chosen.T @ pull
         scores.append(score)
     return sandwich(solution, clustered_scores(np.array(scores)))
 
@@ -85,12 +85,12 @@ def identifiability(table: Table, solution: PoseSolution, spread: Uncertainty) -
 
 def _quantities(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str, Array]]:
     yield from _of_gravity(table, solution)
-    for joint, one in enumerate(table.arm.joints):
-        for side, rows in cable_rows(table, solution, joint).items():
+    for j, joint in enumerate(table.arm.joints):
+        for side, rows in cable_rows(table, solution, j).items():
             for power, row in enumerate(rows):
                 if row.any():
-                    unit = one.effort_unit + (f"/{one.unit}^{power}" if power else "")
-                    yield f"{cable_name(side, one.name)}[{power}]", unit, row
+                    unit = joint.effort_unit + (f"/{joint.unit}^{power}" if power else "")
+                    yield f"{cable_name(side, joint.name)}[{power}]", unit, row
 
 
 def _of_gravity(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str, Array]]:
@@ -101,10 +101,10 @@ def _of_gravity(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str
 
 def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> Iterator[str]:
     poses, joints = table.poses, table.arm.joints
-    for joint, one in enumerate(joints):
-        if joint not in poses.moving:
+    for j, joint in enumerate(joints):
+        if j not in poses.moving:
             yield (
-                f"{one.name} was posed at {one.shown(float(poses.q[:, joint].mean()))} only: a "
+                f"{joint.name} was posed at {joint.shown(float(poses.q[:, j].mean()))} only: a "
                 "constant is all of its torque that is identifiable"
             )
     if undirected := [joints[joint].name for joint in poses.undirected]:
@@ -116,15 +116,15 @@ def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> It
         )
     quantities = {name: direction for name, _, direction in _quantities(table, solution)}
     for first, _, of_first in _of_gravity(table, solution):
-        for joint, power in product(poses.moving, (0, 1)):
-            one = joints[joint]
-            second = f"{cable_name('positive', one.name)}[{power}]"
+        for j, power in product(poses.moving, (0, 1)):
+            joint = joints[j]
+            second = f"{cable_name('positive', joint.name)}[{power}]"
             if second not in quantities:
                 continue
             together = spread.correlation(of_first, quantities[second])
             if abs(together) > PoseReportSettings().inseparable:
-                low, high = (one.shown(float(edge[joint])) for edge in (poses.lower, poses.upper))
+                low, high = (joint.shown(float(edge[j])) for edge in (poses.lower, poses.upper))
                 yield (
                     f"{first} and {second} cannot be separated (correlation {together:+.3f}): "
-                    f"a wider range of {one.name} than {low.split()[0]} to {high} would"
+                    f"a wider range of {joint.name} than {low.split()[0]} to {high} would"
                 )

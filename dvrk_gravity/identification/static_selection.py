@@ -101,11 +101,11 @@ class JointSearch:
         """Return a composition with its held-out errors."""
         columns = self.table.joints[self.joint]
         chosen, count = columns.of(composition.groups), len(self.gravity)
-        places = np.concatenate([np.arange(count), count + chosen])
+        index = np.concatenate([np.arange(count), count + chosen])
         mean = np.concatenate([self.gravity, np.zeros(len(chosen))])
         prior = columns.prior(composition.own, composition.others)[chosen]
         scale = np.concatenate([np.full(count, self.settings.gravity_freedom), prior])
-        theta = self._seen.fit(places, scale, mean)
+        theta = self._seen.fit(index, scale, mean)
         return Composed(composition, self.factor * self._held_out.error(theta)[:, 0])
 
     @cached_property

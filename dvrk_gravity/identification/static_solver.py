@@ -115,8 +115,8 @@ class PoseSolution(Solution):
         """(k,) those of gravity."""
         return self.theta[: self.count]
 
-    def places(self, joint: int) -> NDArray[np.int64]:
-        """Return the places of a joint's columns in theta."""
+    def indices(self, joint: int) -> NDArray[np.int64]:
+        """Return the indices of a joint's columns in theta."""
         start = self.count + sum(len(columns) for columns in self.columns[:joint])
         return np.arange(start, start + len(self.columns[joint]), dtype=np.int64)
 
@@ -124,7 +124,7 @@ class PoseSolution(Solution):
         """Return (N, n) torques at the poses of a table, N·m or N."""
         torque = table.gravity @ self.gravity
         for joint, matrix in enumerate(table.matrices):
-            torque[:, joint] += matrix[:, self.columns[joint]] @ self.theta[self.places(joint)]
+            torque[:, joint] += matrix[:, self.columns[joint]] @ self.theta[self.indices(joint)]
         return torque
 
     def at_rest(self, table: Table, q: Array) -> Array:
@@ -136,7 +136,7 @@ class PoseSolution(Solution):
         for joint, matrix in enumerate(there.matrices):
             columns = self.columns[joint]
             own = table.joints[joint].group[columns] == 0  # of others' positions: stiction
-            rows[:, joint, self.places(joint)[own]] = matrix[:, columns[own]]
+            rows[:, joint, self.indices(joint)[own]] = matrix[:, columns[own]]
         return rows
 
 
@@ -162,10 +162,10 @@ def solve(
     for joint, chosen in enumerate(columns):
         x = np.concatenate([table.gravity[:, joint], table.matrices[joint][:, chosen]], axis=1)
         own = np.arange(edges[joint], edges[joint + 1])
-        places = np.concatenate([np.arange(count), own])
+        index = np.concatenate([np.arange(count), own])
         part = NormalEquations.of(x[:, None], effort[:, [joint]], weight[:, [joint]])
-        gram[0][np.ix_(places, places)] += part.gram[0]
-        cross[0, places] += part.cross[0]
+        gram[0][np.ix_(index, index)] += part.gram[0]
+        cross[0, index] += part.cross[0]
         made = compositions[joint]
         scale[own] = table.joints[joint].prior(made.own, made.others)[chosen]
     power = np.array([np.sum(weight * effort**2)])

@@ -30,10 +30,14 @@ def error_table(
 def verdict_text(verdict: Verdict) -> Iterator[str]:
     """Yield the lines that tell a verdict: why, and what to record instead."""
     yield f"verdict: {verdict.words}"
-    short = {name: one for name, one in verdict.joints.items() if one.record}
-    for name, one in short.items():
-        yield f"  {name}: {one.words}: {one.reason}"
-    for record in dict.fromkeys(one.record for one in short.values()):
+    short = {
+        name: joint_verdict
+        for name, joint_verdict in verdict.joints.items()
+        if joint_verdict.record
+    }
+    for name, joint_verdict in short.items():
+        yield f"  {name}: {joint_verdict.words}: {joint_verdict.reason}"
+    for record in dict.fromkeys(joint_verdict.record for joint_verdict in short.values()):
         yield f"  record instead: {record}"
 
 
@@ -50,14 +54,14 @@ def fit_text(fit: Fit) -> Iterator[str]:
     yield from verdict_text(fit.verdict)
     yield ""
     kept = [choice for choice in fit.choices if choice.kept]
-    left = [choice for choice in fit.choices if not choice.kept]
+    rejected = [choice for choice in fit.choices if not choice.kept]
     added = [choice for choice in kept if choice.added]
     for choice in added:
         yield f"  {choice.term}: {choice.reason}"
     if len(kept) > len(added):
         yield f"  taken out again of what the search started with: {len(kept) - len(added)}"
-    if left:
-        yield f"  {len(left)} further changes were tried and do too little (all in the report)"
+    if rejected:
+        yield f"  {len(rejected)} further changes were tried and do too little (all in the report)"
     found = fit.identifiability
     yield ""
     yield (

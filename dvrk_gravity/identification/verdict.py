@@ -101,7 +101,7 @@ def judge(
     at_motor = coordinates == "actuator"
     joints = {}
     limits = arm.actuator_effort_limit if at_motor else arm.effort_limit
-    comparable = (_comparable(one, arm).tolist() for one in (limits, arm.effort_limit))
+    comparable = (_comparable(efforts, arm).tolist() for efforts in (limits, arm.effort_limit))
     for joint, limit, at_joint in zip(arm.joints, *comparable, strict=True):
         name = joint.name
         found = [
@@ -110,13 +110,17 @@ def judge(
             ),
             *_of_holding(joint, holding[name], settings, static, at_joint),
         ]
-        joints[name] = max(found, key=lambda one: VERDICTS.index(one.level))
-    level = max((one.level for one in joints.values()), key=VERDICTS.index)
-    named = {} if level == GOOD else {n: one for n, one in joints.items() if one.level == level}
+        joints[name] = max(found, key=lambda verdict: VERDICTS.index(verdict.level))
+    level = max((verdict.level for verdict in joints.values()), key=VERDICTS.index)
+    named = (
+        {}
+        if level == GOOD
+        else {n: verdict for n, verdict in joints.items() if verdict.level == level}
+    )
     return Verdict(
         level,
-        "; ".join(f"{name}: {one.reason}" for name, one in named.items()),
-        "; ".join(dict.fromkeys(one.record for one in named.values())),
+        "; ".join(f"{name}: {verdict.reason}" for name, verdict in named.items()),
+        "; ".join(dict.fromkeys(verdict.record for verdict in named.values())),
         joints,
     )
 

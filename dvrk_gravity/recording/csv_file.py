@@ -61,7 +61,7 @@ class _Columns:
             raise RecordingError(where, "columns are parted by semicolons, expected commas")
         # Where all of the arm's joints are, others are another arm's or a hand's; else a misprint.
         whole = all(f"{joint}.position" in header for joint in known)
-        place: dict[str, int] = {}
+        index: dict[str, int] = {}
         for column, name in enumerate(header):
             joint, _, quantity = name.rpartition(".")
             a_joint = joint in known or (whole and joint != "")
@@ -74,26 +74,26 @@ class _Columns:
                     "<joint>.position/velocity/effort/direction"
                     + (f", joints: {', '.join(known)}" if known else ""),
                 )
-            if name in place:
+            if name in index:
                 raise RecordingError(where, f"column {name!r} appears twice")
-            place[name] = column
-        named = dict.fromkeys(name.rpartition(".")[0] for name in place if "." in name)
+            index[name] = column
+        named = dict.fromkeys(name.rpartition(".")[0] for name in index if "." in name)
         check_joints(where, tuple(named), arm)
         joints = tuple(joint for joint in known or named if joint in named)
         if not joints:
             raise RecordingError(where, "no <joint>.position column")
         quantities = {}
         for quantity in (*QUANTITIES, "direction"):
-            missing = [j for j in joints if f"{j}.{quantity}" not in place]
+            missing = [j for j in joints if f"{j}.{quantity}" not in index]
             if missing and (quantity == "position" or len(missing) < len(joints)):
                 raise RecordingError(where, f"no column {missing[0]}.{quantity}")
             if not missing:
-                quantities[quantity] = [place[f"{j}.{quantity}"] for j in joints]
-        if "direction" in place:
+                quantities[quantity] = [index[f"{j}.{quantity}"] for j in joints]
+        if "direction" in index:
             if "direction" in quantities:
                 raise RecordingError(where, "both direction and <joint>.direction columns")
-            quantities["direction"] = [place["direction"]] * len(joints)
-        return cls(header, joints, place.get("time"), quantities)
+            quantities["direction"] = [index["direction"]] * len(joints)
+        return cls(header, joints, index.get("time"), quantities)
 
     def plausible(self, table: Array) -> bool:
         """Return whether all of ``(N, columns)`` are finite, and all but times below LARGEST."""
@@ -204,7 +204,7 @@ def _iterate(
         if not len(table):
             yield None, 0, rows
             continue
-        arrays = {name: table[:, place] for name, place in columns.quantities.items()}
+        arrays = {name: table[:, index] for name, index in columns.quantities.items()}
         for array in (*arrays.values(), time):
             if array is not None:
                 array.flags.writeable = False

@@ -91,17 +91,17 @@ def _between(
     A stretch without a sample, in a gap, is left out.
     """
     held: list[Recording] = []
-    place = 0
+    index = 0
     for part in parts:
         assert part.time is not None
-        while place < len(starts):
-            first, last = np.searchsorted(part.time, [starts[place], stops[place]]).tolist()
+        while index < len(starts):
+            first, last = np.searchsorted(part.time, [starts[index], stops[index]]).tolist()
             if last > first:
                 held.append(part.rows(slice(first, last)))
             if last == len(part):  # it may go on in the next part
                 break
             if held:
                 yield join(held)
-            held, place = [], place + 1
+            held, index = [], index + 1
     if held:
         yield join(held)

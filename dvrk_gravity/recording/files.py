@@ -19,7 +19,7 @@ from dvrk_gravity.recording.csv_file import iterate_csv, write_csv
 from dvrk_gravity.recording.joint_states import iterate_bag
 from dvrk_gravity.recording.samples import CHUNK, Array, Coordinates, Samples, Storage, TimeBase
 
-Some = TypeVar("Some", bound=Samples)
+SamplesT = TypeVar("SamplesT", bound=Samples)
 
 A_PATH = "the path of a .csv file or a rosbag2"
 # Names that would promise something else than the folder of a bag.
@@ -86,7 +86,7 @@ def converted(
     return result
 
 
-def join(parts: Sequence[Some]) -> Some:
+def join(parts: Sequence[SamplesT]) -> SamplesT:
     """Return consecutive parts of one recording as one."""
     if len(parts) == 1:
         return parts[0]

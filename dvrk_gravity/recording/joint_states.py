@@ -41,9 +41,9 @@ class JointStateSample(NamedTuple):
 
 
 class _Batch(NamedTuple):
-    """Messages of one layout out of a chunk: their places, names, stamps and numbers."""
+    """Messages of one layout out of a chunk: their indices, names, stamps and numbers."""
 
-    places: NDArray[np.intp]
+    indices: NDArray[np.intp]
     names: tuple[str, ...]
     stamps: NDArray[np.int64]
     values: tuple[Array, ...]
@@ -86,7 +86,7 @@ def read_joint_states(
             samples: list[Any] = [None] * len(part)
             for batch in _decode(str(path), first, [data for _, _, data in part]):
                 stamps = batch.stamps.tolist()
-                for row, i in enumerate(batch.places):
+                for row, i in enumerate(batch.indices):
                     samples[i] = JointStateSample(
                         part[i][1], stamps[row], batch.names, *(v[row] for v in batch.values)
                     )
@@ -212,7 +212,7 @@ class _Table:
         stamps = np.empty(len(raws), np.int64)
         arrays: dict[str, Array] = {}
         for batch in _decode(self._source, first, raws):
-            number = first + int(batch.places[0])
+            number = first + int(batch.indices[0])
             joints, columns = _columns(self._source, number, batch, self._known or self.joints)
             sent = {q: v for q, v in zip(QUANTITIES, batch.values, strict=True) if v.shape[1]}
             if not self.joints:
@@ -228,6 +228,6 @@ class _Table:
                 )
             for quantity, values in sent.items():
                 target = arrays.setdefault(quantity, np.empty((len(raws), len(joints))))
-                target[batch.places] = values[:, columns]
-            stamps[batch.places] = batch.stamps
+                target[batch.indices] = values[:, columns]
+            stamps[batch.indices] = batch.stamps
         return stamps, arrays

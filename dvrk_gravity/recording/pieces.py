@@ -140,7 +140,7 @@ class Findings:
             weight = samples * (counts if counts.any() else 1)
             if kind not in ONCE and weight[list(holders)].sum() < most * weight.sum():
                 continue
-            worst = holders[max(holders, key=lambda place: samples[place])]
+            worst = holders[max(holders, key=lambda index: samples[index])]
             if len(samples) > 1:
                 text = f"{worst.text} (so in {len(holders)} of {len(samples)} pieces)"
                 worst = replace(worst, text=text)
@@ -150,7 +150,7 @@ class Findings:
     def _by_kind(self) -> dict[tuple[Kind, str | None], dict[int, DataWarning]]:
         """Return the findings by kind and joint, and by piece."""
         found: dict[tuple[Kind, str | None], dict[int, DataWarning]] = {}
-        for place, warnings in enumerate(self._found):
+        for index, warnings in enumerate(self._found):
             for warning in warnings:
-                found.setdefault((warning.kind, warning.joint), {})[place] = warning
+                found.setdefault((warning.kind, warning.joint), {})[index] = warning
         return found

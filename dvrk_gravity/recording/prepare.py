@@ -145,7 +145,7 @@ def derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> t
     if recording.velocity is None:
         return recording.joints
     # Once the times are right, the encoders' positions are better than any velocity column.
-    if any(one.kind == "read_jitter" and one.numbers["corrected"] for one in warnings):
+    if any(warning.kind == "read_jitter" and warning.numbers["corrected"] for warning in warnings):
         return recording.joints
     worse = {warning.joint for warning in warnings if warning.kind == "velocity_mismatch"}
     # A filter's delay is no fault of the recording, but would pass for one of the effort.

@@ -117,10 +117,12 @@ class ReadBefore:
         if rate is not None:
             self.remaining = (self.samples - self.number) / rate
 
-    def read(self, one: Recording | RecordingFile) -> None:
+    def read(self, recording: Recording | RecordingFile) -> None:
         """Read a recording for what it repeats alone."""
         for _ in self.fresh(
-            one.parts() if isinstance(one, RecordingFile) else parts_of(one, CHUNK)
+            recording.parts()
+            if isinstance(recording, RecordingFile)
+            else parts_of(recording, CHUNK)
         ):
             pass
 
@@ -154,8 +156,8 @@ class ReadBefore:
             self._prints = np.concatenate([self._prints, np.zeros_like(self._prints)])
         begin, self._count = self._count, self._count + len(prints)
         self._prints[begin : self._count] = prints
-        for place in self._marks(begin, self._count, run, poses).tolist():
-            self._first.setdefault(int(self._prints[place]), place)
+        for sample in self._marks(begin, self._count, run, poses).tolist():
+            self._first.setdefault(int(self._prints[sample]), sample)
 
     def _marks(self, begin: int, end: int, run: int, poses: bool) -> NDArray[np.int64]:
         """Return the samples that are looked up: of the same prints in every recording."""
@@ -168,8 +170,8 @@ class ReadBefore:
         return begin + np.flatnonzero(chosen)
 
     def _poses(self, begin: int, decided: int) -> Mask:
-        places = range(begin, begin + decided)
-        return np.array([self._first[int(self._prints[place])] < place for place in places])
+        samples = range(begin, begin + decided)
+        return np.array([self._first[int(self._prints[sample])] < sample for sample in samples])
 
     def _runs(self, begin: int, decided: int, run: int, active: set[int]) -> tuple[Mask, set[int]]:
         """Return which of the samples from one on were read before, and the ways back to them.
@@ -181,12 +183,12 @@ class ReadBefore:
             active: Ways back at which the samples just before were read before.
         """
         votes: Counter[int] = Counter()
-        for place in self._marks(begin, self._count, run, False).tolist():
-            votes[place - self._first[int(self._prints[place])]] += 1
+        for sample in self._marks(begin, self._count, run, False).tolist():
+            votes[sample - self._first[int(self._prints[sample])]] += 1
         again = np.zeros(decided, dtype=bool)
         going_on = set()
         del votes[0]
-        for back in {one for one, _ in votes.most_common(self._settings.most)} | active:
+        for back in {lag for lag, _ in votes.most_common(self._settings.most)} | active:
             # A run may have begun in the part before.
             start = max(begin - run, back)
             here = self._prints[start : self._count]
@@ -216,27 +218,27 @@ def counted_once(
     kept: list[Recording | RecordingFile] = []
     lines: list[str] = []
     warnings: list[DataWarning] = []
-    for one in recordings:
-        before.read(one)
+    for recording in recordings:
+        before.read(recording)
         told = before.told()
         if told is not None:
             lines.append(told[0])
             warnings += told[1]
         if not before.skipped:
-            kept.append(without(one, before.left_out) if told else one)
+            kept.append(without(recording, before.left_out) if told else recording)
     return kept, tuple(lines), tuple(warnings)
 
 
 def without(
-    one: Recording | RecordingFile, left_out: Sequence[tuple[int, int]]
+    recording: Recording | RecordingFile, left_out: Sequence[tuple[int, int]]
 ) -> Recording | RecordingFile:
     """Return a recording without some spans of its rows."""
-    if isinstance(one, RecordingFile):
-        return one.without(left_out)
-    keep = np.ones(len(one), dtype=bool)
+    if isinstance(recording, RecordingFile):
+        return recording.without(left_out)
+    keep = np.ones(len(recording), dtype=bool)
     for start, stop in left_out:
         keep[start:stop] = False
-    return one.rows(keep)
+    return recording.rows(keep)
 
 
 def _with_last(parts: Iterable[Recording]) -> Iterator[tuple[Recording, bool]]:

@@ -88,7 +88,7 @@ def _intervals(position: Array, velocity: Array, stamped: Array, nominal: float)
     prior = (0.5 * nominal) ** -2
     known = (mean**2) @ weight
     intervals = ((way * mean) @ weight + prior * stamped) / (known + prior)
-    left, before = (
-        ((way - mean * one[:, None]) ** 2 @ weight).sum() for one in (intervals, stamped)
+    residual, before = (
+        ((way - mean * interval[:, None]) ** 2 @ weight).sum() for interval in (intervals, stamped)
     )
-    return np.asarray(intervals) if left < (1.0 - settings.explained) * before else None
+    return np.asarray(intervals) if residual < (1.0 - settings.explained) * before else None

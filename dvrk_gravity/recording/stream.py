@@ -134,10 +134,10 @@ def opened(
     elif not isinstance(given, Iterable):
         raise ArgumentError("recordings", given, f"a Recording, {A_PATH}, or several of them")
 
-    def opened_one(one: Given) -> Recording | RecordingFile:
-        if isinstance(one, Recording | RecordingFile):
-            return one if arm is None else one.of(arm)
-        path = path_of("recordings", one, f"a Recording or {A_PATH}")
+    def opened_recording(source: Given) -> Recording | RecordingFile:
+        if isinstance(source, Recording | RecordingFile):
+            return source if arm is None else source.of(arm)
+        path = path_of("recordings", source, f"a Recording or {A_PATH}")
         return RecordingFile(path, coordinates=coordinates, arm=arm)
 
-    return [opened_one(one) for one in given]
+    return [opened_recording(source) for source in given]

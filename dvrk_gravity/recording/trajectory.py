@@ -115,9 +115,9 @@ def read_trajectory(
 
     slow = LowPass(RetimingSettings().slowest, rate)
     margin = max(MARGIN * low.edge, JITTER_MARGIN * slow.edge)
-    for place, one in enumerate(with_margins(counted(), int(np.ceil(margin)))):
-        findings.add(one, *left_out[place])
-        work.add(one)
+    for index, padded in enumerate(with_margins(counted(), int(np.ceil(margin)))):
+        findings.add(padded, *left_out[index])
+        work.add(padded)
     warnings = findings.merged(first)
     derived = derived_joints(first, warnings)
     stretches = work.stretches(first, derived)
@@ -233,7 +233,7 @@ class _Work:
                 f"as a {self._low.cutoff:g} Hz filter needs",
             )
         slower = LowPass(self._low.cutoff, self._low.rate / self._stride, self._low.order)
-        columns = [place for place, joint in enumerate(recording.joints) if joint not in derived]
+        columns = [column for column, joint in enumerate(recording.joints) if joint not in derived]
         found = []
         for run in self._runs:
             kept = {name: np.concatenate(run.kept.pop(name)) for name in tuple(run.kept)}

@@ -154,7 +154,7 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
 
 def _known(known: Sequence[Known]) -> str:
     """Return what is no news: smaller than the model's known error, or within its uncertainty."""
-    items = "".join(f"<li>{escape(one.sentence)}</li>" for one in known)
+    items = "".join(f"<li>{escape(entry.sentence)}</li>" for entry in known)
     return (
         "<h2>What the model is known to miss, or left uncertain</h2>"
         "<p class=small>No news: its identification said so, and left a file that tells how far."
@@ -194,8 +194,8 @@ def _errors(diagnosis: Diagnosis) -> str:
 def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
     """Return the causes, found or not, that the recording could not tell apart."""
     rows = []
-    for one in ambiguities:
-        for contender in (one.first, one.second):
+    for ambiguity in ambiguities:
+        for contender in (ambiguity.first, ambiguity.second):
             rows.append(
                 (
                     effect_title(contender.effect),
@@ -209,8 +209,12 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
     head = (
         "cause", "joint", "fitted alone", "both fitted", "log-likelihood gain", "held-out error",
     )  # fmt: skip
-    sentences = "".join(f"<li>{escape(one.sentence)}</li>" for one in ambiguities)
-    sign = "" if any(one.suspected for one in ambiguities) else "<p>There is no sign of any.</p>"
+    sentences = "".join(f"<li>{escape(ambiguity.sentence)}</li>" for ambiguity in ambiguities)
+    sign = (
+        ""
+        if any(ambiguity.suspected for ambiguity in ambiguities)
+        else "<p>There is no sign of any.</p>"
+    )
     return (
         "<h2>What this recording cannot tell apart, were it there</h2>"
         f"{sign}<ul>{sentences}</ul>" + html.table(head, rows)
@@ -218,7 +222,9 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
 
 
 def _numbers(effect: str, parameters: Mapping[str, Estimate]) -> str:
-    return ", ".join(f"{name} {told(effect, name, one)}" for name, one in parameters.items())
+    return ", ".join(
+        f"{name} {told(effect, name, estimate)}" for name, estimate in parameters.items()
+    )
 
 
 def _list(title: str, items: Sequence[str], nothing: str) -> str:
@@ -237,13 +243,13 @@ def png(picture: Picture, unit: str = "mN·m") -> bytes:
 
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
-    for one, error, title in (
+    for ax, error, title in (
         (axes[0], picture.before, "before"),
         (axes[1], picture.after, "after"),
     ):
         known = np.isfinite(error)
         x, y = picture.x[known], 1e3 * error[known]
-        one.axhline(0.0, color="#888888", linewidth=0.6)
+        ax.axhline(0.0, color="#888888", linewidth=0.6)
         if picture.forward is None:
             groups = [(np.ones(len(x), dtype=bool), "#99aabb", "#bb3322", "mean")]
         else:
@@ -253,10 +259,10 @@ def png(picture: Picture, unit: str = "mN·m") -> bytes:
                 (~forward, "#a8bcd8", "#224488", "moving down"),
             ]
         for rows, pale, strong, label in groups:
-            one.plot(x[rows], y[rows], ".", markersize=2.5, color=pale)
-            one.plot(*_means(x[rows], y[rows]), "-", linewidth=2.0, color=strong, label=label)
-        one.set_title(f"{title}: {np.sqrt(np.mean(y**2)):.3g} {unit} RMS")
-        one.set_xlabel(picture.variable)
+            ax.plot(x[rows], y[rows], ".", markersize=2.5, color=pale)
+            ax.plot(*_means(x[rows], y[rows]), "-", linewidth=2.0, color=strong, label=label)
+        ax.set_title(f"{title}: {np.sqrt(np.mean(y**2)):.3g} {unit} RMS")
+        ax.set_xlabel(picture.variable)
     lines, names = axes[1].get_legend_handles_labels()
     figure.legend(lines, names, loc="outside upper right", ncols=2, frameon=False, fontsize="small")
     axes[0].set_ylabel(f"error at {picture.joint} [{unit}]")

@@ -16,7 +16,7 @@ from dvrk_gravity.report.html import data_url, png
 SHOWN = 15.0  # s of a trajectory
 DOTS = 4000
 BINS = 25
-MEASURED, PREDICTED, LEFT = "#7f8fa6", "#c0392b", "#2c3e50"
+MEASURED, PREDICTED, DIFFERENCE = "#7f8fa6", "#c0392b", "#2c3e50"
 
 
 def torque_picture(trace: Trace, column: int, joint: Joint) -> str:
@@ -38,7 +38,7 @@ def torque_picture(trace: Trace, column: int, joint: Joint) -> str:
     axes.plot(x, 1e3 * measured, color=MEASURED, linewidth=1.6, label="measured")
     word = "predicted, held out" if trace.held_out else "predicted"
     axes.plot(x, 1e3 * predicted, color=PREDICTED, linewidth=1.0, label=word)
-    axes.plot(x, 1e3 * (measured - predicted), color=LEFT, linewidth=0.7, label="difference")
+    axes.plot(x, 1e3 * (measured - predicted), color=DIFFERENCE, linewidth=0.7, label="difference")
     word = "force" if joint.kind == "prismatic" else "torque"
     axes.set_ylabel(f"{word} [{thousandth(joint.effort_unit)}]")
     figure.legend(loc="outside upper right", ncols=3, fontsize=8, frameon=False)
@@ -58,10 +58,10 @@ def residual_picture(traces: Sequence[Trace], column: int, joint: Joint) -> str:
         panels.append((f"velocity [{unit}/s]", np.concatenate(velocities)))
     figure = Figure(figsize=(9.0, 2.8), layout="constrained")
     axes = np.atleast_1d(figure.subplots(1, len(panels), sharey=True))
-    for one, (label, x) in zip(axes, panels, strict=True):
-        _scatter(one, x, 1e3 * residual)
-        one.set_xlabel(label)
-        one.locator_params(axis="x", nbins=7)  # numbers that do not touch
+    for ax, (label, x) in zip(axes, panels, strict=True):
+        _scatter(ax, x, 1e3 * residual)
+        ax.set_xlabel(label)
+        ax.locator_params(axis="x", nbins=7)  # numbers that do not touch
     axes[0].set_ylabel(f"difference [{thousandth(joint.effort_unit)}]")
     return data_url(png(figure, dpi=100))
 

@@ -104,10 +104,10 @@ def render(fit: Fit, sources: str) -> str:
         found = [error.r2 for error in fit.held_out.values()]
         headline += f": R² {min(found):.2f} to {max(found):.2f} on torque that it had not seen"
     others = [
-        ("Taken out again", [one for one in fit.choices if one.kept and not one.added]),
+        ("Taken out again", [choice for choice in fit.choices if choice.kept and not choice.added]),
         (
             "Tried, and does not improve the cross-validated error by enough",
-            [one for one in fit.choices if not one.kept],
+            [choice for choice in fit.choices if not choice.kept],
         ),
     ]
     effort, factor, decimals = effort_in_table(

@@ -39,9 +39,9 @@ def section(result: InSimulation, arm: Arm) -> str:
             "friction hides what is wrong; with a tenth of it, it shows.</p>"
         )
         rows = [
-            (f"{name}, {100 * one.friction:.0f} % friction", *figures)
-            for one in result.drifts
-            for name, *figures in _rows(_largest(one.before, arm), _largest(one.after, arm))
+            (f"{name}, {100 * drift.friction:.0f} % friction", *figures)
+            for drift in result.drifts
+            for name, *figures in _rows(_largest(drift.before, arm), _largest(drift.after, arm))
         ]
         parts.append(table(("", *arm.joint_names), rows))
         parts.append(f'<img alt="drift over time" src="{_picture(result.drifts, arm)}">')
@@ -97,21 +97,23 @@ def _picture(drifts: Sequence[Drift], arm: Arm) -> str:
     """Return the joints that drift most over time as a data URL: a row for each friction."""
     from matplotlib.figure import Figure
 
-    gain = np.max([_largest(one.before, arm) - _largest(one.after, arm) for one in drifts], axis=0)
+    gain = np.max(
+        [_largest(drift.before, arm) - _largest(drift.after, arm) for drift in drifts], axis=0
+    )
     joints = [j for j in np.argsort(-gain).tolist() if gain[j] > _LEAST_DRIFT][:_MOST_DRAWN] or [0]
     figure = Figure(figsize=(9.0, 2.3 * len(drifts)), layout="constrained")
     axes = figure.subplots(len(drifts), len(joints), sharex=True, squeeze=False)
-    for row, one in zip(axes, drifts, strict=True):
+    for row, drift in zip(axes, drifts, strict=True):
         for cell, joint in zip(row, joints, strict=True):
             for ways, color, name in (
-                (one.before, _BEFORE, "given model"),
-                (one.after, _AFTER, "extended"),
+                (drift.before, _BEFORE, "given model"),
+                (drift.after, _AFTER, "extended"),
             ):
                 for k, way in enumerate(shown_position(arm)[joint][0] * ways[:, :, joint]):
                     label = name if k == 0 else None
-                    cell.plot(one.time, way, color=color, linewidth=1.3, label=label)
+                    cell.plot(drift.time, way, color=color, linewidth=1.3, label=label)
             cell.grid(alpha=0.3)
-            friction = f"{100 * one.friction:.0f} % friction"
+            friction = f"{100 * drift.friction:.0f} % friction"
             cell.set_title(f"{arm.joint_names[joint]}\n{friction}", fontsize=9)
         row[0].set_ylabel(f"way [{_units(arm)}]")
     for cell in axes[-1]:

@@ -69,8 +69,8 @@ class Client:
     def spin(self, duration: float) -> None:
         """Handle callbacks for ``duration`` seconds."""
         end = time.monotonic() + duration
-        while (left := end - time.monotonic()) > 0.0:
-            self.spin_once(min(left, 0.01))
+        while (remaining := end - time.monotonic()) > 0.0:
+            self.spin_once(min(remaining, 0.01))
 
     def wait(self, condition: Callable[[], bool], what: str, timeout: float = 20.0) -> None:
         """Handle callbacks until a condition holds.

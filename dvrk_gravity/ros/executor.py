@@ -71,7 +71,9 @@ class PromptExecutor(SingleThreadedExecutor):
         if prompt is not None and now > self._next_look:
             self._next_look = now + LOOK  # after the answer, while nobody waits for one
             served = {prompt.handle.pointer, *(item.handle.pointer for item in self._node.timers)}
-            ready = [one for one in self._wait(0.0, everything=True) if one not in served]
+            ready = [
+                pointer for pointer in self._wait(0.0, everything=True) if pointer not in served
+            ]
         self._take_others(ready)
         if ready or now > self._next_events:
             self._next_events = now + 1.0

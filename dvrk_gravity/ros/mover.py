@@ -294,13 +294,13 @@ class Mover:
 
     def _position(self) -> Array:
         message = deserialize_message(self._measured, JointState)
-        place = {name: index for index, name in enumerate(message.name)}
-        missing = [name for name in self._arm.joint_names if name not in place]
+        index = {name: i for i, name in enumerate(message.name)}
+        missing = [name for name in self._arm.joint_names if name not in index]
         if missing or len(message.position) != len(message.name):
             raise MotionError(
                 f"{self.topic}: expected a position of each of {', '.join(self._arm.joint_names)}"
             )
-        position = np.array([message.position[place[name]] for name in self._arm.joint_names])
+        position = np.array([message.position[index[name]] for name in self._arm.joint_names])
         if not np.isfinite(position).all():
             raise MotionError(f"{self.topic}: positions are not finite: {position.tolist()}")
         return position

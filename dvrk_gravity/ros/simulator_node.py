@@ -93,12 +93,12 @@ class Simulator(Node):
         # A file for all nodes (`/**`) holds the compensator's parameters, too.
         arm = arm_of(given)
         others = all_parameters(arm)
-        mine = {name: value for name, value in given.items() if name not in others}
+        own_values = {name: value for name, value in given.items() if name not in others}
         efforts = CommandTopic.of(
             {name: others[name].check(given.get(name, others[name].default)) for name in PARAMETERS}
         )
         defaults = {name: entry.default for name, entry in SIMULATOR_PARAMETERS.items()}
-        value: dict[str, Any] = defaults | check_all(SIMULATOR_PARAMETERS, mine, BY_EFFECTS)
+        value: dict[str, Any] = defaults | check_all(SIMULATOR_PARAMETERS, own_values, BY_EFFECTS)
         runtime.declare(self, SIMULATOR_PARAMETERS, value)
         self.add_on_set_parameters_callback(self._refuse_parameters)
 

@@ -61,7 +61,7 @@ class JointStateReader:
                 return _unpacked_by_ros(raw)
         position, velocity, effort = (
             np.frombuffer(raw, self._number, count, start) if count else _NOTHING
-            for start, count in self._places
+            for start, count in self._fields
         )
         stamp = self._stamp.unpack_from(raw, STAMP.start)
         return Fields(stamp, self._names, position, velocity, effort)
@@ -70,7 +70,7 @@ class JointStateReader:
         """Take the layout of a message for that of those to come."""
         self._size = -1  # should it be none, no later message is to match the last one
         layout = JointStateLayout.parse(raw)
-        self._names, self._places = layout.names, layout.fields
+        self._names, self._fields = layout.names, layout.fields
         self._number = np.dtype(f"{layout.order}f8")
         self._stamp = struct.Struct(f"{layout.order}iI")
         # All but stamp and numbers has to stay as it is: the parts between them.

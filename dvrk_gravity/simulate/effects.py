@@ -53,23 +53,23 @@ class Effects:
                 self.damping += friction_scale * part.damping
         # A motor whose row is one joint's alone rubs where that joint does.
         mixed = np.diag((np.abs(to_motor - np.eye(n)).max(axis=1) > 1e-12).astype(float))
-        place = np.block([[np.eye(n), np.zeros((n, n))], [np.eye(n) - mixed, mixed]])
+        mapping = np.block([[np.eye(n), np.zeros((n, n))], [np.eye(n) - mixed, mixed]])
         dry = [(part.dry, part.fade) for part in parts if part.dry is not None]
         rubs = np.arange(2 * n) < n  # a joint may yet get a level by its position
         for levels, _ in dry:
-            rubs |= (np.abs(levels) @ place).any(axis=0)
+            rubs |= (np.abs(levels) @ mapping).any(axis=0)
         self.rows = np.ascontiguousarray(np.vstack([np.eye(n), to_motor])[rubs])
-        place = place[:, rubs]
+        mapping = mapping[:, rubs]
         self._joints = np.s_[:n]
         self._bounds = np.zeros((2, len(self.rows)))
         self._fading = []
         for levels, fade in dry:
             signed = _SIGNS * friction_scale * levels
             if fade is None:
-                self._bounds += signed.dot(place)
+                self._bounds += signed.dot(mapping)
             else:
                 # What is left of each level -> both bounds of every row, by one product.
-                self._fading.append((fade, np.hstack([row[:, None] * place for row in signed])))
+                self._fading.append((fade, np.hstack([row[:, None] * mapping for row in signed])))
 
     def smooth(self, q: Array, qd: Array) -> tuple[Array, Array]:
         """Evaluate what is taken at the step's beginning.

@@ -70,7 +70,7 @@ def record_poses(
     lowest, highest = geometry.range
     used = 0.5 * (highest - lowest) * used_range(geometry) - 2.0 * way
     middle = 0.5 * (lowest + highest)
-    time, settled = round(0.3 / arm.dt), round(0.15 / arm.dt)
+    time, settling = round(0.3 / arm.dt), round(0.15 / arm.dt)
     position = np.empty((count, n))
     effort, direction = np.empty_like(position), np.empty_like(position)
     for pose in range(count):
@@ -86,10 +86,10 @@ def record_poses(
         # Still creeping: dry friction is whole, as where a position loop has just arrived, and
         # viscous friction is all but gone.
         creep = speed * _CREEP
-        for step in range(settled + samples):
+        for step in range(settling + samples):
             arm.follow(arm.target + creep * arm.dt if arm.target is not None else goal, creep)
             arm.step()
-            if step >= settled:
+            if step >= settling:
                 measured = arm.measure()
                 readings.append((measured.position, measured.effort))
         position[pose], effort[pose] = np.mean(readings, axis=0)

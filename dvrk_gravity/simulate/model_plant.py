@@ -140,8 +140,8 @@ def _completed(
     theta = np.concatenate([found, rotors])
     # What the search leaves, exactly, where bodies and rotors can have it.
     unit = np.concatenate([scale, np.ones_like(motor)])
-    left = goal - seen @ theta
-    exact = theta + unit * (np.linalg.pinv(seen * unit, rcond=settings.rank) @ left)
+    residual = goal - seen @ theta
+    exact = theta + unit * (np.linalg.pinv(seen * unit, rcond=settings.rank) @ residual)
     if min(certificate(arm, exact[:bodies]).values()) > 0.0 and exact[bodies:].min() >= 0.0:
         theta = exact
     missed = orthogonal @ (seen @ theta - goal)

@@ -39,7 +39,7 @@ def is_mtm(arm: Description) -> bool:
     return arm.joint_names == JOINT_NAMES and arm.body_names == BODIES
 
 
-def named_alike(joints: Sequence[str]) -> bool:
+def has_mtm_names(joints: Sequence[str]) -> bool:
     """Tell whether joints have the names of a master arm's, in their order."""
     return tuple(joints) == JOINT_NAMES
 

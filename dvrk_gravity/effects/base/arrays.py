@@ -45,7 +45,8 @@ def joint_arrays(
 ) -> tuple[Parameter, ...]:
     """Declare such arrays of an effect, each by its own name, unit and meaning."""
     return tuple(
-        joint_array(arm, f"{name}.{own}", unit, meaning, lower) for own, unit, meaning in declared
+        joint_array(arm, f"{name}.{field}", unit, meaning, lower)
+        for field, unit, meaning in declared
     )
 
 

@@ -21,9 +21,9 @@ def dahl(position: Array, displacement: float, first: float) -> Array:
     starts = np.flatnonzero(np.diff(sign, prepend=np.nan))  # of runs that go one way
     way = np.concatenate([[0.0], np.cumsum(np.abs(step))])
     ends = np.append(starts[1:], len(step))
-    left = np.exp(-(way[ends] - way[starts]) / displacement).tolist()
+    retained = np.exp(-(way[ends] - way[starts]) / displacement).tolist()
     at_start, state = [], first
-    for goal, kept in zip(sign[starts].tolist(), left, strict=True):
+    for goal, kept in zip(sign[starts].tolist(), retained, strict=True):
         at_start.append(state)
         # Where nothing moves, nothing is lost: of a zero step all is kept.
         state = goal + (state - goal) * kept
@@ -36,9 +36,9 @@ def dahl(position: Array, displacement: float, first: float) -> Array:
 def build_up(position: Array, first: Array, displacement: Array) -> Array:
     """Return (N, K, 2, n) states along (N, 2, n) positions from (K, 2, n) ``first`` ones on."""
     out = np.empty((len(position), *first.shape))
-    for k, place, index in np.ndindex(*first.shape):
-        way = position[:, place, index]
-        out[:, k, place, index] = dahl(way, float(displacement[k]), float(first[k, place, index]))
+    for k, kind, index in np.ndindex(*first.shape):
+        way = position[:, kind, index]
+        out[:, k, kind, index] = dahl(way, float(displacement[k]), float(first[k, kind, index]))
     return out
 
 

@@ -245,7 +245,7 @@ class Hypothesis(ABC):
 
     def _told(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
         """Return the parameters in words."""
-        return {name: self.meaning(name).tell(one) for name, one in parameters.items()}
+        return {name: self.meaning(name).tell(estimate) for name, estimate in parameters.items()}
 
     def meaning(self, name: str) -> Meaning:
         """Return the meaning of a parameter."""

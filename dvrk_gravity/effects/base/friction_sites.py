@@ -37,13 +37,13 @@ def _both_ways(motion: Motion, joint: int) -> bool:
     return motion.direction is not None and bool(np.ptp(motion.direction[:, joint]) > 0.0)
 
 
-def friction_places(arm: Arm, joint: int) -> tuple[str, ...]:
-    """Return where the friction of a joint may be; nowhere if it has none."""
-    own = () if arm.joint_names[joint] in arm.frictionless else ("joint",)
-    return (*own, "motor") if joint in mixed_motors(arm) else own
+def friction_site_kinds(arm: Arm, joint: int) -> tuple[str, ...]:
+    """Return where a joint's friction may be, ``joint`` or ``motor``; nowhere if it has none."""
+    at_joint = () if arm.joint_names[joint] in arm.frictionless else ("joint",)
+    return (*at_joint, "motor") if joint in mixed_motors(arm) else at_joint
 
 
-def likely_place(arm: Arm, joint: int) -> str:
+def likely_site_kind(arm: Arm, joint: int) -> str:
     """Return where it is likelier: at a motor that moves another joint as far as its own."""
     if arm.joint_names[joint] in arm.frictionless:
         return "motor"
@@ -56,28 +56,30 @@ def likely_columns(effect: str, table: ColumnTable) -> list[int]:
     return [
         index
         for joint in range(table.arm.n)
-        if friction_places(table.arm, joint)
-        for index in table.select(effect=effect, place=likely_place(table.arm, joint), joint=joint)
+        if friction_site_kinds(table.arm, joint)
+        for index in table.select(
+            effect=effect, site_kind=likely_site_kind(table.arm, joint), joint=joint
+        )
     ]
 
 
-def where(arm: Arm, joint: int, place: str) -> str:
-    """Return what a move calls a place of a joint."""
+def where(arm: Arm, joint: int, kind: str) -> str:
+    """Return what a move calls a joint, or its motor, as the site of friction."""
     name = arm.joint_names[joint]
-    return f"{name} ({place})" if len(friction_places(arm, joint)) > 1 else name
+    return f"{name} ({kind})" if len(friction_site_kinds(arm, joint)) > 1 else name
 
 
 def moves_between(effect: str, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
     """Yield the moves of a joint's friction to its motor and back."""
     for joint in mixed_motors(table.arm):
         here, there = (
-            table.select(effect=effect, place=p, joint=joint) for p in ("joint", "motor")
+            table.select(effect=effect, site_kind=kind, joint=joint) for kind in ("joint", "motor")
         )
-        for old, new, place in ((here, there, "motor"), (there, here, "joint")):
+        for old, new, kind in ((here, there, "motor"), (there, here, "joint")):
             pairs = [
                 (a, b) for a, b in zip(old, new, strict=True) if a in inside and b not in inside
             ]
             if pairs:
                 gone, come = zip(*pairs, strict=True)
-                text = f"{effect} {table.arm.joint_names[joint]} at the {place}"
+                text = f"{effect} {table.arm.joint_names[joint]} at the {kind}"
                 yield ModelChange(come, gone, text)

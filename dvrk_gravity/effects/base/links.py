@@ -58,23 +58,23 @@ def links_told_apart(arm: Arm) -> tuple[int, ...]:
     A joint's own link goes before those that follow it: of a parallelogram's sides that turn alike
     about parallel axes, torque tells the mass and how it turns, and not on which side it is.
     """
-    own = [links_of_joints(arm)[joint] for joint in joints_with_weight(arm)]
-    others = [body for body in range(len(arm.bodies)) if body not in links_of_joints(arm)]
+    own_links = [links_of_joints(arm)[joint] for joint in joints_with_weight(arm)]
+    following_links = [body for body in range(len(arm.bodies)) if body not in links_of_joints(arm)]
     q, qd, qdd = samples(arm)
     whole = rigid_body.regressor(arm, q, qd, qdd, arm.gravity).reshape(
         -1, len(arm.bodies), PER_LINK
     )
     found: list[int] = []
     spans: list[Array] = []
-    for body in (*own, *others):
+    for body in (*own_links, *following_links):
         columns, size, _ = np.linalg.svd(whole[:, body], full_matrices=False)
         span = columns[:, size > _RANK * size[0]]
-        alike = any(
+        equivalent = any(
             span.shape == known.shape
             and np.linalg.norm(span - known @ (known.T @ span)) < np.sqrt(_RANK)
             for known in spans
         )
-        if body in own or not alike:
+        if body in own_links or not equivalent:
             found.append(body)
             spans.append(span)
     return tuple(found)
@@ -90,7 +90,7 @@ def joints_with_weight(arm: Arm) -> tuple[int, ...]:
     return tuple(joint for joint in range(arm.n) if not (turns and first.row[joint]))
 
 
-def mass_directions(arm: Arm, body: int, place: Array) -> Array:
+def mass_directions(arm: Arm, body: int, com: Array) -> Array:
     """Return (10, 4) inertial parameters per kg and per kg·m of a point mass on a link.
 
     They are quadratic in where the mass is, hence linearised there.
@@ -98,7 +98,7 @@ def mass_directions(arm: Arm, body: int, place: Array) -> Array:
     Args:
         arm: The arm.
         body: Index of the link.
-        place: (3,) in the link's frame, m.
+        com: (3,) its centre in the link's frame, m.
     """
     frame = arm.bodies[body].frame
 
@@ -107,8 +107,8 @@ def mass_directions(arm: Arm, body: int, place: Array) -> Array:
         return np.asarray(frame.act(point).toDynamicParameters())
 
     # A central difference of a quadratic is exact.
-    slopes = [0.5 * (parameters(place + axis) - parameters(place - axis)) for axis in np.eye(3)]
-    base = parameters(place) - np.array(slopes).T @ place
+    slopes = [0.5 * (parameters(com + axis) - parameters(com - axis)) for axis in np.eye(3)]
+    base = parameters(com) - np.array(slopes).T @ com
     return np.column_stack([base, *slopes])
 
 

@@ -56,9 +56,9 @@ class TreeBody(NamedTuple):
         """Return its coordinate (n,), or one's rate, from those of the joints, (joints, n)."""
         if q is None:
             return np.zeros(n)
-        (joint, factor), *others = self.moved_by or ((0, 0.0),)
+        (joint, factor), *rest = self.moved_by or ((0, 0.0),)
         whole = factor * q[joint]
-        for joint, factor in others:
+        for joint, factor in rest:
             whole += factor * q[joint]
         return whole
 
@@ -69,7 +69,7 @@ def bodies(arm: Arm) -> tuple[TreeBody, ...]:
     result: list[TreeBody] = []
     for body in arm.bodies:
         before = result[body.parent].joints if body.parent >= 0 else ()
-        own = [int(joint) for joint in np.flatnonzero(body.row)]
+        own_joints = [int(joint) for joint in np.flatnonzero(body.row)]
         result.append(
             TreeBody(
                 body.parent,
@@ -77,8 +77,8 @@ def bodies(arm: Arm) -> tuple[TreeBody, ...]:
                 body.placement.translation[:, None].copy(),
                 bool(body.placement.translation.any()),
                 body.kind == "prismatic",
-                tuple((joint, float(body.row[joint])) for joint in own),
-                tuple(sorted({*before, *own})),
+                tuple((joint, float(body.row[joint])) for joint in own_joints),
+                tuple(sorted({*before, *own_joints})),
             )
         )
     return tuple(result)

@@ -69,4 +69,4 @@ class State:
     def rows(self, which: slice | NDArray[np.int64]) -> State:
         """Return some of the samples of an (N, n) state."""
         rest = (self.qd, self.qdd, self.direction)
-        return State(self.q[which], *(None if one is None else one[which] for one in rest))
+        return State(self.q[which], *(None if array is None else array[which] for array in rest))

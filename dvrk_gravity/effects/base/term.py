@@ -222,7 +222,7 @@ class LinearTerm(Term):
         """Return the name of a column's coefficient in a report."""
         if column.joint < 0:
             return f"{cls.NAME}[{column.index}]"
-        return f"{cls.NAME}.{column.place}[{arm.joint_names[column.joint]}]"
+        return f"{cls.NAME}.{column.site_kind}[{arm.joint_names[column.joint]}]"
 
     @classmethod
     def plainest(cls, table: ColumnTable) -> list[int]:

@@ -55,14 +55,14 @@ class Column:
     unit: str = ""
 
     @property
-    def place(self) -> str:
+    def site_kind(self) -> str:
         """``joint`` or ``motor``; ``""`` for what acts at neither."""
         return self.site.kind.value if self.site.kind in (Kind.JOINT, Kind.MOTOR) else ""
 
     @property
     def joint(self) -> int:
         """Index of the joint or motor, -1 for what acts at neither."""
-        return self.site.index if self.place else -1
+        return self.site.index if self.site_kind else -1
 
     @property
     def key(self) -> tuple[str, Site, int]:

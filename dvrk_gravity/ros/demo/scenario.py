@@ -313,10 +313,10 @@ class Scenario:
 
     def _watch(self, title: str, duration: float, act: Callable[[], None] | None = None) -> Phase:
         mark, start = len(self._positions), time.monotonic()
-        while (left := start + duration - time.monotonic()) > 0.0:
+        while (remaining := start + duration - time.monotonic()) > 0.0:
             if act is not None:
                 act()
-            self._client.spin(min(left, 0.02))
+            self._client.spin(min(remaining, 0.02))
         # A machine that stood still has measured nothing yet.
         self._client.wait(lambda: len(self._positions) > mark, "the arm's measured positions")
         return self._phase(title, mark, start)
