@@ -39,21 +39,38 @@ def quantity(value: float, unit: str, half: float = 0.0) -> str:
         unit: SI unit as model files and findings have it (``N·m``, ``kg·m^2``), ``""`` if none.
         half: Half of the interval; 0: none is shown.
     """
-    size = max(abs(value), half)
+    shown, spread, name = _shown((value,), half, unit)
+    text = shown[0] if float(spread) == 0.0 else f"{shown[0]} ± {spread}"
+    return f"{text} {name}".rstrip()
+
+
+def interval(value: float, low: float, high: float, unit: str) -> str:
+    """Return a number with both ends of its interval: `12.3 (11.9 to 13.4) mN·m`.
+
+    Args:
+        value: In SI units.
+        low: Lower end, likewise.
+        high: Upper end, likewise.
+        unit: SI unit, as for :func:`quantity`.
+    """
+    (text, *ends), _, name = _shown((value, low, high), 0.5 * (high - low), unit)
+    return f"{text} ({' to '.join(ends)}) {name}".rstrip()
+
+
+def _shown(values: Sequence[float], half: float, unit: str) -> tuple[list[str], str, str]:
+    """Return values and half an interval in the unit that suits them, to the interval's digits."""
+    size = max(half, *map(abs, values))
     factor, name = 1.0, _superscript(unit)
     for least, larger, shown in _UNITS.get(unit, ()):
         if size >= least or size == 0.0:
             factor, name = larger, shown
-    number, width = value * factor, half * factor
-    decimals = _decimals(number, width)
+    numbers, width = [value * factor for value in values], half * factor
+    decimals = _decimals(max(numbers, key=abs), width)
     if decimals is None:
-        text, spread = f"{number:.{_DIGITS}g}", f"{width:.{_OF_HALF}g}"
-    else:
-        # Adding zero makes 0 of -0.
-        text = f"{round(number, decimals) + 0.0:.{decimals}f}"
-        spread = f"{width:.{decimals}f}"
-    shown = text if float(spread) == 0.0 else f"{text} ± {spread}"
-    return f"{shown} {name}".rstrip()
+        return [f"{number:.{_DIGITS}g}" for number in numbers], f"{width:.{_OF_HALF}g}", name
+    # Adding zero makes 0 of -0.
+    texts = [f"{round(number, decimals) + 0.0:.{decimals}f}" for number in numbers]
+    return texts, f"{width:.{decimals}f}", name
 
 
 def pose(positions: Iterable[float], units: Sequence[str]) -> str:

@@ -7,9 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from dvrk_gravity.quantity import quantity
+from dvrk_gravity.quantity import interval, quantity
 
 _TURN = 2.0 * math.pi  # an interval as wide says nothing of an angle
+# Part of half an interval by which its middle may miss the value, and it is still told as ±: less
+# than is seen of half an interval of two digits.
+_MIDDLE = 0.1
 
 MORE = ("more", "less")
 READS = ("too high", "too low")
@@ -37,13 +40,18 @@ class Estimate:
 
     @property
     def shown(self) -> str:
-        """The value with half its 95 % interval and its unit, as one reads it."""
-        return quantity(self.value, self.unit, 0.5 * (self.high - self.low))
+        """The value with its 95 % interval and its unit, as one reads it: ± where it is even."""
+        half = 0.5 * (self.high - self.low)
+        if abs(self.high - half - self.value) <= _MIDDLE * half:
+            return quantity(self.value, self.unit, half)
+        return interval(self.value, self.low, self.high, self.unit)
 
     @property
     def magnitude(self) -> Estimate:
         """The same without its sign."""
-        return Estimate(abs(self.value), self.low, self.high, self.unit)
+        if self.value >= 0.0:
+            return self
+        return Estimate(-self.value, -self.high, -self.low, self.unit)
 
     def percent(self, neutral: float = 0.0) -> Estimate:
         """Return by how much it is off a neutral value, in percent."""
