@@ -12,6 +12,7 @@ from dvrk_gravity.estimation.fold_fits import HeldOutSums, SeenSums, SignedFits
 from dvrk_gravity.estimation.normal_equations import (
     NormalEquations,
     NotConvergedError,
+    Regression,
     fit,
     solve,
     solve_signed,
@@ -44,6 +45,21 @@ def test_a_fit_is_that_of_all_samples_at_once_with_its_prior_as_further_rows():
         right = np.concatenate([(y * root).ravel(), prior / scale])
         np.testing.assert_allclose(theta, np.linalg.lstsq(rows, right)[0], atol=1e-10)
     np.testing.assert_allclose(solution.precision, rows.T @ rows, atol=1e-9)
+
+
+@pytest.mark.parametrize("first", [0, 2, 5])
+def test_further_columns_give_the_fit_of_all_columns_at_once(first):
+    random = np.random.default_rng(2)
+    x, y = random.normal(size=(50, 3, 5)), random.normal(size=(50, 3))
+    sums = NormalEquations.of(x[:, :, :first], y).extended(x[:, :, :first], x[:, :, first:], y)
+    theta = fit(sums, np.ones(3), np.full(5, 1e4)).theta
+    np.testing.assert_allclose(theta, np.linalg.lstsq(x.reshape(-1, 5), y.ravel())[0], atol=1e-6)
+    design, prior = x.reshape(-1, 5), np.diag([1.0, 2.0, 0.5, 3.0, 1.0])
+    part = Regression(design[:, :first], prior[:first, :first], 0.0)
+    whole = part.extended(design[:, first:], prior[first:, first:])
+    rows = np.vstack([design, np.sqrt(prior)])
+    expected = np.linalg.lstsq(rows, np.append(y.ravel(), np.zeros(5)))[0]
+    np.testing.assert_allclose(whole.coefficients(y.ravel()), expected, atol=1e-10)
 
 
 def test_what_is_left_out_is_subtracted():

@@ -122,6 +122,8 @@ class CrossValidation:
         enough = self._usable.sum(axis=0) > self.settings.least_usable * len(self._rows)
         present = self.data.motion.present & (rms > 0.0) & enough
         self.weight = np.where(present, 1.0 / np.where(present, rms, 1.0), 0.0)
+        for sums in ("_of_model", "_folds_of_model"):  # of other weights
+            self.__dict__.pop(sums, None)
         self._intraclass = np.zeros(self.joints)
         if final:
             first, second = self._pairs
@@ -172,11 +174,18 @@ class CrossValidation:
             return np.zeros((len(weight), 0))
         return np.hstack(columns) * weight[:, None]
 
-    def _beside_model(self, candidates: Sequence[Candidate]) -> Array:
-        """Return the columns of the model's own parameters, and then those of candidates."""
+    @cached_property
+    def _of_model(self) -> Regression:
+        """The least squares of the model's own parameters alone."""
         weight = self._weights.reshape(-1)
-        model = self._model.reshape(len(weight), -1) * weight[:, None]
-        return np.hstack([model, self.design(candidates)])
+        design = self._model.reshape(len(weight), -1) * weight[:, None]
+        return Regression(design, self._ridge([], self.model_size), self.settings.trace)
+
+    @cached_property
+    def _folds_of_model(self) -> list[NormalEquations]:
+        """The sums of the same over each fold."""
+        design, target = self._of_model.design[:, None], self._target[:, None]
+        return [NormalEquations.of(design[rows], target[rows]) for rows in self._folds]
 
     @property
     def _target(self) -> Array:
@@ -190,9 +199,14 @@ class CrossValidation:
         """Return (R, n) errors, N·m, of (R n,) weighted ones."""
         return error.reshape(-1, self.joints) / np.where(self.weight > 0.0, self.weight, 1.0)
 
-    def _ridge(self, candidates: Sequence[Candidate]) -> Array:
-        """Return (k, k) what is known of parameters before any data, in units of samples."""
-        ridges = [np.zeros(0), *(candidate.ridge for candidate in candidates)]
+    def _ridge(self, candidates: Sequence[Candidate], own: int = 0) -> Array:
+        """Return (own + k, own + k) what is known before any data, in units of samples.
+
+        Args:
+            candidates: Of k parameters.
+            own: Parameters of the model itself before them, in units of their standard deviations.
+        """
+        ridges = [np.ones(own), *(candidate.ridge for candidate in candidates)]
         return np.diag(self._prior_weight * np.concatenate(ridges))
 
     @property
@@ -200,19 +214,9 @@ class CrossValidation:
         """Samples that count as one, by which a prior is multiplied beside sums over all."""
         return self.data.samples_per_independent * self.data.copies
 
-    def _ridge_beside_model(self, candidates: Sequence[Candidate]) -> Array:
-        first = self.model_size
-        ridge = np.zeros((first + sum(c.size for c in candidates),) * 2)
-        ridge[:first, :first] = self._prior_weight * np.eye(first)
-        ridge[first:, first:] = self._ridge(candidates)
-        return ridge
-
     def regression(self, candidates: Sequence[Candidate]) -> Regression:
         """Return the least squares of the model's own parameters and then those of candidates."""
-        return Regression(
-            self._beside_model(candidates), self._ridge_beside_model(candidates),
-            self.settings.trace,
-        )  # fmt: skip
+        return self._of_model.extended(self.design(candidates), self._ridge(candidates))
 
     def out_of_fold(self, candidates: Sequence[Candidate]) -> Array:
         """Return (R, n) errors of the choice's samples, each from a fit that left its fold out."""
@@ -220,21 +224,20 @@ class CrossValidation:
 
     def _cross_validated(self, candidates: Sequence[Candidate]) -> tuple[Array, float]:
         """Return :meth:`out_of_fold` and how improbable the model's parameters have to be."""
-        design, target = self._beside_model(candidates), self._target
-        error, improbable = target.copy(), 0.0
-        if design.shape[1]:
-            folds = [
-                NormalEquations.of(design[rows][:, None], target[rows][:, None])
-                for rows in self._folds
-            ]
-            whole, ridge = NormalEquations.total(folds), self._ridge_beside_model(candidates)
-            for rows, fold in zip(self._folds, folds, strict=True):
-                rest = whole - fold
-                theta = solve(rest.gram[0] + ridge, rest.cross[0], self.settings.trace)
-                error[rows] -= design[rows] @ theta
-            theta = solve(whole.gram[0] + ridge, whole.cross[0], self.settings.trace)
-            improbable = self._improbable(theta)
-        return self._unweighted(error), improbable
+        model, columns, target = self._of_model, self.design(candidates), self._target
+        error = target.copy()
+        folds = [
+            fold.extended(model.design[rows, None], columns[rows, None], target[rows, None])
+            for rows, fold in zip(self._folds, self._folds_of_model, strict=True)
+        ]
+        whole, ridge = NormalEquations.total(folds), self._ridge(candidates, self.model_size)
+        for rows, fold in zip(self._folds, folds, strict=True):
+            rest = whole - fold
+            theta = solve(rest.gram[0] + ridge, rest.cross[0], self.settings.trace)
+            own, further = np.split(theta, [self.model_size])
+            error[rows] -= model.design[rows] @ own + columns[rows] @ further
+        theta = solve(whole.gram[0] + ridge, whole.cross[0], self.settings.trace)
+        return self._unweighted(error), self._improbable(theta)
 
     def _improbable(self, theta: Array) -> float:
         """Return minus the log-density of the model's (d, …) parameters, but for a constant.
@@ -339,7 +342,7 @@ class CrossValidation:
         theta = self.regression(together).coefficients(self._target)
         if beside is not None:
             own_parameters = theta[: self.model_size]
-            model = self._beside_model([]) @ own_parameters
+            model = self._of_model.design @ own_parameters
             found = Regression(
                 self.design(candidates), self._ridge(candidates), self.settings.trace
             )

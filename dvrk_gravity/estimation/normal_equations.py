@@ -57,6 +57,21 @@ class NormalEquations:
             cross[j][used] = scaled.T @ (root * y[:, j])
         return cls(gram, cross, (weight * y * y).sum(0), weight.sum(0))
 
+    def extended(self, x: Array, more: Array, y: Array) -> NormalEquations:
+        """Return the sums with further columns: only the products with these are summed.
+
+        Args:
+            x: (n, m, p) columns of which these are the sums, every sample counted as one.
+            more: (n, m, q) further columns.
+            y: (n, m) values.
+        """
+        columns, rest, values = (np.moveaxis(a, 1, 0) for a in (x, more, y))
+        turned = rest.transpose(0, 2, 1)
+        coupling = turned @ columns
+        gram = np.block([[self.gram, coupling.transpose(0, 2, 1)], [coupling, turned @ rest]])
+        cross = np.hstack([self.cross, (turned @ values[:, :, None])[:, :, 0]])
+        return NormalEquations(gram, cross, self.power, self.count)
+
     @classmethod
     def total(cls, parts: Iterable[NormalEquations]) -> NormalEquations:
         """Add up the sums of parts: of blocks of samples that need not be held together."""
@@ -159,16 +174,37 @@ class Regression:
         trace: See :func:`solve`.
     """
 
-    def __init__(self, design: Array, ridge: Array, trace: float) -> None:
+    def __init__(
+        self, design: Array, ridge: Array, trace: float, products: Array | None = None
+    ) -> None:
         """Sum the products.
 
         Args:
             design: (n, k) columns, weighted.
             ridge: (k, k) what is known before any data.
             trace: See :func:`solve`.
+            products: (k, k) of the columns, where they have been summed.
         """
         self.design, self.ridge, self.trace = design, ridge, trace
-        self._gram = design.T @ design + ridge
+        self._products = design.T @ design if products is None else products
+        self._gram = self._products + ridge
+
+    def extended(self, columns: Array, ridge: Array) -> Regression:
+        """Return the least squares on further columns, too: only their products are summed.
+
+        Args:
+            columns: (n, c), weighted.
+            ridge: (c, c) what is known of theirs before any data.
+        """
+        coupling = columns.T @ self.design
+        products = np.block([[self._products, coupling.T], [coupling, columns.T @ columns]])
+        none = np.zeros_like(coupling)
+        return Regression(
+            np.hstack([self.design, columns]),
+            np.block([[self.ridge, none.T], [none, ridge]]),
+            self.trace,
+            products,
+        )
 
     def coefficients(self, target: Array) -> Array:
         """Return (k,) or (k, c) coefficients of (n,) or (n, c) targets."""
