@@ -225,10 +225,15 @@ def test_exchanged_joints_are_not_taken_for_wrong_units():
     order = [0, 5, 2, 3, 4, 1, 6]
 
     exchanged = check(recording(time, q[:, order], effort[:, order]))
+    further = q.copy()
+    further[:, 6] *= 4.0 / np.abs(q[:, 6]).max()
+    with_roll = check(recording(time, further[:, [0, 1, 2, 3, 4, 6, 5]], effort))
     milli = check(recording(time, q, 1e3 * effort))
 
     assert np.abs(effort[:, 1]).max() > 10.0 * 0.097
     assert not [warning for warning in exchanged if warning.kind == "effort_unit"]
+    assert [w.joint for w in with_roll if w.kind == "exchanged_joints"] == ["wrist_yaw"]
+    assert not [warning for warning in with_roll if warning.unusable]
     assert [warning for warning in milli if warning.kind == "effort_unit"]
 
 

@@ -192,6 +192,13 @@ FAULTS = [
         replace(CLEAN, effort=3 * CLEAN.effort),
     ),
     (
+        "exchanged_joints",
+        "wrist_yaw",
+        column(CLEAN, "position", "wrist_yaw", lambda p: 4 * p),
+        {"largest": 2.8, "plausible": np.pi / 4},
+        column(CLEAN, "position", "wrist_yaw", lambda p: 2 * p),
+    ),
+    (
         "time_unit",
         None,
         replace(CLEAN, time=1000 * CLEAN.time, velocity=None),

@@ -145,9 +145,14 @@ def _units(recording: Recording) -> list[DataWarning]:
         peak = float(np.max(np.abs(recording.position[:, column])))
         if peak > settings.position_margin * reach[name]:
             numbers = {"largest": peak, "plausible": reach[name]}
-            unit = "rad, not deg" if joint.unit == "rad" else "m, not mm"
-            text = f"position up to {peak:.4g}, an arm reaches {reach[name]:g}: expected {unit}"
-            findings.append(DataWarning("position_unit", name, numbers, text, unusable=True))
+            text = f"position up to {peak:.4g}, an arm reaches {reach[name]:g}: expected "
+            others = [other for other in arm.joints if other.unit == joint.unit]
+            if peak <= max(reach[other.name] for other in others):
+                text += f"{joint.unit}, and the columns of the right joints"
+                findings.append(DataWarning("exchanged_joints", name, numbers, text))
+            else:
+                text += "rad, not deg" if joint.unit == "rad" else "m, not mm"
+                findings.append(DataWarning("position_unit", name, numbers, text, unusable=True))
         if recording.effort is None:
             continue
         peak = float(np.max(np.abs(recording.effort[:, column])))
