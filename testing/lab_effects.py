@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
 
 from dvrk_gravity.arms.arm import gravity_in_base
 from dvrk_gravity.errors import ConfigError
@@ -26,6 +27,7 @@ G = 9.81
 SIZES = (1.5, 6.0)  # times what the model leaves, RMS
 _TRIES = 30  # at a place where the effect can be as large as that
 _HALVINGS = 40
+_BAND = 8.0  # Hz; the band of the errors that models leave
 
 
 class Bodies(Protocol):
@@ -92,8 +94,17 @@ class Setting:
         return change / 2e-4
 
     def ratio(self, torque: Array) -> float:
-        """Return the largest RMS of a torque (T, n) in units of what the model leaves."""
-        return float(np.max(np.sqrt(np.mean(torque**2, axis=0)) / self.residual))
+        """Return the largest RMS of a torque (T, n) in units of what the model leaves.
+
+        In the band in which that is measured: noise that is scaled, clipped or late is noise still.
+        """
+        slow = sosfiltfilt(self._low_pass, torque, axis=0)
+        return float(np.max(np.sqrt(np.mean(slow**2, axis=0)) / self.residual))
+
+    @cached_property
+    def _low_pass(self) -> Array:
+        rate = 1.0 / float(np.median(np.diff(self.truth.time)))
+        return np.asarray(butter(2, _BAND, fs=rate, output="sos"))
 
 
 @dataclass(frozen=True, eq=False)
