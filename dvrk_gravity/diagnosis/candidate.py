@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +37,14 @@ class Candidate:
 
     @classmethod
     def of(cls, hypothesis: Hypothesis, columns: Array) -> Candidate:
-        """Return a hypothesis with its (T, n, k) reduced columns."""
-        joints = np.flatnonzero(np.any(columns != 0.0, axis=(0, 2)))
-        return cls(hypothesis, joints, columns[:, joints], columns.shape[1])
+        """Return a hypothesis with its (T, n, k) columns, of all joints."""
+        joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
+        values = columns if len(joints) == columns.shape[1] else columns[:, joints]
+        return cls(hypothesis, joints, values, columns.shape[1])
+
+    def with_values(self, values: Array) -> Candidate:
+        """Return the same with (T', m k) other values of its columns, filtered and thinned out."""
+        return replace(self, values=values.reshape(len(values), *self.values.shape[1:]))
 
     def columns(self, rows: NDArray[np.int_] | NDArray[np.bool_] | slice = slice(None)) -> Array:
         """Return (R, n, k) columns at some samples, by default at all."""

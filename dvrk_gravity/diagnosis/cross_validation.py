@@ -148,13 +148,19 @@ class CrossValidation:
         """Yield hypotheses with their columns, many of which are filtered together."""
         motion = self.data.motion
         built = (
-            (hypothesis, hypothesis.build(motion, hypothesis.setting)) for hypothesis in hypotheses
+            Candidate.of(hypothesis, hypothesis.build(motion, hypothesis.setting))
+            for hypothesis in hypotheses
         )
-        for batch in _batches(built, lambda pair: pair[1].shape[2], self.settings.together):
-            members, columns = zip(*batch, strict=True)
-            edges = np.cumsum([block.shape[2] for block in columns])[:-1]
-            reduced = np.split(self.data.reduce(np.concatenate(columns, axis=2)), edges, axis=2)
-            yield from map(Candidate.of, members, reduced)
+        for batch in _batches(
+            built, lambda candidate: candidate.values[0].size, self.settings.together
+        ):
+            signals = [candidate.values.reshape(len(motion.q), -1) for candidate in batch]
+            edges = np.cumsum([columns.shape[1] for columns in signals])[:-1]
+            # The inertias of all links together are hundreds of signals: no copy of these.
+            together = np.hstack(signals) if len(signals) > 1 else signals[0]
+            reduced = np.split(self.data.reduce(together), edges, axis=1)
+            for candidate, columns in zip(batch, reduced, strict=True):
+                yield candidate.with_values(columns)
 
     @property
     def _clustered(self) -> int:
@@ -168,11 +174,14 @@ class CrossValidation:
 
     def design(self, candidates: Sequence[Candidate]) -> Array:
         """Return (R n, k) weighted columns of candidates."""
-        columns = [c.columns(self._rows).reshape(-1, c.size) for c in candidates]
-        weight = self._weights.reshape(-1)
-        if not columns:
-            return np.zeros((len(weight), 0))
-        return np.hstack(columns) * weight[:, None]
+        weights, width = self._weights, sum(candidate.size for candidate in candidates)
+        columns, first = np.zeros((*weights.shape, width)), 0
+        for candidate in candidates:
+            own = slice(first, first + candidate.size)
+            weight = weights[:, candidate.joints, None]
+            columns[:, candidate.joints, own] = candidate.values[self._rows] * weight
+            first = own.stop
+        return columns.reshape(weights.size, width)
 
     @cached_property
     def _of_model(self) -> Regression:
@@ -264,7 +273,13 @@ class CrossValidation:
 
     def _likelihood_of(self, error: Array) -> float:
         """Return the log-likelihood of (R n,) weighted errors."""
-        return float(self._log_likelihood(self._mean_square(self._unweighted(error))).sum())
+        return float(self._log_likelihood(self._rms(error) ** 2).sum())
+
+    def _rms(self, weighted: Array) -> Array:
+        """Return (n,) RMS over the usable samples, N·m, of (R n,) weighted values."""
+        values = weighted.reshape(-1, self.joints)
+        square = np.einsum("rn,rn->n", values, values) / self._counts
+        return np.asarray(np.sqrt(square) / np.where(self.weight > 0.0, self.weight, 1.0))
 
     def p_value(self, before: Score, after: Score, candidate: Candidate, inflation: Array) -> float:
         """Return the one-sided p-value of the gain over the blocks where a candidate acts.
@@ -312,13 +327,13 @@ class CrossValidation:
         for batch in _batches(pool, lambda candidate: candidate.size, self.settings.together):
             raws = self.design(batch)
             besides = base.coefficients(raws)
-            all_columns = raws - base.design @ besides
+            all_columns = raws - base.design @ besides if len(theta) else raws
             edges = np.cumsum([0, *(candidate.size for candidate in batch)])
             for candidate, span in zip(batch, map(slice, edges, edges[1:]), strict=True):
                 raw, columns = raws[:, span], all_columns[:, span]
                 gram = raw.T @ columns + self._ridge([candidate])
                 coefficients = solve(gram, raw.T @ target, self.settings.trace)
-                if not np.any(self.size(candidate, coefficients) > least):
+                if not np.any(self._rms(raw @ coefficients) > least):
                     continue
                 error = target - columns @ coefficients
                 adjusted = theta - besides[:, span] @ coefficients

@@ -26,6 +26,7 @@ from dvrk_gravity.recording import (
     excerpt,
     prepare,
 )
+from dvrk_gravity.recording.excerpt import held_if_short
 from dvrk_gravity.recording.grid import quantum
 from dvrk_gravity.recording.read_before import counted_once
 
@@ -113,7 +114,10 @@ def load(
     if {head.joints for head in heads} != {heads[0].joints}:
         raise RecordingError(heads[0].source, "the recordings hold different joints")
     pieces: list[MeasuredMotion] = []
-    recordings, left_out, repeated = counted_once(recordings)
+    share = settings.longest / len(recordings)
+    recordings, left_out, repeated = counted_once(
+        [held_if_short(recording, share) for recording in recordings]
+    )
     warnings, handling = list(repeated), [*held, *left_out]
     floors = []
     share = settings.longest / len(recordings)

@@ -43,24 +43,16 @@ def excerpt(source: Recording | RecordingFile, longest: float, stretch: float) -
     Raises:
         RecordingError: If the recording cannot be read, or a check finds it unusable.
     """
-    held: list[Recording] = []
-    count, start, end = 0, 0.0, 0.0
-    for part in _parts(source):
-        count += len(part)
-        if part.time is not None:
-            start = float(part.time[0]) if not held else start
-            end = float(part.time[-1])
-        held.append(part)
-        if part.time is not None and (end - start > longest or count > MOST_SAMPLES):
-            break
-    else:
-        return Excerpt((source if isinstance(source, Recording) else join(held),), None)
-    del held
+    whole = _whole_if_short(source, longest)
+    if whole is not None:
+        return Excerpt((whole,), None)
+    start, end = 0.0, 0.0
     findings, head = Findings(), None
     for block in blocks(_parts(source), CHECKED):
-        head = head or block
         findings.add(Piece(block, 0, len(block)), block.invalid, block.repeated)
         assert block.time is not None
+        if head is None:
+            head, start = block, float(block.time[0])
         end = float(block.time[-1])
     assert head is not None
     warnings = findings.merged(head)
@@ -77,6 +69,26 @@ def excerpt(source: Recording | RecordingFile, longest: float, stretch: float) -
         )
         warnings = (DataWarning("excerpt", None, numbers, text), *warnings)
     return Excerpt(_between(_parts(source), edges[chosen], edges[chosen + 1]), warnings)
+
+
+def held_if_short(source: Recording | RecordingFile, longest: float) -> Recording | RecordingFile:
+    """Return a recording in memory if :func:`excerpt` takes it whole: its file is read once."""
+    whole = _whole_if_short(source, longest)
+    return source if whole is None else whole
+
+
+def _whole_if_short(source: Recording | RecordingFile, longest: float) -> Recording | None:
+    held: list[Recording] = []
+    count = 0
+    for part in _parts(source):
+        held.append(part)
+        count += len(part)
+        first = held[0].time
+        if first is None or part.time is None:
+            continue
+        if part.time[-1] - first[0] > longest or count > MOST_SAMPLES:
+            return None
+    return source if isinstance(source, Recording) else join(held)
 
 
 def _parts(source: Recording | RecordingFile) -> Iterator[Recording]:
