@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +53,7 @@ class Identified:
     def arm(self) -> Arm:
         return self.world.arm
 
-    @property
+    @cached_property
     def model(self) -> TorqueModel:
         return TorqueModel.load(self.file)
 
@@ -76,7 +76,7 @@ def known(request, tmp_path_factory) -> Identified:
         world, last = of_chain(folder)
     else:  # the Panda's fingers are held
         world, last = of_urdf(str(UR5) if request.param == "ur5" else f"{PANDA}#panda_hand")
-    fit = identify(world.record(1, 60.0), world.arm)
+    fit = identify(world.record(1, 30.0), world.arm)
     file = folder / "model.yaml"
     fit.model.save(file)
     return Identified(world, fit, file, last)
@@ -139,7 +139,7 @@ def test_a_hidden_payload_is_found_weighed_and_taken_into_the_model(known, tmp_p
 def test_added_dry_friction_is_found_at_its_joint(known):
     joint = known.arm.n // 2  # of the chain the one that slides
     added = float(known.world.coulomb[joint])
-    found = diagnose(known.world.with_friction(joint, added).record(2, 16.0), known.model)
+    found = diagnose(known.world.with_friction(joint, added).record(2, 12.0), known.model)
     friction = next(iter(found.findings))
     assert (friction.effect, friction.joints) == (
         "coulomb_friction", (known.arm.joint_names[joint],),

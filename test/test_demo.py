@@ -62,6 +62,9 @@ def test_a_simulated_arm_gets_to_every_pose_of_its_demonstration(arm, tmp_path):
         simulated.move_jp(pose)
         for _ in range(12000):
             simulated.step()
+            away, speed = np.abs([simulated.plant.q - pose, simulated.plant.v]) / arm.scale
+            if max(away) < np.radians(0.5) and max(speed) < 1e-3:
+                break  # it is there, and stays
         assert (np.abs(simulated.plant.q - pose) / arm.scale).max() < np.radians(1.0)
         weight = np.abs(simulated.plant.smooth_torque()) / arm.effort_limit
         assert weight.max() <= StageSettings().bearable
@@ -81,12 +84,14 @@ def farthest(phase: Phase, arm: Arm) -> float:
     return float((phase.drift / arm.scale).max())
 
 
-@pytest.mark.parametrize("output", ["servo_jf", "array"])
+# Twenty seconds of three processes each: the other output goes the same way, and what each process
+# does with it is told by the tests of the compensator, the watchdog and the simulator.
+@pytest.mark.parametrize("output", [pytest.param("servo_jf", marks=pytest.mark.slow), "array"])
 def test_a_demonstration_of_a_made_up_arm(output, domain, tmp_path):
     arm = made_up_arm(tmp_path)
     stage = Stage.of(arm, "", None, tmp_path)
     stage = replace(stage, poses=stage.poses[:1])
-    schedule = Schedule(fall=1.0, floating=1.0, rest=0.5)
+    schedule = Schedule(fall=0.7, floating=1.0, rest=0.5)
     with Scenario(stage, tmp_path / "bag", output=output, schedule=schedule) as scenario:
         fall = scenario.fall()
         (first,) = floats = list(scenario.floats())

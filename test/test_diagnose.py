@@ -16,14 +16,16 @@ from dvrk_gravity.recording import Recording
 from testing.hide import hide
 from testing.world import World
 
+pytestmark = pytest.mark.usefixtures("brief_simulation")
+
 KNOWN = World.draw(5)
 
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    """14 s of an arm with viscous friction that its model lacks."""
+    """12 s of an arm with viscous friction that its model lacks."""
     world, _ = hide(KNOWN, "viscous_friction", np.random.default_rng(2))
-    return world.record(3, 4, 14.0, 100.0)
+    return world.record(3, 4, 12.0, 100.0)
 
 
 @pytest.fixture(scope="module")

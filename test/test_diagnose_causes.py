@@ -79,7 +79,7 @@ def test_noise_that_is_not_white_is_nothing_to_explain():
 
 
 def test_a_slow_torque_without_a_cause_is_unknown():
-    time, q, qd, qdd = sines(20.0, rate=100.0)
+    time, q, qd, qdd = sines(12.0, rate=100.0)
     slow = noise(len(q))
     slow[:, 1] += 0.1 * np.sin(2.0 * np.pi * 0.9 * time + 3.0 * np.sin(0.7 * time))
 
@@ -91,7 +91,7 @@ def test_a_slow_torque_without_a_cause_is_unknown():
 
 
 def test_noise_makes_no_delay_smaller():
-    time, q, qd, qdd = sines(20.0, fastest=0.3, rate=100.0)
+    time, q, qd, qdd = sines(12.0, fastest=0.3, rate=100.0)
     delay = 0.05
     torque = MODEL.torque(q, qd, qdd)
     late = np.stack([np.interp(time - delay, time, column) for column in torque.T], axis=1)
@@ -177,7 +177,7 @@ def test_a_coarse_encoder_does_not_show_the_direction_of_slow_motion():
 
 @pytest.mark.parametrize("start", np.arange(6.0, 7.5, 0.5).tolist())
 def test_a_push_is_found_wherever_its_edges_lie_among_the_blocks(start):
-    time, q, qd, qdd = sines(16.0, rate=100.0)
+    time, q, qd, qdd = sines(12.0, rate=100.0)
     pushed = MODEL.torque(q, qd, qdd) + 0.5 * noise(len(q))
     inside = (time > start) & (time < start + 2.2)
     pushed[inside, 1] += 0.1

@@ -70,7 +70,7 @@ def test_a_file_is_fitted_as_the_recording_in_memory(tmp_path):
 
 def test_thinning_a_fast_recording_changes_no_prediction_by_a_hundredth(monkeypatch):
     """At 1 kHz one sample in five is kept."""
-    fast, other = truth(1, 12.0, 1000.0), truth(2, 12.0)
+    fast, other = truth(1, 8.0, 1000.0), truth(2, 12.0)
     thin = identify([fast], ARM, "joint", FEW)
     assert any("one of 5 low-passed samples kept: 200 Hz" in line for line in thin.handling)
     monkeypatch.setattr(trajectory, "OVERSAMPLING", 1e9)

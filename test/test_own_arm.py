@@ -30,7 +30,7 @@ from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.excitation import record_motion
 from testing.plain_world import PlainWorld
 
-pytestmark = pytest.mark.usefixtures("four_folds")
+pytestmark = pytest.mark.usefixtures("four_folds", "brief_simulation")
 
 GAINS = np.array([12.0, 14.0, 11.0, 9.0, 10.5, 8.5])  # N·m/A
 MASS, COM = 2.0, (0.02, 0.05, 0.08)  # kg, m in the last link's frame
@@ -72,7 +72,7 @@ def lab(tmp_path_factory) -> Lab:
         bare,
         in_amperes(bare),
         replace(shift, time=shift.time - shift.time[0], source="loaded"),
-        in_amperes(record(carrying, 2, 13)),
+        in_amperes(record(carrying, 2, 13, 12.0)),
         folder,
     )
     for name in ("currents", "loaded", "elsewhere"):

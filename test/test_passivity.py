@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -324,8 +325,14 @@ def supervised_swing(supervisor, changes=(), each=50) -> np.ndarray:
     return np.array(speeds)
 
 
+@cache
+def of_the_right_model() -> np.ndarray:
+    """Return the (7,) largest speeds under friction compensation that is right."""
+    return supervised_swing(Supervisor(benchmark.settings_of(0.0))).max(axis=0)
+
+
 def test_the_supervisor_keeps_friction_that_is_half_as_much_again_from_growing():
-    right = supervised_swing(Supervisor(benchmark.settings_of(0.0))).max(axis=0)
+    right = of_the_right_model()
     settings = benchmark.settings_of(0.5)
     speeds = supervised_swing(Supervisor(settings))
     bound = benchmark.HIDDEN * np.maximum(SETTINGS.growth * right, settings.allowance)
@@ -343,7 +350,7 @@ def test_without_the_observer_the_same_arm_runs_into_the_guard_of_speed(monkeypa
 @pytest.mark.parametrize("name", ["friction_compensation.ratio", "speed_limit"])
 def test_parameters_that_keep_changing_make_neither_observer_nor_guard_forget(name):
     """As of a person who drags a slider; friction is taken to be twice what it is."""
-    right = supervised_swing(Supervisor(benchmark.settings_of(0.0))).max(axis=0)
+    right = of_the_right_model()
     values = benchmark.model_with(1.0).parameters() | {"friction_compensation.ratio": [0.7] * 7}
     start = Settings.from_parameters(values)
     before = {"friction_compensation.ratio": start.friction_ratio, "speed_limit": start.speed_limit}

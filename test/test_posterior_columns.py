@@ -46,5 +46,5 @@ def test_friction_that_is_zero_is_a_parameter_all_the_same(columns):
 
 def test_a_recording_of_two_seconds_is_identified_with_a_posterior():
     world = World.draw(5)
-    fit = identify(world.record(1, 1).between(0.0, 2.0), world.arm)
+    fit = identify(world.record(1, 1, 3.0).between(0.0, 2.0), world.arm)
     assert fit.model.uncertainty is not None

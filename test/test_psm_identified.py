@@ -23,9 +23,9 @@ from dvrk_gravity.simulate.excitation import record_motion
 PUBLISHED = (0.093, 0.178, 0.191, 0.134, 0.239, 0.213, 0.264)
 
 
-def recorded(plant: PlantFile, seed: int) -> Recording:
+def recorded(plant: PlantFile, seed: int, duration: float = 30.0) -> Recording:
     arm = SimulatedArm(plant.plant(), plant.sensors, seed)
-    return record_motion(arm, Multisine.draw(plant.model.arm, seed), 30.0)
+    return record_motion(arm, Multisine.draw(plant.model.arm, seed), duration)
 
 
 def changed(plant: PlantFile, values: dict) -> PlantFile:
@@ -51,7 +51,7 @@ def test_the_weight_of_a_plant_is_that_of_the_links_that_move(name):
 @pytest.mark.parametrize("name", ["psm", "ecm"])
 def test_another_motion_of_a_simulated_arm_is_predicted(name):
     plant, model = PlantFile.load(name), identified(name)
-    errors = evaluate(model, recorded(plant, 2), "joint").joints
+    errors = evaluate(model, recorded(plant, 2, 12.0), "joint").joints
     for joint in plant.model.arm.joints:
         # Of the effort limit: an error that moves no joint, see VerdictSettings.negligible.
         assert errors[joint.name].rmse < 0.01 * joint.effort_limit, joint.name

@@ -225,13 +225,13 @@ class Stub:
 
 @pytest.fixture(scope="module")
 def motion() -> Recording:
-    """12 s of an arm whose model is known."""
-    return KNOWN.record(3, 4, duration=12.0)
+    """10 s of an arm whose model is known."""
+    return KNOWN.record(3, 4, 10.0, 100.0)
 
 
 def test_diagnosing_the_same_twice_or_appended_to_itself_is_diagnosing_once(motion):
     once = diagnose(motion, KNOWN.model())
-    late = replace(motion, time=motion.time + motion.time[-1] + 0.005)
+    late = replace(motion, time=motion.time + motion.time[-1] + 0.01)
     double = replace(
         motion,
         time=np.concatenate([motion.time, late.time]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 
 import numpy as np
@@ -57,6 +58,15 @@ def fit_of(time) -> Fit:
     )
 
 
+TIME = np.arange(200) / 50.0
+
+
+@cache
+def page_of(kind: str) -> str:
+    """Return the report of a trajectory or of poses."""
+    return render(fit_of(TIME if kind == "trajectory" else None), "run.csv")
+
+
 class Page(HTMLParser):
     """Collects every address, and the tags that are open."""
 
@@ -75,16 +85,16 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
 
-@pytest.mark.parametrize("time", [np.arange(200) / 50.0, None], ids=["trajectory", "poses"])
-def test_the_page_is_whole_and_needs_no_network(time):
-    page = Page(render(fit_of(time), "run.csv"))
+@pytest.mark.parametrize("kind", ["trajectory", "poses"])
+def test_the_page_is_whole_and_needs_no_network(kind):
+    page = Page(page_of(kind))
     assert page.open == []
     assert len(page.addresses) == 14  # two pictures a joint
     assert all(address.startswith("data:image/png;base64,") for address in page.addresses)
 
 
 def test_the_headline_tells_the_measure_of_the_table():
-    headline = render(fit_of(None), "run.csv").split("</h1>")[0]
+    headline = page_of("poses").split("</h1>")[0]
     assert "R² 0.90 to 0.90 on torque that it had not seen" in headline
 
 
@@ -93,7 +103,7 @@ def test_an_axis_is_of_force_where_a_joint_slides(kind, word, monkeypatch):
     labels = []
     monkeypatch.setattr("matplotlib.axes.Axes.set_ylabel", lambda _, text: labels.append(text))
     joint = replace(Arm.load("mtmr").joints[0], kind=kind)
-    torque_picture(fit_of(np.arange(200) / 50.0).traces[0], 0, joint)
+    torque_picture(fit_of(TIME).traces[0], 0, joint)
     assert labels[0].startswith(word)
 
 
@@ -112,7 +122,7 @@ def test_names_of_files_and_parameters_are_escaped():
 
 
 def test_what_is_not_known_stands_beside_what_is():
-    text = render(fit_of(None), "run.csv")
+    text = page_of("poses")
     assert "a and b cannot be separated" in text
     assert re.search(r'<tr class="open">\s*<td>mcx', text)
     assert re.search(r"<tr>\s*<td>beta\[0\]", text)

@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from conftest import first_slab
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
@@ -156,7 +157,8 @@ def test_load_that_stiction_holds_is_found_and_predicted():
             "held_load.difference.elbow_pitch": (0.0, -0.02),
         }
     )
-    fit = fit_static(record(held, grid(4)), ARM)
+    with first_slab():
+        fit = fit_static(record(held, grid(4)), ARM)
     kept = {choice.term for choice in fit.choices if choice.kept}
     assert kept == {
         "held_load elbow_pitch: function of wrist_platform",
@@ -175,7 +177,8 @@ def test_a_few_poses_where_the_arm_was_stuck_do_no_harm():
         )
         for recording, effort in zip(recordings, (stuck, recordings[1].effort), strict=True)
     ]
-    fit = fit_static(spoilt, ARM)
+    with first_slab():
+        fit = fit_static(spoilt, ARM)
     assert worst(fit.model, truth(), between()) < NOISE
     assert any("wrist_pitch: 10 of 2048 poses left out" in line for line in fit.handling)
     assert fit.model.torque(between())[:, 4].min() > -0.2
@@ -243,7 +246,8 @@ def test_actuator_coordinates_give_the_same_model(fitted):
         )
         for recording in record(truth(), grid(4))
     ]
-    fit = fit_static(motors, ARM, "actuator")
+    with first_slab():
+        fit = fit_static(motors, ARM, "actuator")
     assert worst(fit.model, fitted.model, between()) < 1e-6
     assert fit.coordinates == "actuator"
     np.testing.assert_allclose(fit.traces[0].measured, motors[0].effort, atol=1e-12)

@@ -20,10 +20,19 @@ from testing.world import World
 STEP = 0.1  # of a standard deviation; torque is linear in coefficients
 
 
+def recorded(seed: int) -> Recording:
+    """Return 15 s of an arm by its seed."""
+    return World.draw(seed).record(3, 4, 15.0, 100.0)
+
+
 @pytest.fixture(scope="module")
-def model() -> TorqueModel:
-    world = World.draw(5)
-    return identify(world.record(3, 4), world.arm).model
+def recording() -> Recording:
+    return recorded(5)
+
+
+@pytest.fixture(scope="module")
+def model(recording) -> TorqueModel:
+    return identify(recording, World.draw(5).arm).model
 
 
 @pytest.fixture
@@ -80,8 +89,7 @@ def test_arrays_of_another_arm_are_refused(saved, model):
         TorqueModel.load(saved)
 
 
-def test_an_evaluation_tells_which_joints_are_outside_what_was_identified(model):
-    recording = World.draw(5).record(3, 4)
+def test_an_evaluation_tells_which_joints_are_outside_what_was_identified(model, recording):
     inside = evaluate(model, recording, "joint")
     low, high = (
         np.degrees(bound[4]) for bound in (model.uncertainty.lower, model.uncertainty.upper)
@@ -163,7 +171,7 @@ def test_another_motion_lies_within_what_the_model_expects_of_itself(model):
     """Its prediction's error, in units of its own standard deviation, is about one."""
     ratios = []
     other = World.draw(6)
-    for seed, fitted in ((5, model), (6, identify(other.record(3, 4), other.arm).model)):
+    for seed, fitted in ((5, model), (6, identify(recorded(6), other.arm).model)):
         exact = World.draw(seed).model()
         random = np.random.default_rng(seed)
         low, high = fitted.uncertainty.lower, fitted.uncertainty.upper
