@@ -44,8 +44,9 @@ demo: install/.done
 	@$(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity demo --arm $(ARM) --out out/demo
 ARM ?= mtmr
 
+# Hundreds of processes are started: bytecode that is kept spares each of them the compiler.
 test: install/.done
-	@$(IN_WORKSPACE) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+	@$(IN_WORKSPACE) PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 # One more than cores of a small machine: tests that start nodes wait more than they compute.
 WORKERS ?= 3
 

@@ -177,7 +177,8 @@ def test_a_comparison_that_fails_says_why_in_words(recorded):
 MORE = np.array([0.5, 0.0, 0.0, 0.05])  # kg, kg·m
 
 
-@pytest.mark.parametrize("name", ["made_up", "ur5"])
+# The made-up arm turns and slides; a UR5 only turns.
+@pytest.mark.parametrize("name", ["made_up", pytest.param("ur5", marks=pytest.mark.slow)])
 def test_another_arm_s_models_are_compared_in_the_simulator_in_its_own_units(name, tmp_path):
     arm = made_up_arm(tmp_path) if name == "made_up" else Arm.load(str(UR5))
     truth = PlantFile.of(arm)

@@ -347,7 +347,9 @@ def test_without_the_observer_the_same_arm_runs_into_the_guard_of_speed(monkeypa
     assert "runs away" in supervisor.reason
 
 
-@pytest.mark.parametrize("name", ["friction_compensation.ratio", "speed_limit"])
+@pytest.mark.parametrize(
+    "name", ["friction_compensation.ratio", pytest.param("speed_limit", marks=pytest.mark.slow)]
+)
 def test_parameters_that_keep_changing_make_neither_observer_nor_guard_forget(name):
     """As of a person who drags a slider; friction is taken to be twice what it is."""
     right = of_the_right_model()
