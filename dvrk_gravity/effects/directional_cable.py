@@ -10,17 +10,23 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base import polynomial
-from dvrk_gravity.effects.base.arrays import Array, as_array, as_value, joint_arrays
+from dvrk_gravity.effects.base.arrays import (
+    Array,
+    as_array,
+    as_value,
+    diagonal_columns,
+    joint_arrays,
+)
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import Evaluator, Term
+from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Term
 from dvrk_gravity.effects.elastic_cable import ElasticCable
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameter import Parameter, Value
 
 
 @dataclass(frozen=True, eq=False)
-class DirectionalCable(Term):
+class DirectionalCable(LinearTerm):
     """Positive and negative polynomials blended by velocity.
 
     tau = alpha p_pos(q) + (1 - alpha) p_neg(q), where alpha is 0.5 inside the dead
@@ -158,6 +164,25 @@ class DirectionalCable(Term):
         if self.shape == "sine":
             rise = np.sin(0.5 * np.pi * rise)
         return np.copysign(self.ratio * rise, state.qd)
+
+    @property
+    def theta(self) -> Array:
+        """See :meth:`LinearTerm.theta`: of moving up, power by power, then of moving down."""
+        return np.concatenate([self.positive.ravel(), self.negative.ravel()])
+
+    def with_theta(self, theta: Array) -> DirectionalCable:
+        """See :meth:`LinearTerm.with_theta`."""
+        positive, negative = np.reshape(theta, (2, *self.positive.shape))
+        return replace(self, positive=positive, negative=negative)
+
+    def regressor(self, state: State) -> Array:
+        """See :meth:`LinearTerm.regressor`."""
+        held, blend = self.valid.hold(state.q), self.blend(state)
+        blend = np.zeros_like(held) if blend is None else blend
+        sides = (0.5 * (1.0 + blend), 0.5 * (1.0 - blend))
+        powers = [held**k for k in range(len(self.positive))]
+        columns = [diagonal_columns(side * power) for side in sides for power in powers]
+        return np.concatenate(columns, axis=-1)
 
     def torque(self, state: State) -> Array:
         """Return (…, n) cable torques, N·m."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvrk_gravity.estimation.covariance import Uncertainty
 from dvrk_gravity.estimation.noise import NoiseSettings, correlation_time
@@ -135,12 +136,9 @@ def model_uncertainty(
         model: The model made of them.
         settings: Which directions count.
     """
-    scale = columns.scale[list(index)]
-    relative = (spread.covariance + spread.bias) / np.outer(scale, scale)
-    variance, vectors = np.linalg.eigh(relative)
-    uncertain = variance > (settings or PosteriorSettings()).certain ** 2
-    whole = np.zeros((len(columns.columns), int(uncertain.sum())))
-    whole[list(index)] = scale[:, None] * vectors[:, uncertain] * np.sqrt(variance[uncertain])
+    directions = _uncertain_directions(spread, columns.scale[list(index)], settings)
+    whole = np.zeros((len(columns.columns), directions.shape[1]))
+    whole[list(index)] = directions
 
     def coefficients(at: Array) -> dict[str, Array]:
         return coefficients_of(columns.terms(at))
@@ -170,19 +168,58 @@ def model_uncertainty(
     )
 
 
-def uncertainty_of_poses(model: TorqueModel, error: Array, q: Array) -> ModelUncertainty:
-    """Return what static poses leave uncertain: the error at poses that no fit had seen.
-
-    It holds what the parameters are off by, too: weight and cables make up for each other, and only
-    their sum is told well.
+def uncertainty_of_poses(
+    model: TorqueModel,
+    theta: Array,
+    index: NDArray[np.int64],
+    spread: Uncertainty,
+    scale: Array,
+    coefficients: Callable[[Array], dict[str, Array]],
+    error: Array,
+    q: Array,
+) -> ModelUncertainty:
+    """Return what static poses leave uncertain of a model.
 
     Args:
         model: The model.
-        error: (n,) its RMS in joint space, N·m.
+        theta: (p,) coefficients of the fit.
+        index: Those that the model's terms are made of, but for the load that stiction held.
+        spread: Covariance of all.
+        scale: (p,) standard deviations before any data.
+        coefficients: From the fit's to those of the model's terms.
+        error: (n,) RMS, in joint space, of the error at poses that no fit had seen, N·m.
         q: (N, n) positions of the poses.
     """
-    unknown, none = np.full(model.arm.n, np.nan), np.zeros((model.arm.n, 0))
+    here, own = coefficients(theta), coefficients_of(model.terms)
+    part = np.ix_(index, index)
+    marginal = Uncertainty(spread.covariance[part], spread.bias[part], spread.settings)
+    found = _uncertain_directions(marginal, scale[index])
+    directions = np.zeros((len(theta), found.shape[1]))
+    directions[index] = found
+    there = [coefficients(theta + change) for change in directions.T]
+    unknown, size = np.full(model.arm.n, np.nan), len(there)
     return ModelUncertainty(
-        coefficients={}, deviations={}, offset=none, gravity=np.zeros((3, 0)), error=error,
+        coefficients={name: own[name] for name in here},
+        deviations={
+            name: np.reshape([shifted[name] - value for shifted in there], (size, len(value))).T
+            for name, value in here.items()
+        },
+        offset=np.zeros((model.arm.n, size)), gravity=np.zeros((3, size)), error=error,
         band=np.nan, together=unknown, lower=q.min(axis=0), upper=q.max(axis=0), speed=unknown,
     )  # fmt: skip
+
+
+def _uncertain_directions(
+    spread: Uncertainty, scale: Array, settings: PosteriorSettings | None = None
+) -> Array:
+    """Return (p, d) one standard deviation of each independent combination that is uncertain.
+
+    Args:
+        spread: Covariance of p coefficients; what the prior moved them by counts, too.
+        scale: (p,) standard deviations before any data.
+        settings: Which directions count.
+    """
+    relative = (spread.covariance + spread.bias) / np.outer(scale, scale)
+    variance, vectors = np.linalg.eigh(relative)
+    uncertain = variance > (settings or PosteriorSettings()).certain ** 2
+    return scale[:, None] * vectors[:, uncertain] * np.sqrt(variance[uncertain])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.holding import holding
 from dvrk_gravity.identification.model_uncertainty import uncertainty_of_poses
 from dvrk_gravity.identification.result import Fit, Trace
-from dvrk_gravity.identification.static_model import fit_poses
+from dvrk_gravity.identification.static_model import coefficients_at, fit_poses
 from dvrk_gravity.identification.static_poses import Poses, read_poses
 from dvrk_gravity.identification.static_selection import choose
 from dvrk_gravity.identification.static_solver import PoseSettings, Table
@@ -77,7 +78,11 @@ def fit_static(
         with_friction=[arm.joint_names[joint] for joint in poses.undirected],
     )  # fmt: skip
     error = (poses.effort[held_out] - predicted)[unseen]
-    uncertainty = uncertainty_of_poses(model, np.sqrt(np.mean(error**2, axis=0)), poses.q)
+    uncertainty = uncertainty_of_poses(
+        model, solution.theta, solution.without_stiction(table), spread,
+        np.diag(solution.precision - solution.data) ** -0.5,
+        partial(coefficients_at, table, solution), np.sqrt(np.mean(error**2, axis=0)), poses.q,
+    )  # fmt: skip
     return Fit(
         model=replace(model, verdict=verdict.level, reason=verdict.reason, uncertainty=uncertainty),
         held_out=joint_errors(arm.joint_names, measured[held_out], shown(predicted)),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
@@ -20,6 +20,7 @@ from dvrk_gravity.identification.static_solver import (
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.parameter import Value
 from dvrk_gravity.recording.data import Array
+from dvrk_gravity.uncertainty import coefficients_of
 
 _CABLE = "directional_cable"  # what is fitted of each joint's own position
 
@@ -50,14 +51,25 @@ def fit_poses(
         The model, the solution, (n,) robust residual scale in N·m or N, and (N, n) weights.
     """
     solution, scale, weight = solve_robust(table, choices)
-    arm = table.arm
-    values: dict[str, Value] = {"arm": arm.source or arm.name}
-    values |= table.gravity_columns.parameters(solution.gravity)
-    values |= _cables(table, solution)
-    values |= _held(table, solution)
+    values = _values(table, solution)
     if table.gravity_columns.bounded:
         values |= _shown(table, scale, weight)
-    return TorqueModel.from_parameters(values, arm), solution, scale, weight
+    return TorqueModel.from_parameters(values, table.arm), solution, scale, weight
+
+
+def coefficients_at(table: Table, solution: PoseSolution, theta: Array) -> dict[str, Array]:
+    """Return the coefficients of each term of the model that other (p,) coefficients make."""
+    values = _values(table, replace(solution, theta=theta))
+    return coefficients_of(TorqueModel.from_parameters(values, table.arm).terms)
+
+
+def _values(table: Table, solution: PoseSolution) -> dict[str, Value]:
+    return {
+        "arm": table.arm.source or table.arm.name,
+        **table.gravity_columns.parameters(solution.gravity),
+        **_cables(table, solution),
+        **_held(table, solution),
+    }
 
 
 def cable_name(side: str, joint: str) -> str:
@@ -99,13 +111,11 @@ def _powers(series: Array, argument: polynomial.Polynomial) -> Array:
 def _cables(table: Table, solution: PoseSolution) -> dict[str, Value]:
     values: dict[str, Value] = {}
     for joint, name in enumerate(table.arm.joint_names):
-        sides = {
-            side: rows @ solution.theta for side, rows in cable_rows(table, solution, joint).items()
-        }
-        used = np.flatnonzero(sum(np.abs(powers) for powers in sides.values()))
+        rows = cable_rows(table, solution, joint)
+        used = np.flatnonzero(np.any([side.any(axis=1) for side in rows.values()], axis=0))
         degree = int(used[-1]) if len(used) else 0
-        for side, powers in sides.items():
-            values[cable_name(side, name)] = as_value(powers[: degree + 1])
+        for side, powers in rows.items():
+            values[cable_name(side, name)] = as_value((powers @ solution.theta)[: degree + 1])
     blend, scale = DirectionSettings(), table.arm.scale
     settings = {
         "dead_band": blend.dead_band * scale,

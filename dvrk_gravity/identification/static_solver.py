@@ -120,6 +120,14 @@ class PoseSolution(Solution):
         start = self.count + sum(len(columns) for columns in self.columns[:joint])
         return np.arange(start, start + len(self.columns[joint]), dtype=np.int64)
 
+    def without_stiction(self, table: Table) -> NDArray[np.int64]:
+        """Return the indices of gravity's columns and those of each joint's own position."""
+        own = (
+            self.indices(joint)[columns.group[chosen] == 0]
+            for joint, (columns, chosen) in enumerate(zip(table.joints, self.columns, strict=True))
+        )
+        return np.concatenate([np.arange(self.count), *own])
+
     def predict(self, table: Table) -> Array:
         """Return (N, n) torques at the poses of a table, N·m or N."""
         torque = table.gravity @ self.gravity
