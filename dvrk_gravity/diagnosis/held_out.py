@@ -52,15 +52,20 @@ class Unconfirmed:
     Attributes:
         hypothesis: The claim.
         joint: Name of the joint where it does best.
-        gain: What it removes there.
+        gain: What it removes there; ``None``: it acts in no held-out block, where it might fail.
     """
 
     hypothesis: Hypothesis
     joint: str
-    gain: Gain
+    gain: Gain | None
 
     def __str__(self) -> str:
         """Say so."""
+        if self.gain is None:
+            return (
+                f"chosen, but left out, for it acts in no held-out block that could confirm it: "
+                f"{self.hypothesis}"
+            )
         return (
             f"chosen, but not confirmed on the held-out blocks, and left out: {self.hypothesis} "
             f"(removes {100 * self.gain.relative:.0f} % of the error at {self.joint}, "
@@ -154,7 +159,7 @@ class HeldOut:
 
         One fails if it removes next to nothing in the blocks in which it acts, or no more than
         chance would, by the tests of the choice and at its level, Holm's correction for the number
-        of those on trial included. Where it acts in no held-out block it cannot fail.
+        of those on trial included; or if it acts in no held-out block.
 
         Args:
             chosen: All of them, as they are fitted together.
@@ -164,19 +169,19 @@ class HeldOut:
             (self._in_active_blocks(chosen, candidate), candidate)
             for candidate in (chosen if on_trial is None else on_trial)
         ]
-        told = [(found, candidate) for found, candidate in trials if found is not None]
-        corrected = evidence.holm([found.gain.p_value for found, _ in told])
+        told = [found.gain for found, _ in trials if found.gain is not None]
+        corrected = iter(evidence.holm([gain.p_value for gain in told]))
         settings = self.settings
         return [
             (found, candidate)
-            for (found, candidate), p_value in zip(told, corrected, strict=True)
-            if found.gain.relative <= settings.least_removed or p_value >= settings.alpha
+            for found, candidate in trials
+            if found.gain is None
+            or next(corrected) >= settings.alpha
+            or found.gain.relative <= settings.least_removed
         ]
 
-    def _in_active_blocks(
-        self, chosen: Sequence[Candidate], candidate: Candidate
-    ) -> Unconfirmed | None:
-        """Return what a chosen candidate gains where it acts; ``None`` where that is nowhere."""
+    def _in_active_blocks(self, chosen: Sequence[Candidate], candidate: Candidate) -> Unconfirmed:
+        """Return what a chosen candidate gains in the held-out blocks where it acts."""
         before = self.error([other for other in chosen if other is not candidate], chosen)
         after = self.error(chosen)
         joints = self.main_joints(candidate, before, after)
@@ -193,9 +198,7 @@ class HeldOut:
             near = np.abs(self._time - edge) < data.blocks.settings.duration
             before[near] = after[near] = power[near] = 0.0
         blocks = np.flatnonzero(np.bincount(self._block, power) > least)
-        if not len(blocks):
-            return None
-        gain = self.gain(before, after, joints, blocks, candidate)
+        gain = self.gain(before, after, joints, blocks, candidate) if len(blocks) else None
         return Unconfirmed(candidate.hypothesis, self.joint_names[joints[0]], gain)
 
     def gain(

@@ -353,7 +353,10 @@ def _held_out_confirms(
         on_trial = [candidate for candidate in kept if not candidate.hypothesis.of_model]
         found = HeldOut(validation).unconfirmed(kept, on_trial)
         failures.update({id(candidate): failure for failure, candidate in found})
-        return [(failure.gain.relative, candidate) for failure, candidate in found]
+        return [
+            (0.0 if failure.gain is None else failure.gain.relative, candidate)
+            for failure, candidate in found
+        ]
 
     # The weakest goes first: of two that share one torque, either may hold without the other.
     failures: dict[int, Unconfirmed] = {}
