@@ -40,7 +40,7 @@ class LoadSettings:
     Attributes:
         band: Hz, of the kinematics that non-linear columns are computed from. Chosen: more than
             twice that of the torques that are compared.
-        rate: Hz; faster recordings are thinned to about this. Chosen: five times the Nyquist rate
+        rate: Hz; faster recordings are thinned to about this. Chosen: four times the Nyquist rate
             of that band.
         shortest: s of motion, below which no choice among hypotheses can be judged: five blocks of
             half a second are held out of it (``BlockSettings``). Chosen.
@@ -51,7 +51,7 @@ class LoadSettings:
     """
 
     band: float = 20.0
-    rate: float = 200.0
+    rate: float = 160.0
     shortest: float = 8.0
     fewest: int = 40
     longest: float = 600.0

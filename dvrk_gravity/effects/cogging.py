@@ -117,7 +117,7 @@ class Cogging(Term):
             grid = steps * np.pi / np.ptp(angle)
             waves: list[NDArray[np.float32]] = []
             for batch in np.split(grid, _FREQUENCIES // _TOGETHER):
-                reduced = data.reduce(np.exp(1j * angle[:, None] * batch).view(float))
+                reduced = data.reduce(_rotating(angle, batch).view(float))
                 waves.append(reduced.astype(np.float32))
             cosine, sine = (np.hstack([wave[:, first::2] for wave in waves]) for first in (0, 1))
             bases.append(_Waves(motor, row, grid, cosine, sine))
@@ -143,6 +143,17 @@ class Cogging(Term):
     def _turns(self) -> Array:
         """(K, n) rad of each ripple's phase per rad of the joints."""
         return self.cycles[:, None] * self.arm.joint_to_actuator[self.motor]
+
+
+def _rotating(angle: Array, cycles: Array) -> NDArray[np.complex128]:
+    """Return (N, k) exp(i cycles angle) of (N,) angles for evenly spaced (k,) cycles.
+
+    Each from the one before, by a turn that is the same for all: exponentials take longest.
+    """
+    turns = np.empty((len(angle), len(cycles)), dtype=np.complex128)
+    turns[:, 0] = np.exp(1j * cycles[0] * angle)
+    turns[:, 1:] = np.exp(1j * (cycles[1] - cycles[0]) * angle)[:, None]
+    return np.cumprod(turns, axis=1, out=turns)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
