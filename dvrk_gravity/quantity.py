@@ -53,7 +53,9 @@ def interval(value: float, low: float, high: float, unit: str) -> str:
         high: Upper end, likewise.
         unit: SI unit, as for :func:`quantity`.
     """
-    (text, *ends), _, name = _shown((value, low, high), 0.5 * (high - low), unit)
+    # As many digits as its nearer end needs.
+    half = min((side for side in (value - low, high - value) if side > 0.0), default=0.0)
+    (text, *ends), _, name = _shown((value, low, high), half, unit)
     return f"{text} ({' to '.join(ends)}) {name}".rstrip()
 
 

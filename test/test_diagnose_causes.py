@@ -237,6 +237,18 @@ def test_exchanged_joints_are_not_taken_for_wrong_units():
     assert [warning for warning in milli if warning.kind == "effort_unit"]
 
 
+def test_no_other_reading_is_told_that_makes_held_out_errors_larger():
+    """Positions of two joints are exchanged and efforts are not: no reading that is tried."""
+    time, q, qd, qdd = sines(12.0)
+    effort = MODEL.torque(q, qd, qdd) + noise(len(q))
+
+    diagnosis = diagnose(recording(time, q[:, [0, 1, 2, 5, 4, 3, 6]], effort), MODEL)
+
+    assert diagnosis.findings
+    assert all(finding.gain.relative >= 0.0 for finding in diagnosis.findings)
+    assert "wrong_coordinates" not in {finding.effect for finding in diagnosis.findings}
+
+
 def test_the_noise_of_the_joints_is_the_same_however_it_was_recorded():
     time, q, qd, qdd = sines(12.0)
     effort = MODEL.torque(q, qd, qdd) + noise(len(q))

@@ -105,6 +105,9 @@ def run(args: argparse.Namespace) -> int:
     )
     diagnosis.model.save(args.out / EXTENDED, comment)
     text_file.write(args.out / REPORT, render(diagnosis, [str(path) for path in args.recordings]))
+    if model is not None and model.unsure:
+        line = f"{model.unsure}: how sure the model is is not known, and it is taken as exact"
+        print(f"warning: {line}", file=sys.stderr)
     print(diagnosis.to_json() if args.json else _summary(diagnosis, args.out))
     return 0
 
@@ -117,7 +120,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
 
     lines = [f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}"]
     if diagnosis.findings:
-        lines.append("what changed or was missed, the largest gain first:")
+        lines.append("what changed or was missed, the largest gain first, what is not certain last:")
     for number, finding in enumerate(diagnosis.findings, start=1):
         where = ", ".join(finding.joints) or "the arm"
         lines.append(f"{number}. {finding.effect} at {where} ({finding.place})")

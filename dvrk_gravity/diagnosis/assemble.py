@@ -91,12 +91,10 @@ def assemble(
     if found:
         model = updated(model, validation, named, held_out)
     findings = []
-    first = data.residual[held_out.rows]
-    first = np.where(data.usable[held_out.rows], first, np.nan)
+    first = held_out.as_read()
     if readings:
         score, before, alternatives = readings[0]
-        first = as_read_before(before, data, held_out)
-        read_rightly = np.where(data.usable, data.residual, np.nan)[held_out.rows]
+        read_rightly, first = first, as_read_before(before, data, held_out)
         findings.append(reading_finding(score, alternatives, first, read_rightly, held_out))
     effect_findings = []
     for i, effect in enumerate(selected):

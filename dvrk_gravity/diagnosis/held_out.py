@@ -120,6 +120,10 @@ class HeldOut:
         residual = self._validation.residual(candidates, beside)[self._held]
         return np.where(self._usable, residual, np.nan)
 
+    def as_read(self) -> Array:
+        """Return (H, n) errors of the given model; NaN where nothing can be said."""
+        return np.where(self._usable, self._validation.data.residual[self._held], np.nan)
+
     def rmse(self, error: Array) -> Array:
         """Return (n,) root mean squares over the usable held-out samples, N·m."""
         return np.sqrt(_mean_square(error, self._usable))

@@ -176,8 +176,8 @@ def _inertia_note(arm: ModelArm) -> str:
         return ""
     joint, middle = int(np.argmax(arm.off)), float(np.median(arm.off))
     return (
-        "inertia that no bodies can have: simulated are the nearest bodies, whose torque is "
-        f"another by {100 * middle:.0f} % (median joint) to {100 * arm.off[joint]:.0f} % "
+        "inertia that no bodies can have: simulated are the nearest bodies, whose torque "
+        f"differs by {100 * middle:.0f} % (median joint) to {100 * arm.off[joint]:.0f} % "
         f"({arm.model.arm.joint_names[joint]})"
     )
 

@@ -66,9 +66,25 @@ def unknown_finding(
 
 
 def as_read_before(motion: MeasuredMotion, data: FilteredData, held_out: HeldOut) -> Array:
-    """Return (H, 7) errors of the recording as it was read first, same samples."""
+    """Return (H, n) errors of the recording as it was read first, same samples."""
     error = data.reduce(motion.residual)[held_out.rows]
     return np.where(data.usable[held_out.rows], error, np.nan)
+
+
+def reading_gain(
+    score: ReadingScore, before: Array, after: Array, held_out: HeldOut
+) -> tuple[list[int], Gain]:
+    """Return the joints that a reading is judged by, and what it gains there on held-out blocks.
+
+    Args:
+        score: The reading.
+        before: (H, n) errors of the recording as it was read first.
+        after: (H, n) errors of the other reading.
+        held_out: The held-out blocks.
+    """
+    old, new = held_out.rmse(before), held_out.rmse(after)
+    joints = list(score.reading.joints) or [int(np.argmin(new / np.maximum(old, 1e-12)))]
+    return joints, held_out.gain(before, after, joints)
 
 
 def reading_finding(
@@ -79,9 +95,7 @@ def reading_finding(
     held_out: HeldOut,
 ) -> Finding:
     """Return the finding that the recording was read wrongly."""
-    old, new = held_out.rmse(before), held_out.rmse(after)
-    joints = list(score.reading.joints) or [int(np.argmin(new / np.maximum(old, 1e-12)))]
-    gain: Gain = held_out.gain(before, after, joints)
+    joints, gain = reading_gain(score, before, after, held_out)
     joint_names = held_out.joint_names
     names = tuple(joint_names[joint] for joint in score.reading.joints)
     return Finding(

@@ -22,7 +22,8 @@ from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nameless import with_nameless
-from dvrk_gravity.diagnosis.readings import Readings, read_as, try_readings
+from dvrk_gravity.diagnosis.other_findings import as_read_before, reading_gain
+from dvrk_gravity.diagnosis.readings import Readings, ReadingScore, read_as, try_readings
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
 from dvrk_gravity.diagnosis.refinement import begun
 from dvrk_gravity.diagnosis.selection import (
@@ -231,7 +232,8 @@ def _read_rightly(
     """Return the motion as it is to be read, how it is not, and what it is examined with.
 
     Another reading must do about as well as the best hypothesis, by its own rough measure and then
-    by that of the hypotheses: the model's parameters move beside both.
+    by that of the hypotheses: the model's parameters move beside both. And it must gain on the
+    held-out blocks what a hypothesis must.
     """
     validation, pool = _prepare(loaded.motion, say)
     # Of two recordings of one motion both are read alike.
@@ -247,13 +249,25 @@ def _read_rightly(
     del validation, pool  # of a long recording there is no room for two
     motion = read_as(loaded.motion, scores[0].reading)
     validation, pool = _prepare(motion, say)
-    if validation.score([]).likelihood - as_it_is.likelihood <= least:
+    if validation.score([]).likelihood - as_it_is.likelihood <= least or not _held_out_gains(
+        validation, loaded.motion, scores[0]
+    ):
         return loaded, (), *_prepare(loaded.motion, say)
     say(f"wrong reading: {scores[0].reading.words}")
     limit = _SETTINGS.alternative * scores[0].gain
     alternatives = tuple(score for score in scores[1:] if score.gain > limit)
     readings = ((scores[0], loaded.motion, alternatives),)
     return replace(loaded, motion=motion), readings, validation, pool
+
+
+def _held_out_gains(
+    validation: CrossValidation, motion: MeasuredMotion, score: ReadingScore
+) -> bool:
+    """Tell whether another reading than a motion's is better on the held-out blocks."""
+    held_out = HeldOut(validation)
+    before = as_read_before(motion, validation.data, held_out)
+    _, gain = reading_gain(score, before, held_out.as_read(), held_out)
+    return gain.relative > held_out.settings.least_removed
 
 
 def _minor(

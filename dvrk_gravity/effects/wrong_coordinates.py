@@ -18,7 +18,7 @@ class WrongCoordinates(Effect):
     """What was read is another linear combination of the joints than it is taken for."""
 
     NAME = "wrong_coordinates"
-    REMEDY = "read the recording that way (--coordinates), or mend what mixes the joints up"
+    REMEDY = "mend what mixes the joints up; of other coordinates, say so (--coordinates)"
 
 
 @dataclass(frozen=True, eq=False)
