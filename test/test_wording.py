@@ -204,9 +204,9 @@ def test_what_may_be_nothing_is_told_as_perhaps(every):
     ("estimate", "text"),
     [
         (Estimate(0.0123, 0.0119, 0.0127, "N·m"), "12.30 ± 0.40 mN·m more"),
-        (Estimate(0.0123, 0.0119, 0.0187, "N·m"), "12.3 (11.9 to 18.7) mN·m more"),
-        (Estimate(-0.0123, -0.0187, -0.0119, "N·m"), "12.3 (11.9 to 18.7) mN·m less"),
-        (Estimate(-0.0123, -0.0187, 0.003, "N·m"), "perhaps 12 (-3 to 19) mN·m less"),
+        (Estimate(0.0123, 0.0119, 0.0187, "N·m"), "12.30 (11.90 to 18.70) mN·m more"),
+        (Estimate(-0.0123, -0.0187, -0.0119, "N·m"), "12.30 (11.90 to 18.70) mN·m less"),
+        (Estimate(-0.0123, -0.0187, 0.003, "N·m"), "perhaps 12.3 (-3.0 to 18.7) mN·m less"),
     ],
 )
 def test_an_interval_that_is_not_even_is_told_by_its_ends(estimate, text):

@@ -120,7 +120,9 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
 
     lines = [f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}"]
     if diagnosis.findings:
-        lines.append("what changed or was missed, the largest gain first, what is not certain last:")
+        lines.append(
+            "what changed or was missed, the largest gain first, what is not certain last:"
+        )
     for number, finding in enumerate(diagnosis.findings, start=1):
         where = ", ".join(finding.joints) or "the arm"
         lines.append(f"{number}. {finding.effect} at {where} ({finding.place})")
