@@ -45,7 +45,7 @@ def quantity(value: float, unit: str, half: float = 0.0) -> str:
 
 
 def interval(value: float, low: float, high: float, unit: str) -> str:
-    """Return a number with both ends of its interval: `12.3 (11.9 to 13.4) mN·m`.
+    """Return a number with both ends of its interval: `12.30 (11.90 to 13.40) mN·m`.
 
     Args:
         value: In SI units.
