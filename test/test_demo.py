@@ -84,9 +84,10 @@ def farthest(phase: Phase, arm: Arm) -> float:
     return float((phase.drift / arm.scale).max())
 
 
-# Twenty seconds of three processes each: the other output goes the same way, and what each process
-# does with it is told by the tests of the compensator, the watchdog and the simulator.
-@pytest.mark.parametrize("output", [pytest.param("servo_jf", marks=pytest.mark.slow), "array"])
+# Twenty seconds of three processes each. Quick are an MTM's demonstration (test_installed), the
+# poses that a simulated arm of any kind gets to, and what each process does with either output.
+@pytest.mark.slow
+@pytest.mark.parametrize("output", ["servo_jf", "array"])
 def test_a_demonstration_of_a_made_up_arm(output, domain, tmp_path):
     arm = made_up_arm(tmp_path)
     stage = Stage.of(arm, "", None, tmp_path)
