@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,10 +151,7 @@ def model_uncertainty(
     own = coefficients_of(model.terms)
     return ModelUncertainty(
         coefficients={name: own[name] for name in here},
-        deviations={
-            name: np.stack([shifted[name] - value for shifted in there], axis=1)
-            for name, value in here.items()
-        },
+        deviations=_deviations(here, there),
         offset=np.stack([calibration.offset - zeros for calibration in moved], axis=1),
         gravity=np.stack(
             [calibration.mounted(arm).gravity - base for calibration in moved], axis=1
@@ -200,10 +197,7 @@ def uncertainty_of_poses(
     unknown, size = np.full(model.arm.n, np.nan), len(there)
     return ModelUncertainty(
         coefficients={name: own[name] for name in here},
-        deviations={
-            name: np.reshape([shifted[name] - value for shifted in there], (size, len(value))).T
-            for name, value in here.items()
-        },
+        deviations=_deviations(here, there),
         offset=np.zeros((model.arm.n, size)), gravity=np.zeros((3, size)), error=error,
         band=np.nan, together=unknown, lower=q.min(axis=0), upper=q.max(axis=0), speed=unknown,
     )  # fmt: skip
@@ -223,3 +217,13 @@ def _uncertain_directions(
     variance, vectors = np.linalg.eigh(relative)
     uncertain = variance > (settings or PosteriorSettings()).certain ** 2
     return scale[:, None] * vectors[:, uncertain] * np.sqrt(variance[uncertain])
+
+
+def _deviations(
+    here: Mapping[str, Array], there: Sequence[Mapping[str, Array]]
+) -> dict[str, Array]:
+    """Return by term (k, d) differences of its (k,) coefficients in each of d directions."""
+    return {
+        name: np.reshape([shifted[name] - value for shifted in there], (len(there), len(value))).T
+        for name, value in here.items()
+    }
