@@ -22,7 +22,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.run import hypotheses
+from dvrk_gravity.diagnosis.pool import hypotheses
 from testing.clean_motions import clean_motions, of_each_arm
 
 EACH = 6  # hypotheses of an effect in a recording

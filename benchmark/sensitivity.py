@@ -39,6 +39,7 @@ from dvrk_gravity.diagnosis.motion import MotionSettings
 from dvrk_gravity.diagnosis.nameless import NamelessSettings
 from dvrk_gravity.diagnosis.nearby import NearbySettings
 from dvrk_gravity.diagnosis.overlap import OverlapSettings
+from dvrk_gravity.diagnosis.read_rightly import ReadRightlySettings
 from dvrk_gravity.diagnosis.readings import ReadingSettings
 from dvrk_gravity.diagnosis.reference import ReferenceSettings
 from dvrk_gravity.diagnosis.reference_error import ReferenceErrorSettings
@@ -295,6 +296,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (MotionSettings, DIAGNOSIS),
     (LoadSettings, DIAGNOSIS),
     (ReadingSettings, DIAGNOSIS),
+    (ReadRightlySettings, DIAGNOSIS),
     (ShapelessSettings, DIAGNOSIS),
     (AmbiguitySettings, DIAGNOSIS),
     (ExtrapolationSettings, DIAGNOSIS),

@@ -237,16 +237,59 @@ def test_exchanged_joints_are_not_taken_for_wrong_units():
     assert [warning for warning in milli if warning.kind == "effort_unit"]
 
 
+@pytest.mark.parametrize("exchanged", ["positions", "efforts"])
+def test_two_joints_exchanged_in_one_quantity_alone_are_told(exchanged):
+    time, q, qd, qdd = sines(12.0)
+    effort = MODEL.torque(q, qd, qdd) + noise(len(q))
+    order = [0, 1, 2, 5, 4, 3, 6]
+    read = {
+        "positions": recording(time, q[:, order], effort),
+        "efforts": recording(time, q, effort[:, order]),
+    }
+
+    first, *others = diagnose(read[exchanged], MODEL).findings
+
+    assert first.effect == "wrong_coordinates"
+    assert f"the {exchanged} of wrist_platform and wrist_yaw are exchanged" in first.sentence
+    assert not others
+
+
+@pytest.mark.parametrize(
+    ("turned", "told"),
+    [([2, 4], ["the effort of elbow_pitch has", "the effort of wrist_pitch has"]),
+     (range(7), ["the efforts of all joints have"])],
+)  # fmt: skip
+def test_wrong_signs_of_several_joints_are_told_each_or_as_one(turned, told):
+    time, q, qd, qdd = sines(12.0)
+    effort = MODEL.torque(q, qd, qdd) + noise(len(q))
+    effort[:, turned] *= -1.0
+
+    findings = diagnose(recording(time, q, effort), MODEL).findings
+
+    assert {finding.place for finding in findings} == {f"{words} the wrong sign" for words in told}
+
+
+@pytest.mark.slow
 def test_no_other_reading_is_told_that_makes_held_out_errors_larger():
-    """Positions of two joints are exchanged and efforts are not: no reading that is tried."""
+    """Positions of three joints are exchanged and efforts are not: no reading tried is right."""
     time, q, qd, qdd = sines(12.0)
     effort = MODEL.torque(q, qd, qdd) + noise(len(q))
 
-    diagnosis = diagnose(recording(time, q[:, [0, 1, 2, 5, 4, 3, 6]], effort), MODEL)
+    diagnosis = diagnose(recording(time, q[:, [0, 1, 2, 5, 3, 4, 6]], effort), MODEL)
 
     assert diagnosis.findings
     assert all(finding.gain.relative >= 0.0 for finding in diagnosis.findings)
-    assert "wrong_coordinates" not in {finding.effect for finding in diagnosis.findings}
+
+
+def test_motors_read_as_joints_are_warned_of_beside_a_reference_which_is_read_alike():
+    time, q, qd, qdd = sines(12.0)
+    position = q @ ARM.joint_to_actuator.T
+    effort = MODEL.torque(q, qd, qdd) @ ARM.actuator_to_joint
+    bare, again = (recording(time, position, effort + noise(len(q), seed)) for seed in (1, 2))
+
+    found = diagnose(again, arm=ARM, reference=bare)
+
+    assert [warning.kind for warning in found.warnings].count("coordinates") == 1
 
 
 def test_the_noise_of_the_joints_is_the_same_however_it_was_recorded():

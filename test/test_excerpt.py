@@ -11,7 +11,7 @@ from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import LoadSettings, load
-from dvrk_gravity.diagnosis.run import hypotheses
+from dvrk_gravity.diagnosis.pool import hypotheses
 from dvrk_gravity.effects import Cogging
 from dvrk_gravity.effects.contact import _window
 from dvrk_gravity.errors import RecordingError

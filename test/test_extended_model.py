@@ -14,7 +14,7 @@ from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.diagnosis.extend import extended
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.run import hypotheses
+from dvrk_gravity.diagnosis.pool import hypotheses
 from dvrk_gravity.effects import Hypothesis
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.cogging import RippleHypothesis

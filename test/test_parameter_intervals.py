@@ -12,7 +12,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.run import hypotheses
+from dvrk_gravity.diagnosis.pool import hypotheses
 from dvrk_gravity.recording import Recording
 from testing.world import World
 

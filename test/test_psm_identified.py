@@ -123,6 +123,17 @@ def test_the_same_motion_of_a_real_psm_on_another_day_is_no_news(measured_data):
     assert (diagnosis.verdict, diagnosis.findings) == ("nothing_to_explain", ())
 
 
+@pytest.mark.slow
+def test_a_real_psm_s_motor_coordinates_read_as_joints_are_read_rightly(measured_data):
+    """Although they would take the jaw where the model has never been and says nothing."""
+    model, _ = of_real_psm(measured_data)
+
+    diagnosis = diagnose(measured_data / "psm" / "psm_one_bare.csv", model)
+
+    assert [finding.effect for finding in diagnosis.findings] == ["wrong_coordinates"]
+    assert "these are actuator coordinates" in diagnosis.sentence
+
+
 @cache
 def weight_on_a_real_psm(folder) -> Finding:
     """What is told of 105 g, 535 mm from the remote centre along the insertion, 24 mm beside it."""

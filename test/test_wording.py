@@ -25,7 +25,7 @@ from dvrk_gravity.diagnosis.findings import (
     ordered,
 )
 from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.run import hypotheses
+from dvrk_gravity.diagnosis.pool import hypotheses
 from dvrk_gravity.diagnosis.words import rows, sentence_of, told
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.evidence import Residual

@@ -35,7 +35,7 @@ from dvrk_gravity.diagnosis.other_findings import (
     shapeless_finding,
     unknown_finding,
 )
-from dvrk_gravity.diagnosis.readings import Readings
+from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.refinement import RefinementSettings, plateau
 from dvrk_gravity.diagnosis.selection import EffectTrial, SelectedEffect
 from dvrk_gravity.diagnosis.separate import separation
@@ -67,7 +67,7 @@ _SHAPELESS = ShapelessSettings()
 
 def assemble(
     loaded: Loaded,
-    readings: Readings,
+    wrong: Sequence[WrongReading],
     validation: CrossValidation,
     selected: Sequence[SelectedEffect],
     unknown: Sequence[EffectTrial],
@@ -90,12 +90,11 @@ def assemble(
     model, carried = extended(loaded.motion, found)
     if found:
         model = updated(model, validation, named, held_out)
-    findings = []
+    findings: list[Finding] = []
     first = held_out.as_read()
-    if readings:
-        score, before, alternatives = readings[0]
-        read_rightly, first = first, as_read_before(before, data, held_out)
-        findings.append(reading_finding(score, alternatives, first, read_rightly, held_out))
+    for reading in reversed(wrong):
+        read_rightly, first = first, as_read_before(reading.motion, data, held_out)
+        findings.insert(0, reading_finding(reading, first, read_rightly, held_out))
     effect_findings = []
     for i, effect in enumerate(selected):
         rows = slices[i]
@@ -151,6 +150,7 @@ def assemble(
         ambiguities=ambiguities(validation, named, pool),
         model=model,
         band=data.band,
+        against=data.motion.against,
     )
 
 
@@ -205,8 +205,8 @@ def _finding(
     theta: Array,
     carried: bool,
 ) -> Finding:
-    effect = selected[i]
-    hypothesis = effect.trial.candidate.hypothesis
+    effect, motion = selected[i], validation.data.motion
+    hypothesis = replace(effect.trial.candidate.hypothesis, against=motion.against)
     named = [other.trial.candidate for other in selected]
     # What the others leave to it, in whatever order they were found.
     before = held_out.error([other for k, other in enumerate(named) if k != i], named)
@@ -237,7 +237,8 @@ def _finding(
         ),
         picture=picture_of(validation.data, held_out, hypothesis, joints[0], before, after),
         in_model=carried,
-        remedy=hypothesis.remedy(carried),
+        # What changed against a reference holds no arm.
+        remedy=hypothesis.remedy(carried and bool(motion.model.terms)),
     )
 
 

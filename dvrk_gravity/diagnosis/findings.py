@@ -316,6 +316,7 @@ class Diagnosis:
         weighed: How the payload found compares with the mass that is said to be there; ``None`` if
             none is.
         band: Hz; errors are of what lies below this. ``None`` of static poses.
+        against: What the recordings are compared with, in words: the model, or a reference.
     """
 
     verdict: Verdict
@@ -335,6 +336,7 @@ class Diagnosis:
     in_simulation: InSimulation | None = None
     weighed: Weighed | None = None
     band: float | None = None
+    against: str = "the model"
 
     def __repr__(self) -> str:
         """Give the verdict and the effects, in short."""
@@ -351,10 +353,10 @@ class Diagnosis:
             return self.findings[0].sentence
         ratio = {name: self.after[name] / floor for name, floor in self.floor.items() if floor > 0}
         if not ratio:
-            return "Nothing was found that the model lacks."
+            return f"Nothing was found that {self.against} lacks."
         most = max(ratio, key=lambda name: ratio[name])
         return (
-            "Nothing was found that the model lacks: what it leaves is at most "
+            f"Nothing was found that {self.against} lacks: what it leaves is at most "
             f"{ratio[most]:.2g} times {FLOORS[self.floor_from]} ({most})."
         )
 

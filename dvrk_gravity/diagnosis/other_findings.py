@@ -21,7 +21,7 @@ from dvrk_gravity.diagnosis.findings import (
 )
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.readings import ReadingScore
+from dvrk_gravity.diagnosis.readings import ReadingScore, WrongReading
 from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate
@@ -88,13 +88,10 @@ def reading_gain(
 
 
 def reading_finding(
-    score: ReadingScore,
-    alternatives: Sequence[ReadingScore],
-    before: Array,
-    after: Array,
-    held_out: HeldOut,
+    reading: WrongReading, before: Array, after: Array, held_out: HeldOut
 ) -> Finding:
     """Return the finding that the recording was read wrongly."""
+    score = reading.score
     joints, gain = reading_gain(score, before, after, held_out)
     joint_names = held_out.joint_names
     names = tuple(joint_names[joint] for joint in score.reading.joints)
@@ -111,7 +108,7 @@ def reading_finding(
                 f"{other.reading.words}: log-likelihood gain {other.gain:.0f} "
                 f"against {score.gain:.0f}",
             )
-            for other in alternatives
+            for other in reading.alternatives
         ),
         rejected=(),
         sentence=(

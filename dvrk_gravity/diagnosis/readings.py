@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,8 +66,19 @@ class ReadingScore:
         return large and self.p_value < _SETTINGS.alpha
 
 
-Readings = tuple[tuple[ReadingScore, MeasuredMotion, tuple[ReadingScore, ...]], ...]
-"""Wrong readings: the right one, the motion as it was read before, and others that do as well."""
+@dataclass(frozen=True, eq=False)
+class WrongReading:
+    """A wrong reading.
+
+    Attributes:
+        score: How the right one does.
+        motion: The motion as it was read before.
+        alternatives: Others that do as well.
+    """
+
+    score: ReadingScore
+    motion: MeasuredMotion
+    alternatives: tuple[ReadingScore, ...]
 
 
 def read_as(motion: MeasuredMotion, reading: Reading) -> MeasuredMotion:
@@ -99,35 +111,58 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     few = _thinned(motion, rows)
     usable = ~motion.stuck[rows]
     before = few.residual**2 * usable
-    # What the model may be off by without any other reading.
-    expected = (model_columns(few) ** 2).sum(axis=2).mean(axis=0)
-    if motion.model.uncertainty is not None:
-        expected += np.nan_to_num(motion.model.uncertainty.error) ** 2
-    scale = np.maximum(before.mean(axis=0) + expected, 1e-12)
+    as_it_is = _expected(few)
     alternatives = list(readings(motion.arm, motion.moves))
     scores = []
     farthest = _beyond(few) + _SETTINGS.beyond
-    for reading in alternatives:
-        read = read_as(few, reading)
+    for same_motion in _by_motion(alternatives):
+        read = read_as(few, same_motion[0])
         if _beyond(read) > farthest:
             continue
-        after = read.residual**2 * usable
-        mean = np.maximum(after.mean(axis=0) + expected, 1e-12)
-        gain = 0.5 * (len(rows) / _SETTINGS.independent) * float(np.log(scale / mean).sum())
-        if gain <= 0.0:
-            continue
-        better = np.bincount(block, (np.log(before + 0.1 * scale)
-                                     - np.log(after + 0.1 * scale)).sum(axis=1))  # fmt: skip
-        # Where a joint is held or bears nothing, a block says nothing of its sign: ranks may leave
-        # in doubt what the likelihood, were there but one sample a block, does not.
-        ratio = 0.5 * _SETTINGS.blocks * float(np.log(scale / mean).sum())
-        p_value = 2.0 * min(
-            float(stats.wilcoxon(better, alternative="greater").pvalue),
-            float(stats.chi2.sf(2.0 * ratio, 1)),
-        )
-        removed = float(1.0 - np.sqrt(np.min(mean / scale)))
-        scores.append(ReadingScore(reading, gain, min(1.0, p_value * len(alternatives)), removed))
+        # What a model leaves open where one reading takes the joints beyond all that it was
+        # identified on, a reading that does not may settle.
+        expected = np.minimum(as_it_is, _expected(read))
+        scale = np.maximum(before.mean(axis=0) + expected, 1e-12)
+        for reading in same_motion:
+            after = (few.effort @ reading.effort.T - read.modelled) ** 2 * usable
+            mean = np.maximum(after.mean(axis=0) + expected, 1e-12)
+            # Log-likelihood of a sample.
+            gain = 0.5 * float(np.log(scale / mean).sum())
+            if gain <= 0.0:
+                continue
+            better = np.bincount(block, (np.log(before + 0.1 * scale)
+                                         - np.log(after + 0.1 * scale)).sum(axis=1))  # fmt: skip
+            # Where a joint is held or bears nothing, a block says nothing of its sign: ranks may
+            # leave in doubt what the likelihood, were there but one sample a block, does not.
+            p_value = 2.0 * min(
+                float(stats.wilcoxon(better, alternative="greater").pvalue),
+                float(stats.chi2.sf(2.0 * _SETTINGS.blocks * gain, 1)),
+            )
+            scores.append(
+                ReadingScore(
+                    reading,
+                    len(rows) / _SETTINGS.independent * gain,
+                    min(1.0, p_value * len(alternatives)),
+                    removed=float(1.0 - np.sqrt(np.min(mean / scale))),
+                )
+            )
     return sorted(scores, key=lambda score: -score.gain)
+
+
+def _by_motion(alternatives: Iterable[Reading]) -> Iterable[list[Reading]]:
+    """Return readings in groups that differ in the efforts alone: one torque is theirs."""
+    groups: dict[bytes, list[Reading]] = {}
+    for reading in alternatives:
+        groups.setdefault(reading.motion.tobytes(), []).append(reading)
+    return groups.values()
+
+
+def _expected(motion: MeasuredMotion) -> Array:
+    """Return (n,) mean square of what a model may be off by if a motion is read rightly."""
+    expected: Array = (model_columns(motion) ** 2).sum(axis=2).mean(axis=0)
+    if motion.model.uncertainty is not None:
+        expected += np.nan_to_num(motion.model.uncertainty.error) ** 2
+    return expected
 
 
 def _beyond(motion: MeasuredMotion) -> float:

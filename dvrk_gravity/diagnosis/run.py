@@ -10,22 +10,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.assemble import assemble
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import Diagnosis
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed
 from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.load import Loaded, load
-from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nameless import with_nameless
-from dvrk_gravity.diagnosis.other_findings import as_read_before, reading_gain
-from dvrk_gravity.diagnosis.readings import Readings, ReadingScore, read_as, try_readings
+from dvrk_gravity.diagnosis.read_rightly import read_rightly
+from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
-from dvrk_gravity.diagnosis.refinement import begun
 from dvrk_gravity.diagnosis.selection import (
     EffectTrial,
     SelectedEffect,
@@ -34,10 +30,10 @@ from dvrk_gravity.diagnosis.selection import (
 )
 from dvrk_gravity.diagnosis.significance import Significance
 from dvrk_gravity.diagnosis.weighed import weighed
-from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation.selection import eliminate_backward
+from dvrk_gravity.identification.coordinates import doubt
 from dvrk_gravity.identification.drive_gains import check_mass
 from dvrk_gravity.identification.effort_unit import in_their_unit
 from dvrk_gravity.identification.motion import known_still
@@ -54,9 +50,6 @@ class RunSettings:
     """How the steps of a diagnosis follow each other.
 
     Attributes:
-        reading: Part of the best hypothesis' gain that another reading of the recording must
-            reach. Chosen: a wrong reading explains nearly all, a cause beside it some.
-        alternative: ... and of its gain, that yet another must reach to be told beside it. Chosen.
         doubtful: Times the noise, above which the masses of a model that does not tell how sure it
             is may move along. Chosen.
         moving_gain: Log-likelihood that they must then bring, all costs taken off: what five
@@ -65,8 +58,6 @@ class RunSettings:
         most_minor: Effects told that are significant and of no consequence, one a joint. Chosen.
     """
 
-    reading: float = 0.7
-    alternative: float = 0.97
     doubtful: float = 1.5
     moving_gain: float = 20.0
     attempts: int = 3
@@ -82,7 +73,7 @@ class Outcome:
 
     Attributes:
         loaded: The motion as it was finally read.
-        readings: Wrong readings found, each with the motion read as it was before.
+        wrong: Wrong readings found, in the order in which they were put right.
         validation: The validation.
         selected: Named effects in order.
         unknown: Structure without a name.
@@ -93,7 +84,7 @@ class Outcome:
     """
 
     loaded: Loaded
-    readings: Readings
+    wrong: tuple[WrongReading, ...]
     validation: CrossValidation
     selected: tuple[SelectedEffect, ...]
     unknown: tuple[EffectTrial, ...]
@@ -155,7 +146,7 @@ def diagnose(
     outcome = investigate(loaded, say)
     say("measuring gains on held-out blocks")
     diagnosis = assemble(
-        outcome.loaded, outcome.readings, outcome.validation, outcome.selected, outcome.unknown,
+        outcome.loaded, outcome.wrong, outcome.validation, outcome.selected, outcome.unknown,
         outcome.unconfirmed, outcome.minor, outcome.other_day, outcome.pool,
     )  # fmt: skip
     if known_payload is not None:
@@ -190,6 +181,10 @@ def _beside_reference(
         before.read(recording)
     if before.skipped:  # the last of them
         raise RecordingError(heads[1].source, "is what is diagnosed, too: expected another one")
+    # Of two that are misread alike the difference looks like physics.
+    whole = loaded.motion.present.all() and not model.arm.direct_drive
+    doubts = doubt(other, model.arm, heads[1].coordinates) if whole else ()
+    loaded = replace(loaded, warnings=(*loaded.warnings, *doubts))
     sure = replace(model, uncertainty=None)  # what it does not know, it does not know in either
     loaded = replace(loaded, motion=replace(loaded.motion, model=sure))
     return compared(
@@ -199,7 +194,8 @@ def _beside_reference(
 
 def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     """Choose readings, effects and nameless structure."""
-    loaded, readings, validation, pool = _read_rightly(loaded, say)
+    read = read_rightly(loaded, say)
+    loaded, validation, pool = read.loaded, read.validation, read.pool
     # One link before all of them: what every mass together explains is no cause yet.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.of_model]
     selection = Selection(validation, sparse, say)
@@ -222,52 +218,8 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     other_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
     selected = [effect for effect in selected if not effect.trial.other_day]
     minor = _minor(validation, sparse, selected, unknown)
-    return Outcome(loaded, readings, validation, tuple(selected), tuple(unknown),
+    return Outcome(loaded, read.wrong, validation, tuple(selected), tuple(unknown),
                    tuple(unconfirmed), tuple(minor), tuple(other_day), tuple(pool))  # fmt: skip
-
-
-def _read_rightly(
-    loaded: Loaded, say: Callable[[str], None]
-) -> tuple[Loaded, Readings, CrossValidation, list[Candidate]]:
-    """Return the motion as it is to be read, how it is not, and what it is examined with.
-
-    Another reading must do about as well as the best hypothesis, by its own rough measure and then
-    by that of the hypotheses: the model's parameters move beside both. And it must gain on the
-    held-out blocks what a hypothesis must.
-    """
-    validation, pool = _prepare(loaded.motion, say)
-    # Of two recordings of one motion both are read alike.
-    scores = try_readings(loaded.motion) if loaded.motion.reference is None else []
-    if not scores or not scores[0].passes:
-        return loaded, (), validation, pool
-    as_it_is = validation.score([])
-    best = Selection(validation, pool, say).best([], as_it_is)
-    least = _SETTINGS.reading * (best[0].gain if best else 0.0)
-    if scores[0].gain <= least:
-        return loaded, (), validation, pool
-    validation.release()
-    del validation, pool  # of a long recording there is no room for two
-    motion = read_as(loaded.motion, scores[0].reading)
-    validation, pool = _prepare(motion, say)
-    if validation.score([]).likelihood - as_it_is.likelihood <= least or not _held_out_gains(
-        validation, loaded.motion, scores[0]
-    ):
-        return loaded, (), *_prepare(loaded.motion, say)
-    say(f"wrong reading: {scores[0].reading.words}")
-    limit = _SETTINGS.alternative * scores[0].gain
-    alternatives = tuple(score for score in scores[1:] if score.gain > limit)
-    readings = ((scores[0], loaded.motion, alternatives),)
-    return replace(loaded, motion=motion), readings, validation, pool
-
-
-def _held_out_gains(
-    validation: CrossValidation, motion: MeasuredMotion, score: ReadingScore
-) -> bool:
-    """Tell whether another reading than a motion's is better on the held-out blocks."""
-    held_out = HeldOut(validation)
-    before = as_read_before(motion, validation.data, held_out)
-    _, gain = reading_gain(score, before, held_out.as_read(), held_out)
-    return gain.relative > held_out.settings.least_removed
 
 
 def _minor(
@@ -376,26 +328,6 @@ def _held_out_confirms(
     failures: dict[int, Unconfirmed] = {}
     kept = eliminate_backward(chosen, failing, lambda gone: failed.append(failures[id(gone)]))
     return kept, failed
-
-
-def hypotheses(motion: MeasuredMotion) -> Iterable[Hypothesis]:
-    """Yield every hypothesis that needs no search in the residual."""
-    for effect in effects.effects():
-        yield from effect.hypotheses(motion)
-
-
-def _prepare(
-    motion: MeasuredMotion, say: Callable[[str], None]
-) -> tuple[CrossValidation, list[Candidate]]:
-    say("building hypotheses")
-    validation = CrossValidation(FilteredData.of(motion))
-    pool = list(validation.candidates(hypotheses(motion)))
-    pool = [
-        candidate
-        for candidate in pool
-        if np.isfinite(candidate.values).all() and candidate.acts.any()
-    ]
-    return validation, [begun(validation, candidate) for candidate in pool]
 
 
 def _silent(line: str) -> None:

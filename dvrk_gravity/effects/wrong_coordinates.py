@@ -46,6 +46,8 @@ def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
         words = "these are {} coordinates, read as {} coordinates"
         yield Reading(words.format("actuator", "joint"), (), forth, back.T)
         yield Reading(words.format("joint", "actuator"), (), back, forth.T)
+    if len(eye) > 1:
+        yield Reading("the efforts of all joints have the wrong sign", (), eye, -eye)
     for joint in np.flatnonzero(moves).tolist():
         flip = np.diag(np.where(np.arange(len(eye)) == joint, -1.0, 1.0))
         name = arm.joint_names[joint]
@@ -56,5 +58,8 @@ def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
         for second in range(first + 1, len(eye)):
             order = np.arange(len(eye))
             order[[first, second]] = (second, first)
-            words = f"{arm.joint_names[first]} and {arm.joint_names[second]} are exchanged"
-            yield Reading(words, (first, second), eye[order], eye[order])
+            exchange, pair = eye[order], (first, second)
+            names = " and ".join(arm.joint_names[joint] for joint in pair)
+            yield Reading(f"{names} are exchanged", pair, exchange, exchange)
+            yield Reading(f"the efforts of {names} are exchanged", pair, eye, exchange)
+            yield Reading(f"the positions of {names} are exchanged", pair, exchange, eye)

@@ -1,0 +1,32 @@
+"""What a motion is examined with: its filtered data, and every hypothesis that needs no search."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from dvrk_gravity import effects
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.refinement import begun
+from dvrk_gravity.effects.base.effect import Hypothesis
+
+
+def hypotheses(motion: MeasuredMotion) -> Iterable[Hypothesis]:
+    """Yield every hypothesis that needs no search in the residual."""
+    for effect in effects.effects():
+        yield from effect.hypotheses(motion)
+
+
+def prepared(motion: MeasuredMotion) -> tuple[CrossValidation, list[Candidate]]:
+    """Return what compares hypotheses about a motion, and those that need no search."""
+    validation = CrossValidation(FilteredData.of(motion))
+    pool = [
+        candidate
+        for candidate in validation.candidates(hypotheses(motion))
+        if np.isfinite(candidate.values).all() and candidate.acts.any()
+    ]
+    return validation, [begun(validation, candidate) for candidate in pool]

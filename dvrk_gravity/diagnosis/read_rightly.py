@@ -1,0 +1,99 @@
+"""A recording that is read wrongly is read rightly before any physics is blamed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.held_out import HeldOut
+from dvrk_gravity.diagnosis.load import Loaded
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.other_findings import as_read_before, reading_gain
+from dvrk_gravity.diagnosis.pool import prepared
+from dvrk_gravity.diagnosis.readings import ReadingScore, WrongReading, read_as, try_readings
+from dvrk_gravity.diagnosis.selection import Selection
+
+
+@dataclass(frozen=True)
+class ReadRightlySettings:
+    """When a recording is read in another way than it was given.
+
+    Attributes:
+        share: Part of the best hypothesis' gain that another reading of the recording must reach.
+            Chosen: a wrong reading explains nearly all, a cause beside it some.
+        alternative: ... and of its gain, that yet another must reach to be told beside it. Chosen.
+        most: Wrong readings found one after the other: a bound on time.
+    """
+
+    share: float = 0.7
+    alternative: float = 0.97
+    most: int = 3
+
+
+_SETTINGS = ReadRightlySettings()
+
+
+@dataclass(frozen=True, eq=False)
+class ReadRightly:
+    """A recording as it is to be read, and how it is not.
+
+    Attributes:
+        loaded: The motion.
+        wrong: Wrong readings, in the order in which they were put right.
+        validation: What compares hypotheses about the motion.
+        pool: Hypotheses that need no search.
+    """
+
+    loaded: Loaded
+    wrong: tuple[WrongReading, ...]
+    validation: CrossValidation
+    pool: list[Candidate]
+
+
+def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
+    """Return the motion as it is to be read.
+
+    Another reading must do about as well as the best hypothesis, by its own rough measure and then
+    by that of the hypotheses: the model's parameters move beside both. And it must gain on the
+    held-out blocks what a hypothesis must.
+    """
+    say("building hypotheses")
+    wrong: list[WrongReading] = []
+    validation, pool = prepared(loaded.motion)
+    # Of two recordings of one motion both are read alike.
+    while loaded.motion.reference is None and len(wrong) < _SETTINGS.most:
+        scores = try_readings(loaded.motion)
+        if not scores or not scores[0].passes:
+            break
+        as_it_is = validation.score([])
+        best = Selection(validation, pool, say).best([], as_it_is)
+        least = _SETTINGS.share * (best[0].gain if best else 0.0)
+        if scores[0].gain <= least:
+            break
+        validation.release()
+        del validation, pool, best  # of a long recording there is no room for two
+        say("building hypotheses")
+        motion = read_as(loaded.motion, scores[0].reading)
+        validation, pool = prepared(motion)
+        gain = validation.score([]).likelihood - as_it_is.likelihood
+        if gain <= least or not _held_out_gains(validation, loaded.motion, scores[0]):
+            validation, pool = prepared(loaded.motion)
+            break
+        say(f"wrong reading: {scores[0].reading.words}")
+        limit = _SETTINGS.alternative * scores[0].gain
+        alternatives = tuple(score for score in scores[1:] if score.gain > limit)
+        wrong.append(WrongReading(scores[0], loaded.motion, alternatives))
+        loaded = replace(loaded, motion=motion)
+    return ReadRightly(loaded, tuple(wrong), validation, pool)
+
+
+def _held_out_gains(
+    validation: CrossValidation, motion: MeasuredMotion, score: ReadingScore
+) -> bool:
+    """Tell whether another reading than a motion's is better on the held-out blocks."""
+    held_out = HeldOut(validation)
+    before = as_read_before(motion, validation.data, held_out)
+    _, gain = reading_gain(score, before, held_out.as_read(), held_out)
+    return gain.relative > held_out.settings.least_removed
