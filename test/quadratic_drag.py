@@ -101,7 +101,7 @@ class DragHypothesis(Hypothesis):
     """A joint stirs a fluid that the model does not know."""
 
     EFFECT = QuadraticDrag
-    CLAIM = "{where} stirs a fluid: {coefficient} drag than the model"
+    CLAIM = "{where} stirs a fluid: {coefficient} drag than {model}"
 
     variable: str = "velocity"
 

@@ -13,8 +13,9 @@ from test_own_arm import record, run
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree, nominal_inertias
+from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation.same_motion import Track, same_motion
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
@@ -66,6 +67,10 @@ def test_a_load_is_weighed_without_a_model(world, bare, loaded):
         assert load.parameters[axis].value == pytest.approx(coordinate, abs=0.01)
     assert "the torque scale agrees" in found.weighed.sentence
     assert found.model.verdict == "do_not_compensate"  # it holds the change alone
+    assert "that the reference does not know" in found.sentence
+    assert not [words for words in (found.sentence, load.remedy) if "model" in words]
+    with pytest.raises(ConfigError, match="only what changed against a reference"):
+        Settings.from_parameters(found.model.parameters())
 
 
 def test_what_is_wrong_with_both_recordings_is_said_once(bare, loaded):

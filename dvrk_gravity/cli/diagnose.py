@@ -117,6 +117,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
 
     from dvrk_gravity.diagnosis.findings import FLOORS
     from dvrk_gravity.diagnosis.known import ERROR
+    from dvrk_gravity.effects.unknown import Unknown
 
     lines = [f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}"]
     if diagnosis.findings:
@@ -133,7 +134,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
             f"   or {other.effect} at {', '.join(other.joints) or 'the arm'}: {other.why}"
             for other in finding.alternatives
         ]
-        if not finding.in_model and finding.effect != "unknown":
+        if not finding.in_model and finding.effect != Unknown.NAME:
             lines.append("   (not in the extended model: no term of a model file carries it)")
     known = [entry for entry in diagnosis.known if entry.effect != ERROR]
     if known:
@@ -158,16 +159,19 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     head = f"held-out RMSE [{unit}]"
     width = max(len(head), *(2 + len(joint) for joint in diagnosis.before))
     lines.append(f"errors {diagnosis.compared}:")
-    words = ("before", "after", "floor", "expected")
-    lines.append(f"{head:<{width}}" + "".join(f" {word:>9}" for word in words))
+    columns = dict(zip(("before", "after", "floor", "expected"), diagnosis.errors, strict=True))
+    told = f"floor: {FLOORS[diagnosis.floor_from]}"
+    if np.isfinite(list(diagnosis.expected.values())).any():
+        told += "; expected: of the model, by its own uncertainty"
+    else:
+        del columns["expected"]
+    lines.append(f"{head:<{width}}" + "".join(f" {word:>9}" for word in columns))
     lines += [
         f"{f'  {joint}':<{width}}"
-        + "".join(f" {shown(column[joint])}" for column in diagnosis.errors)
+        + "".join(f" {shown(column[joint])}" for column in columns.values())
         for joint in diagnosis.before
     ]
-    lines.append(
-        f"floor: {FLOORS[diagnosis.floor_from]}; expected: of the model, by its own uncertainty"
-    )
+    lines.append(told)
     if diagnosis.in_simulation is not None:
         from dvrk_gravity.report.in_simulation import line
 

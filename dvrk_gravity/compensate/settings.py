@@ -111,7 +111,6 @@ class Settings:
         checked = check_all(declared, values, BY_EFFECTS)
         defaults = {name: entry.default for name, entry in declared.items()}
         value: dict[str, Any] = defaults | checked
-        _require_weight(arm, value)
         of_model = {name: checked[name] for name in model_parameters(arm) if name in checked}
         if before is not None and of_model == before._given:
             model = before.model
@@ -122,6 +121,7 @@ class Settings:
             why = f"{first}; …" if more else first
             expected = f"a model to compensate with, or allow_poor_model: true ({why})"
             raise ConfigError(VERDICT_PARAMETER.name, model.verdict, expected)
+        _require_weight(arm, value)
         limits = EffortLimits(
             arm,
             np.minimum(value["effort_limit"] or np.inf, arm.effort_limit),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +90,8 @@ def known(
 
 
 def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Candidate]) -> Known:
-    candidate, hypothesis = trial.candidate, trial.candidate.hypothesis
+    candidate, motion = trial.candidate, validation.data.motion
+    hypothesis = replace(candidate.hypothesis, against=motion.against)
     theta, covariance = validation.fit([*named, candidate])
     rows = slice(len(theta) - candidate.size, len(theta))
     parameters = estimates(hypothesis, theta[rows], covariance[rows, rows], {})

@@ -58,7 +58,7 @@ class TiltHypothesis(Hypothesis):
     """
 
     EFFECT = BaseTilt
-    CLAIM = "the base is tilted against the model's, by {roll} of roll and {pitch} of pitch"
+    CLAIM = "the base is tilted against {model}'s, by {roll} of roll and {pitch} of pitch"
 
     knows_shaft: bool
     fixed_point: tuple[str, ...] = ("roll", "pitch")

@@ -324,13 +324,13 @@ class CoulombHypothesis(Hypothesis):
         where, told = self.site.words(self.arm), self._told(parameters)
         up, down = (parameters[name] for name in ("positive", "negative"))
         if up == down:
-            return f"{where} has {told['positive']} Coulomb friction than the model"
+            return f"{where} has {told['positive']} Coulomb friction than {self.against}"
         if up.value * down.value > 0.0 and not (up.doubtful(0.0) or down.doubtful(0.0)):
             levels = f"{up.magnitude.shown} moving up, {down.magnitude.shown} moving down"
             way = MORE[up.value < 0.0]
-            return f"{where} has {way} Coulomb friction than the model: {levels}"
+            return f"{where} has {way} Coulomb friction than {self.against}: {levels}"
         levels = f"{told['positive']} moving up, {told['negative']} moving down"
-        return f"{where} has another Coulomb friction than the model: {levels}"
+        return f"{where} has another Coulomb friction than {self.against}: {levels}"
 
 
 def with_coulomb(arm: Arm, values: Values, where: site.Site, levels: Array) -> dict[str, Any]:

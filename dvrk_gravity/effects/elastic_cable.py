@@ -189,7 +189,7 @@ class CableHypothesis(Hypothesis):
     """
 
     EFFECT = ElasticCable
-    CLAIM = "{joint} has {stiffness} stiffness than the model"
+    CLAIM = "{joint} has {stiffness} stiffness than {model}"
 
     degree: int
     middle: float
@@ -253,6 +253,6 @@ class CableHypothesis(Hypothesis):
             return super().claim(parameters)
         told = self._told(parameters)
         return (
-            f"an elastic torque beside the model's pulls at {self.names[0]}, from "
+            f"an elastic torque beside {self.against}'s pulls at {self.names[0]}, from "
             f"{told['lowest']} to {told['highest']} over its way"
         )

@@ -1,4 +1,4 @@
-"""Links whose weight is not where the model has it."""
+"""Links whose weight is not where {self.against} has it."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class MomentHypothesis(Hypothesis):
         )
         link = self.site.words(self.arm)
         return (
-            f"the centre of mass of {link} is not where the model has it: "
+            f"the centre of mass of {link} is not where {self.against} has it: "
             f"its weight moment is off by {along}"
         )
 
@@ -162,7 +162,7 @@ class BetaHypothesis(Hypothesis):
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""
         name, told = gravity.BETA_NAMES[self.entry], self._told(parameters)["delta_beta"]
-        return f"the model's weight moment {name} of {self.site.words(self.arm)} is {told}"
+        return f"{self.against}'s weight moment {name} of {self.site.words(self.arm)} is {told}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -170,7 +170,7 @@ class AllWeightsHypothesis(Hypothesis):
     """Beta as a whole is another one."""
 
     EFFECT = LinkCom
-    CLAIM = "the links' weights as a whole are others than the model's"
+    CLAIM = "the links' weights as a whole are others than {model}'s"
 
     of_model: bool = True
 
@@ -205,7 +205,7 @@ class LinkWeightsHypothesis(Hypothesis):
     """
 
     EFFECT = LinkCom
-    CLAIM = "the links' weights as a whole are others than the model's"
+    CLAIM = "the links' weights as a whole are others than {model}'s"
 
     directions: Array
     of_model: bool = True

@@ -171,9 +171,9 @@ class InertiaHypothesis(Hypothesis):
         """See :meth:`Hypothesis.claim`."""
         told, joint = self._told(parameters), self.names[0]
         if self.isotropic:
-            return f"the link of {joint} has {told['inertia']} inertia than the model's"
+            return f"the link of {joint} has {told['inertia']} inertia than {self.against}'s"
         about = ", ".join(f"{value} about {name[-1]}" for name, value in told.items())
-        return f"the link of {joint} has another inertia than the model's: {about}"
+        return f"the link of {joint} has another inertia than {self.against}'s: {about}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -184,7 +184,7 @@ class AllInertiaHypothesis(Hypothesis):
     """
 
     EFFECT = LinkInertia
-    CLAIM = "the links' inertias as a whole are others than the model's"
+    CLAIM = "the links' inertias as a whole are others than {model}'s"
 
     variable: str = "acceleration"
     of_model: bool = True

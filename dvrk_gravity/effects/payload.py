@@ -179,10 +179,10 @@ class Payload(Term):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PayloadHypothesis(Hypothesis):
-    """A link carries a point mass that the model does not know."""
+    """A link carries a point mass that {model} does not know."""
 
     EFFECT = Payload
-    CLAIM = "{where} carries {mass} that the model does not know"
+    CLAIM = "{where} carries {mass} that {model} does not know"
 
     fixed_point: tuple[str, ...] = AXES
     far_from_start: bool = True  # a link may turn about its frame's origin, where a mass is nothing

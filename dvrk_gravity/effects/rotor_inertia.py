@@ -126,7 +126,7 @@ class RotorHypothesis(Hypothesis):
     """A motor's rotor has another inertia."""
 
     EFFECT = RotorInertia
-    CLAIM = "{where} has {inertia} rotor inertia than the model"
+    CLAIM = "{where} has {inertia} rotor inertia than {model}"
 
     variable: str = "acceleration"
 

@@ -160,7 +160,7 @@ class ViscousHypothesis(Hypothesis):
     """Viscous friction at a joint or a motor."""
 
     EFFECT = ViscousFriction
-    CLAIM = "{where} has {coefficient} viscous friction than the model"
+    CLAIM = "{where} has {coefficient} viscous friction than {model}"
 
     variable: str = "velocity"
 

@@ -81,7 +81,8 @@ class Hypothesis(ABC):
     Class attributes:
         EFFECT: The effect.
         CLAIM: What is claimed, with ``{where}`` (the site), ``{joint}`` and ``{other}`` (the first
-            and the second of :attr:`joints`), and parameters in words by their names.
+            and the second of :attr:`joints`), ``{model}`` (what it is compared with), and
+            parameters in words by their names.
 
     Attributes:
         arm: The arm.
@@ -106,6 +107,7 @@ class Hypothesis(ABC):
         alignment: It is about where joints or base are, which few motions tell from one another.
         of_state: Its torque is a function of position, velocity and acceleration at one time.
         shifts_positions: It changes what positions mean: merged into a model before others.
+        against: What claims compare with, in words: the model, or a reference in its place.
     """
 
     EFFECT: ClassVar[type[Effect]]
@@ -128,6 +130,7 @@ class Hypothesis(ABC):
     alignment: bool = False
     of_state: bool = True
     shifts_positions: bool = False
+    against: str = "the model"
 
     @abstractmethod
     def build(self, motion: Motion, setting: Setting) -> Array:
@@ -238,10 +241,11 @@ class Hypothesis(ABC):
         return "; or ".join(part for part in (what, model) if part)
 
     def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
-        """Return what claims call site and joint."""
+        """Return what claims call site, joint and model."""
         del parameters
         joint, other, *_ = (*self.names, "", "")
-        return {"where": self.site.words(self.arm), "joint": joint, "other": other}
+        where = self.site.words(self.arm)
+        return {"where": where, "joint": joint, "other": other, "model": self.against}
 
     def _told(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
         """Return the parameters in words."""
