@@ -178,6 +178,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         lines.append(line(diagnosis.in_simulation, diagnosis.model.arm))
     if diagnosis.weighed is not None:
         lines.append(f"known payload: {diagnosis.weighed.sentence}")
+    lines += [f"extrapolated: {line}" for line in diagnosis.outside]
     lines += [f"warning: {warning}" for warning in diagnosis.warnings]
     lines.append(f"written: {out}/findings.json, extended_model.yaml, report.html")
     return "\n".join(lines)

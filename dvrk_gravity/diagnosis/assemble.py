@@ -28,6 +28,7 @@ from dvrk_gravity.diagnosis.findings import (
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed, estimates, setting_columns
 from dvrk_gravity.diagnosis.known import expected_error, known
 from dvrk_gravity.diagnosis.load import Loaded
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.other_findings import (
     as_read_before,
     picture_of,
@@ -63,6 +64,7 @@ class ShapelessSettings:
 
 
 _SHAPELESS = ShapelessSettings()
+_EXTRAPOLATED = "what the model says there is extrapolated, and counts as uncertain"
 
 
 def assemble(
@@ -134,6 +136,7 @@ def assemble(
         shapeless_finding(arm, joint, residual_rmse[joint], floor[joint], source)
         for joint in shapeless
     ]
+    outside = _outside(data.motion)
     return Diagnosis(
         verdict=_verdict(findings),
         findings=tuple(findings),
@@ -146,11 +149,16 @@ def assemble(
         samples=int((data.block >= 0).sum()),
         held_out=held_out.samples,
         warnings=loaded.warnings,
-        notes=(*_notes(loaded, validation, floor), *(str(effect) for effect in unconfirmed)),
+        notes=(
+            *_notes(loaded, validation, floor),
+            *(f"{line}: {_EXTRAPOLATED}" for line in outside),
+            *(str(effect) for effect in unconfirmed),
+        ),
         ambiguities=ambiguities(validation, named, pool),
         model=model,
         band=data.band,
         against=data.motion.against,
+        outside=outside,
     )
 
 
@@ -314,14 +322,19 @@ def _certainty(data: FilteredData) -> list[str]:
             "where much was left, as free as links plausibly weigh (their prior in "
             "docs/diagnosis.md)"
         ]
-    notes = [
+    return [
         f"the model's parameters could move in {uncertainty.size} directions as far as their "
         "identification left them uncertain, and its known error counted as noise"
     ]
+
+
+def _outside(motion: MeasuredMotion) -> tuple[str, ...]:
+    """Return where a motion is outside what the model was identified on, one sentence each."""
+    uncertainty = motion.model.uncertainty
+    if uncertainty is None or motion.reference is not None:
+        return ()
     qd = None if motion.static else motion.qd
-    outside = uncertainty.outside(motion.arm.joints, motion.true_q, qd, motion.present)
-    extrapolated = "what the model says there is extrapolated, and counts as uncertain"
-    return [*notes, *(f"{line}: {extrapolated}" for line in outside)]
+    return tuple(uncertainty.outside(motion.arm.joints, motion.true_q, qd, motion.present))
 
 
 def _notes(loaded: Loaded, validation: CrossValidation, floor: Array) -> tuple[str, ...]:

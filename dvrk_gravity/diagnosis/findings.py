@@ -317,6 +317,7 @@ class Diagnosis:
             none is.
         band: Hz; errors are of what lies below this. ``None`` of static poses.
         against: What the recordings are compared with, in words: the model, or a reference.
+        outside: Where joints are beyond what the model was identified on, one sentence each.
     """
 
     verdict: Verdict
@@ -337,6 +338,7 @@ class Diagnosis:
     weighed: Weighed | None = None
     band: float | None = None
     against: str = "the model"
+    outside: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Give the verdict and the effects, in short."""

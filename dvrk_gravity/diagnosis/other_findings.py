@@ -47,18 +47,16 @@ def unknown_finding(
     rms = float(
         np.sqrt(max(held_out.rmse(before)[joint] ** 2 - held_out.rmse(after)[joint] ** 2, 0.0))
     )
+    parameters = {"rms": Estimate(rms, rms, rms, hypothesis.unit("rms"))}
     return Finding(
         effect=Unknown.NAME,
         joints=hypothesis.names,
         place=hypothesis.place,
-        parameters={"rms": Estimate(rms, rms, rms, hypothesis.unit("rms"))},
+        parameters=parameters,
         gain=gain,
         alternatives=(),
         rejected=(),
-        sentence=(
-            f"{hypothesis.names[0]} has structure of {quantity(rms, hypothesis.unit('rms'))} RMS "
-            f"that depends on {hypothesis.place}, and no known effect explains it"
-        ),
+        sentence=hypothesis.claim(parameters),
         picture=picture_of(validation.data, held_out, hypothesis, joint, before, after),
         in_model=False,
         remedy=Unknown.REMEDY,

@@ -137,7 +137,7 @@ class PushHypothesis(Hypothesis):
     """Something pushes a joint for a while: no function of the state, and in no model file."""
 
     EFFECT = Contact
-    CLAIM = "something outside pushes {joint} with {torque} from {start} to {end}"
+    CLAIM = "something outside pushes {joint} with {torque} between {start} and {end}"
 
     form: str = "for a while"
     refine: tuple[str, ...] = ("start", "end")

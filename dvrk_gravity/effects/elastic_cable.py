@@ -253,6 +253,6 @@ class CableHypothesis(Hypothesis):
             return super().claim(parameters)
         told = self._told(parameters)
         return (
-            f"an elastic torque beside {self.against}'s pulls at {self.names[0]}, from "
-            f"{told['lowest']} to {told['highest']} over its way"
+            f"an elastic torque beside {self.against}'s pulls at {self.names[0]}, between "
+            f"{told['lowest']} and {told['highest']} over its way"
         )

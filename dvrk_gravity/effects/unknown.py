@@ -13,7 +13,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, spread
 from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
 
 Array = NDArray[np.float64]
 Basis = Callable[[Motion], Array]
@@ -45,12 +45,17 @@ class NamelessHypothesis(Hypothesis):
 
     Attributes:
         basis: Returns (N, k) functions at the samples of a motion.
+        what: What it is a function of, as a sentence says it.
         of: Joint whose variable it is a function of; ``None``: of several, or of time.
     """
 
     EFFECT = Unknown
+    CLAIM = (
+        "{joint} has structure of {rms} RMS that depends on {what}, and no known effect explains it"
+    )
 
     basis: Basis
+    what: str
     of: int | None = None
     of_state: bool = False
 
@@ -63,6 +68,10 @@ class NamelessHypothesis(Hypothesis):
         """See :meth:`Hypothesis.describe`."""
         del setting
         return {"rms": float(np.sqrt(np.mean(theta**2)))}
+
+    def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
+        """See :meth:`Hypothesis.words`."""
+        return {**super().words(parameters), "what": self.what}
 
     @property
     def depends_on(self) -> int | None:
@@ -79,27 +88,34 @@ def nameless(motion: Motion, joints: Sequence[int]) -> Iterator[NamelessHypothes
             for kind in kinds:
                 form = f"{kind} of {arm.joint_names[other]}"
                 basis = partial(_of_variable, kind=kind, other=other)
-                yield _smooth(arm, joint, form, kind, basis, other)
+                yield _smooth(arm, joint, form, f"the {form}", kind, basis, other)
         if not motion.static:
-            yield _smooth(arm, joint, "time", "time", _of_time)
+            yield _smooth(arm, joint, "time", "time", "time", _of_time)
             if motion.moves[joint]:
                 for other in moving:
-                    form = f"its direction and position of {arm.joint_names[other]}"
+                    form = f"its direction and the position of {arm.joint_names[other]}"
                     basis = partial(_by_direction, joint=joint, other=other)
-                    yield _smooth(arm, joint, form, "position", basis)
+                    yield _smooth(arm, joint, form, form, "position", basis)
         for other in moving:
             if other != joint and motion.moves[joint]:
                 pair = f"{arm.joint_names[joint]} and {arm.joint_names[other]}"
                 basis = partial(_products, joint=joint, other=other)
-                yield _smooth(arm, joint, f"positions of {pair} together", "position", basis)
+                form = f"positions of {pair} together"
+                yield _smooth(arm, joint, form, f"the {form}", "position", basis)
 
 
 def _smooth(
-    arm: Arm, joint: int, form: str, variable: str, basis: Basis, of: int | None = None
+    arm: Arm,
+    joint: int,
+    form: str,
+    what: str,
+    variable: str,
+    basis: Basis,
+    of: int | None = None,
 ) -> NamelessHypothesis:
     return NamelessHypothesis(
-        arm=arm, site=site.joint(joint), joints=(joint,), form=form, variable=variable,
-        basis=basis, of=of,
+        arm=arm, site=site.joint(joint), joints=(joint,), form=form, what=what,
+        variable=variable, basis=basis, of=of,
     )  # fmt: skip
 
 

@@ -50,10 +50,10 @@ def section(result: InSimulation, arm: Arm) -> str:
 
 
 def line(result: InSimulation, arm: Arm) -> str:
-    """Return the same for the terminal: the joint that gains most."""
-    said, joint = [], None
+    """Return the same for the terminal: of the joint that is off most with the given model."""
+    said = []
     if result.before is not None and result.after is not None:
-        joint = int(np.argmin(result.after / np.maximum(result.before, 1e-12)))
+        joint = int(np.argmax(result.before / arm.scale))
         said.append(
             f"{arm.joint_names[joint]}'s position after {WINDOW:g} s is off by "
             f"{1e3 * result.after[joint]:.1f} instead of {1e3 * result.before[joint]:.1f} "
@@ -61,18 +61,19 @@ def line(result: InSimulation, arm: Arm) -> str:
         )
     for drift in result.drifts:
         before, after = _largest(drift.before, arm), _largest(drift.after, arm)
-        gain = before - after
-        # A joint that the others throw about may go farther than the one that is pulled.
-        if joint is None or gain[joint] < _LEAST_DRIFT:
-            joint = int(np.argmax(gain))
+        joint = int(np.argmax(before))
         with_friction = f"with {100 * drift.friction:.0f} % of its friction"
-        if gain[joint] > _LEAST_DRIFT:
+        if abs(before[joint] - after[joint]) > _LEAST_DRIFT:
             said.append(
                 f"{with_friction} {arm.joint_names[joint]} drifts {after[joint]:.1f} "
                 f"instead of {before[joint]:.1f} {shown_position(arm)[joint][1]} in {DURATION:g} s"
             )
         else:
-            said.append(f"{with_friction} the drift is the same")
+            said.append(
+                f"{with_friction} the drift is about the same"
+                f" ({arm.joint_names[joint]}, {after[joint]:.1f} "
+                f"{shown_position(arm)[joint][1]})"
+            )
     return "in the simulator: " + "; ".join([*said, *result.notes])
 
 
