@@ -73,6 +73,21 @@ def test_likelihood_ratio_p_values_are_uniform_in_the_sample_and_no_smaller_out_
     assert np.mean(np.array(outside) <= 0.05) <= band(0.05, 1500)[1]
 
 
+@pytest.mark.parametrize("parameters", [1, 3])
+def test_p_values_are_uniform_in_units_of_a_variance_estimated_from_few_and_chi_square_s_are_not(
+    parameters,
+):
+    random, freedom = np.random.default_rng(3), 20
+    estimated = (random.normal(size=(4000, freedom)) ** 2).mean(axis=1)
+    gains = 0.5 * (random.normal(size=(4000, parameters)) ** 2).sum(axis=1) / estimated
+
+    told = [evidence.variance_ratio(gain, parameters, freedom) for gain in gains]
+    as_if_known = [evidence.likelihood_ratio(gain, parameters) for gain in gains]
+
+    assert stats.kstest(told, "uniform").pvalue > 0.001
+    assert np.mean(np.array(as_if_known) <= 0.001) > 3.0 * 0.001
+
+
 def test_errors_beyond_a_variance_known_before_are_student_s_and_smaller_ones_gaussian():
     """Against SciPy's densities of n errors of one size."""
     size, known, freedom = 12, 0.3, 7.0

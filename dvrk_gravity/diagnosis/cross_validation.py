@@ -295,8 +295,9 @@ class CrossValidation:
         gained = self.significance.gain(before.rms**2, after.rms**2, samples).sum()
         spared = self.significance.of_model(before.improbable - after.improbable)
         return self.significance.p_value(
-            (before.loss - after.loss)[acts], float(gained) + spared, candidate.size
-        )
+            (before.loss - after.loss)[acts], float(gained) + spared, candidate.size,
+            candidate.hypothesis.transient,
+        )  # fmt: skip
 
     def inflation(self, error: Array, torque: Array) -> Array:
         """Return (n,) inflations, see :meth:`Significance.inflation`, of (R, n) errors."""

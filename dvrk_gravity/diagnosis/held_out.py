@@ -252,6 +252,7 @@ class HeldOut:
             losses(before, tested) - losses(after, tested),
             float(gained),
             1 if candidate is None else candidate.size,
+            transient=candidate is not None and candidate.hypothesis.transient,
         )
         return Gain(float(relative(new, old, 0)), low, high, p_value)
 

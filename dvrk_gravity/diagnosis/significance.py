@@ -72,19 +72,25 @@ class Significance:
         """Return what a gain counts that is one in the log-density of the model's parameters."""
         return evidence.of_student(likelihood, self.settings.freedom)
 
-    def p_value(self, by_block: Array, ratio: float, parameters: int) -> float:
+    def p_value(
+        self, by_block: Array, ratio: float, parameters: int, transient: bool = False
+    ) -> float:
         """Return the one-sided p-value of a gain on samples that the fit had not seen.
 
         Where the model knows an error, blocks of one motion, which share a part of that, are no
-        test; else see :func:`evidence.of_gain`.
+        test, and of what comes back with the state the variance is known from as few stretches as
+        the error is; else see :func:`evidence.of_gain`.
 
         Args:
             by_block: (k,) squared error that goes, by block.
             ratio: Gain in log-likelihood of independent samples; see :meth:`inflation`.
             parameters: That the gain takes.
+            transient: What gains comes once, and not with a state.
         """
         if self._data.known_error.any():
-            return evidence.likelihood_ratio(ratio, parameters)
+            if transient:
+                return evidence.likelihood_ratio(ratio, parameters)
+            return evidence.variance_ratio(ratio, parameters, self.settings.freedom)
         return evidence.of_gain(by_block, ratio, parameters)
 
     def inflation(self, product: Array, samples: Array) -> Array:

@@ -145,6 +145,7 @@ class PushHypothesis(Hypothesis):
     variable: str = "time"
     searched: int = _WINDOWS
     of_state: bool = False
+    transient: bool = True
 
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`."""

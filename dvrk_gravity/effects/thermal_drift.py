@@ -54,6 +54,7 @@ class DriftHypothesis(Hypothesis):
     variable: str = "time"
     searched: int = len(_TIMES)
     of_state: bool = False
+    transient: bool = True
 
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`."""

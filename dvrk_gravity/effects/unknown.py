@@ -115,7 +115,7 @@ def _smooth(
 ) -> NamelessHypothesis:
     return NamelessHypothesis(
         arm=arm, site=site.joint(joint), joints=(joint,), form=form, what=what,
-        variable=variable, basis=basis, of=of,
+        variable=variable, basis=basis, of=of, transient=basis is _of_time,
     )  # fmt: skip
 
 

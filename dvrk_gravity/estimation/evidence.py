@@ -94,6 +94,22 @@ def likelihood_ratio(gain: float, parameters: int) -> float:
     return float(stats.chi2.sf(max(2.0 * gain, 0.0), parameters))
 
 
+def variance_ratio(gain: float, parameters: int, freedom: float) -> float:
+    """Return the p-value of a gain in log-likelihood where the variance was estimated.
+
+    Twice the gain is then no chi-square but ``parameters`` times Fisher's F: a variance that was
+    underestimated makes gains that a known one would make in no recording.
+
+    Args:
+        gain: The gain by some parameters, in units of that variance.
+        parameters: Their number.
+        freedom: Degrees of freedom of the variance.
+    """
+    from scipy import stats
+
+    return float(stats.f.sf(max(2.0 * gain, 0.0) / parameters, parameters, freedom))
+
+
 def paired(gains: Array, settings: EvidenceSettings | None = None) -> list[float]:
     """Return the one-sided p-values of gains over blocks: Student's and Wilcoxon's.
 

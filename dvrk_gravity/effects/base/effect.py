@@ -106,6 +106,8 @@ class Hypothesis(ABC):
             other hypotheses; a claim of its own it is only in the last place.
         alignment: It is about where joints or base are, which few motions tell from one another.
         of_state: Its torque is a function of position, velocity and acceleration at one time.
+        transient: It comes once, or changes with time: the same state at another time does not
+            show the same.
         shifts_positions: It changes what positions mean: merged into a model before others.
         against: What claims compare with, in words: the model, or a reference in its place.
     """
@@ -129,6 +131,7 @@ class Hypothesis(ABC):
     of_model: bool = False
     alignment: bool = False
     of_state: bool = True
+    transient: bool = False
     shifts_positions: bool = False
     against: str = "the model"
 
