@@ -60,9 +60,9 @@ def test_another_motion_is_no_news_and_the_error_is_what_the_model_expects(name)
 
 @pytest.mark.parametrize(
     ("name", "effect", "seed"),
-    # The chain's payload is found with an identified model as well, and those of test_any_arm.
+    # What is hidden in the chain is found with an identified model, and in those of test_any_arm.
     [pytest.param("mtmr", "payload", 2, marks=pytest.mark.slow),
-     ("mtmr", "coulomb_friction", 4), ("chain", "payload", 2), ("chain", "coulomb_friction", 7)],
+     pytest.param("mtmr", "coulomb_friction", 4, marks=pytest.mark.slow), ("chain", "payload", 2), ("chain", "coulomb_friction", 7)],
 )  # fmt: skip
 def test_what_is_hidden_is_named_or_listed_and_nothing_beside_it(name, effect, seed):
     _, diagnosis, outcome = run_trial(name, effect, seed)
