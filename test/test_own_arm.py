@@ -24,6 +24,7 @@ from dvrk_gravity.compensate.sample import SampleReader
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
+from dvrk_gravity.identification.effort_unit import in_their_unit
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import MotionLimits, exciting_motion
 from dvrk_gravity.recording import Recording
@@ -302,6 +303,16 @@ def test_without_gains_a_load_is_found_all_the_same(lab, own_unit, capsys, tmp_p
     assert GAINS.min() * mass["value"] < 1.2 * MASS
     assert GAINS.max() * mass["value"] > 0.8 * MASS
     assert "mN·m" not in text
+
+
+def test_an_effort_against_what_nominal_masses_need_is_warned_of(lab):
+    arm, effort = Arm.load(UR5), lab.bare.effort.copy()
+    assert in_their_unit(arm, [lab.bare])[1] == ()
+    effort[:, 1] *= -1.0
+
+    _, (line,) = in_their_unit(arm, [replace(lab.bare, effort=effort)])
+
+    assert "against the effort of shoulder_lift_joint: a wrong sign" in line
 
 
 def test_efforts_that_are_said_to_be_in_newton_metres_are(lab, tmp_path, capsys):

@@ -49,22 +49,41 @@ def effort_size(
     Returns:
         The median over the joints that tell; ``None`` if none does, or no masses are known.
     """
-    settings = settings or UnitSettings()
+    found = [abs(part) for part in _parts(recording, arm, settings or UnitSettings()).values()]
+    return float(np.median(found)) if found else None
+
+
+def _parts(recording: Recording, arm: Arm, settings: UnitSettings) -> dict[str, float]:
+    """Return, by joint that tells, what part of its nominal weight its effort is, signed."""
     nominal, effort = arm.inertial_parameters, recording.effort
     if nominal is None or effort is None or recording.joints != arm.joint_names:
-        return None
+        return {}
     rows = slice(None, None, max(1, len(recording) // settings.samples))
     # By joints' coordinates; what a transmission mixes is of one size.
     weight = rigid_body.torque(
         arm, nominal.ravel(), recording.position[rows], None, None, arm.gravity
     )
-    found = []
-    for needed, read in zip(weight.T, effort[rows].T, strict=True):
+    found = {}
+    for name, needed, read in zip(arm.joint_names, weight.T, effort[rows].T, strict=True):
         needed, read = needed - needed.mean(), read - read.mean()
         size = float(np.linalg.norm(needed) * np.linalg.norm(read))
         if size > 0.0 and abs(needed @ read) > settings.follows * size:
-            found.append(abs(float(needed @ read)) / float(needed @ needed))
-    return float(np.median(found)) if found else None
+            found[name] = float(needed @ read) / float(needed @ needed)
+    return found
+
+
+def _turned_round(recording: Recording, arm: Arm, settings: UnitSettings) -> tuple[str, ...]:
+    """Say which efforts are against what nominal masses need."""
+    if not arm.direct_drive:  # of motors that share joints no sign is known
+        return ()
+    parts = _parts(recording, arm, settings)
+    against = ", ".join(name for name, part in parts.items() if part < 0.0)
+    if not against:
+        return ()
+    return (
+        f"warning: what the masses in the arm's file need is against the effort of {against}: "
+        "a wrong sign, exchanged joints, another way of mounting?",
+    )
 
 
 def in_their_unit(
@@ -78,10 +97,17 @@ def in_their_unit(
         ConfigError: Drive gains by which no arm of such masses moves.
     """
     settings = settings or UnitSettings()
+    first = recordings[0].of(arm)
+    first = first.head if isinstance(first, RecordingFile) else first
+    told, said = _unit(first, arm, settings)
+    return told, (*said, *_turned_round(first, arm, settings))
+
+
+def _unit(first: Recording, arm: Arm, settings: UnitSettings) -> tuple[Arm, tuple[str, ...]]:
+    """Return the arm with the unit of a recording's efforts, and a line about it if it is odd."""
     if arm.drive_gains is not None and (arm.drive_gains == 1.0).all():
         return arm, ()
-    first = recordings[0].of(arm)
-    size = effort_size(first.head if isinstance(first, RecordingFile) else first, arm, settings)
+    size = effort_size(first, arm, settings)
     if arm.drive_gains is not None:
         return arm, _by_gains(arm.drive_gains, size, settings)
     if not arm.read_in:
