@@ -62,7 +62,8 @@ def test_another_motion_is_no_news_and_the_error_is_what_the_model_expects(name)
     ("name", "effect", "seed"),
     # What is hidden in the chain is found with an identified model, and in those of test_any_arm.
     [pytest.param("mtmr", "payload", 2, marks=pytest.mark.slow),
-     pytest.param("mtmr", "coulomb_friction", 4, marks=pytest.mark.slow), ("chain", "payload", 2), ("chain", "coulomb_friction", 7)],
+     pytest.param("mtmr", "coulomb_friction", 4, marks=pytest.mark.slow),
+     ("chain", "payload", 2), ("chain", "coulomb_friction", 7)],
 )  # fmt: skip
 def test_what_is_hidden_is_named_or_listed_and_nothing_beside_it(name, effect, seed):
     _, diagnosis, outcome = run_trial(name, effect, seed)
