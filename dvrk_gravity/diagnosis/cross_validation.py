@@ -16,6 +16,7 @@ from dvrk_gravity.diagnosis.block_fit import OwnParameters, block_fit
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.significance import Significance
+from dvrk_gravity.diagnosis.weighted import WeightedSamples
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.estimation.evidence import EvidenceSettings
 from dvrk_gravity.estimation.noise import design_effect, intraclass_correlation
@@ -122,8 +123,10 @@ class CrossValidation:
         enough = self._usable.sum(axis=0) > self.settings.least_usable * len(self._rows)
         present = self.data.motion.present & (rms > 0.0) & enough
         self.weight = np.where(present, 1.0 / np.where(present, rms, 1.0), 0.0)
-        for sums in ("_of_model", "_folds_of_model"):  # of other weights
-            self.__dict__.pop(sums, None)
+        self._weighted = WeightedSamples(
+            self._usable * self.weight, self._residual, self._model, self._rows, self._folds,
+            self._ridge([], self.model_size), self.settings.trace,
+        )  # fmt: skip
         self._intraclass = np.zeros(self.joints)
         if final:
             first, second = self._pairs
@@ -174,35 +177,7 @@ class CrossValidation:
 
     def design(self, candidates: Sequence[Candidate]) -> Array:
         """Return (R n, k) weighted columns of candidates."""
-        weights, width = self._weights, sum(candidate.size for candidate in candidates)
-        columns, first = np.zeros((*weights.shape, width)), 0
-        for candidate in candidates:
-            own = slice(first, first + candidate.size)
-            weight = weights[:, candidate.joints, None]
-            columns[:, candidate.joints, own] = candidate.values[self._rows] * weight
-            first = own.stop
-        return columns.reshape(weights.size, width)
-
-    @cached_property
-    def _of_model(self) -> Regression:
-        """The least squares of the model's own parameters alone."""
-        weight = self._weights.reshape(-1)
-        design = self._model.reshape(len(weight), -1) * weight[:, None]
-        return Regression(design, self._ridge([], self.model_size), self.settings.trace)
-
-    @cached_property
-    def _folds_of_model(self) -> list[NormalEquations]:
-        """The sums of the same over each fold."""
-        design, target = self._of_model.design[:, None], self._target[:, None]
-        return [NormalEquations.of(design[rows], target[rows]) for rows in self._folds]
-
-    @property
-    def _target(self) -> Array:
-        return (self._residual * self._weights).reshape(-1)
-
-    @property
-    def _weights(self) -> Array:
-        return self._usable * self.weight
+        return self._weighted.design(candidates)
 
     def _unweighted(self, error: Array) -> Array:
         """Return (R, n) errors, N·m, of (R n,) weighted ones."""
@@ -225,7 +200,8 @@ class CrossValidation:
 
     def regression(self, candidates: Sequence[Candidate]) -> Regression:
         """Return the least squares of the model's own parameters and then those of candidates."""
-        return self._of_model.extended(self.design(candidates), self._ridge(candidates))
+        of_model = self._weighted.of_model
+        return of_model.extended(self.design(candidates), self._ridge(candidates))
 
     def out_of_fold(self, candidates: Sequence[Candidate]) -> Array:
         """Return (R, n) errors of the choice's samples, each from a fit that left its fold out."""
@@ -233,12 +209,9 @@ class CrossValidation:
 
     def _cross_validated(self, candidates: Sequence[Candidate]) -> tuple[Array, float]:
         """Return :meth:`out_of_fold` and how improbable the model's parameters have to be."""
-        model, columns, target = self._of_model, self.design(candidates), self._target
-        error = target.copy()
-        folds = [
-            fold.extended(model.design[rows, None], columns[rows, None], target[rows, None])
-            for rows, fold in zip(self._folds, self._folds_of_model, strict=True)
-        ]
+        model, columns = self._weighted.of_model, self.design(candidates)
+        error = self._weighted.target.copy()
+        folds = self._weighted.by_fold(columns)
         whole, ridge = NormalEquations.total(folds), self._ridge(candidates, self.model_size)
         for rows, fold in zip(self._folds, folds, strict=True):
             rest = whole - fold
@@ -262,7 +235,7 @@ class CrossValidation:
         mean = self._mean_square(error)
         likelihood = float(self._log_likelihood(mean).sum())
         likelihood -= improbable + sum(candidate.cost for candidate in candidates)
-        square = ((error * self._weights) ** 2).sum(axis=1)
+        square = ((error * self._weighted.weights) ** 2).sum(axis=1)
         loss = np.bincount(self._block, square, minlength=self.data.count).astype(float)
         return Score(error, np.sqrt(mean), loss, likelihood, improbable)
 
@@ -321,8 +294,8 @@ class CrossValidation:
                 however well it fits, takes no place from what could.
         """
         base = self.regression(selected)
-        theta = base.coefficients(self._target)
-        target = self._target - base.design @ theta
+        theta = base.coefficients(self._weighted.target)
+        target = self._weighted.target - base.design @ theta
         before = self._likelihood_of(target)
         found = []
         for batch in _batches(pool, lambda candidate: candidate.size, self.settings.together):
@@ -355,25 +328,25 @@ class CrossValidation:
                 default these.
         """
         together = candidates if beside is None else beside
-        theta = self.regression(together).coefficients(self._target)
+        theta = self.regression(together).coefficients(self._weighted.target)
         if beside is not None:
             own_parameters = theta[: self.model_size]
-            model = self._of_model.design @ own_parameters
+            model = self._weighted.of_model.design @ own_parameters
             found = Regression(
                 self.design(candidates), self._ridge(candidates), self.settings.trace
             )
-            rest = found.coefficients(self._target - model)
+            rest = found.coefficients(self._weighted.target - model)
             theta = np.concatenate([own_parameters, rest])
         columns = [self.data.model_columns, *(candidate.columns() for candidate in candidates)]
         return self.data.residual - np.concatenate(columns, axis=2) @ theta
 
     def parameters(self, candidates: Sequence[Candidate]) -> Array:
         """Return parameters (k,) on all the samples of choice."""
-        return self.regression(candidates).coefficients(self._target)[self.model_size :]
+        return self.regression(candidates).coefficients(self._weighted.target)[self.model_size :]
 
     def moved(self, candidates: Sequence[Candidate]) -> Array:
         """Return (T, n) torque by which the model's own parameters moved beside candidates."""
-        theta = self.regression(candidates).coefficients(self._target)
+        theta = self.regression(candidates).coefficients(self._weighted.target)
         return self.data.model_columns @ theta[: self.model_size]
 
     def posterior(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
@@ -383,7 +356,7 @@ class CrossValidation:
         leaves.
         """
         regression = self.regression(candidates)
-        theta = regression.coefficients(self._target)
+        theta = regression.coefficients(self._weighted.target)
         error = self.out_of_fold(candidates)
         longer = float(np.max(self.significance.correlation(np.where(self._usable, error, 0.0))))
         return theta, self._prior_weight * longer * regression.inverse
@@ -395,7 +368,7 @@ class CrossValidation:
         """
         coherent_error = self.significance.settings.coherent * self.known_error * self.weight
         return block_fit(
-            self.regression(candidates), self._target,
+            self.regression(candidates), self._weighted.target,
             np.repeat(self._block // self._clustered, self.joints),
             OwnParameters(self.model_size, self._prior_weight), coherent_error, self._counts,
         )  # fmt: skip
@@ -403,8 +376,8 @@ class CrossValidation:
     def misfit(self, candidates: Sequence[Candidate]) -> float:
         """Return minus the log-likelihood of a fit to all the samples of choice."""
         regression = self.regression(candidates)
-        theta = regression.coefficients(self._target)
-        error = self._target - regression.design @ theta
+        theta = regression.coefficients(self._weighted.target)
+        error = self._weighted.target - regression.design @ theta
         return self._improbable(theta) - self._likelihood_of(error)
 
     def of_choice(self, values: Array) -> Array:
