@@ -88,6 +88,21 @@ def test_p_values_are_uniform_in_units_of_a_variance_estimated_from_few_and_chi_
     assert np.mean(np.array(as_if_known) <= 0.001) > 3.0 * 0.001
 
 
+def test_the_best_of_many_in_units_of_one_estimated_variance_is_told_as_often_as_is_said():
+    """The p-value of each alone, times the trials, is stricter than it says."""
+    random, freedom, trials = np.random.default_rng(4), 20, 300
+    estimated = (random.normal(size=(3000, freedom)) ** 2).mean(axis=1)
+    best = 0.5 * (random.normal(size=(3000, trials)) ** 2).max(axis=1) / estimated
+
+    told = np.array([evidence.variance_ratio(gain, 1, freedom, trials) for gain in best])
+    apart = np.array([evidence.variance_ratio(gain, 1, freedom) for gain in best]) * trials
+
+    for level in (0.01, 0.05):
+        low, high = band(level, len(told))
+        assert 0.6 * low <= np.mean(told <= level) <= high
+        assert np.mean(apart <= level) < 0.8 * np.mean(told <= level)
+
+
 def test_errors_beyond_a_variance_known_before_are_student_s_and_smaller_ones_gaussian():
     """Against SciPy's densities of n errors of one size."""
     size, known, freedom = 12, 0.3, 7.0

@@ -254,8 +254,12 @@ class CrossValidation:
         square = np.einsum("rn,rn->n", values, values) / self._counts
         return np.asarray(np.sqrt(square) / np.where(self.weight > 0.0, self.weight, 1.0))
 
-    def p_value(self, before: Score, after: Score, candidate: Candidate, inflation: Array) -> float:
+    def p_value(
+        self, before: Score, after: Score, candidate: Candidate, inflation: Array, tried: int = 1
+    ) -> float:
         """Return the one-sided p-value of the gain over the blocks where a candidate acts.
+
+        It is the best of as many as were tried, each the best of those that it stands for.
 
         See :meth:`Significance.p_value`.
         """
@@ -269,7 +273,7 @@ class CrossValidation:
         spared = self.significance.of_model(before.improbable - after.improbable)
         return self.significance.p_value(
             (before.loss - after.loss)[acts], float(gained) + spared, candidate.size,
-            candidate.hypothesis.transient,
+            tried * candidate.hypothesis.searched, candidate.hypothesis.transient,
         )  # fmt: skip
 
     def inflation(self, error: Array, torque: Array) -> Array:

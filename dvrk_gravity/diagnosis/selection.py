@@ -15,7 +15,6 @@ from dvrk_gravity.diagnosis.overlap import contains, overlap
 from dvrk_gravity.diagnosis.refinement import refined
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.evidence import Residual
-from dvrk_gravity.estimation import evidence
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, eliminate_backward, select
 
 Array = NDArray[np.float64]
@@ -259,10 +258,7 @@ class Selection:
         correction among and within.
         """
         inflation = self.validation.inflation(after.error, before.error - after.error)
-        p_value = evidence.bonferroni(
-            self.validation.p_value(before, after, candidate, inflation),
-            self.count * candidate.hypothesis.searched,
-        )
+        p_value = self.validation.p_value(before, after, candidate, inflation, self.count)
         used = (self.validation.weight > 0.0) & candidate.acts
         removed = 1.0 - after.rms / np.maximum(before.rms, 1e-300)
         size = np.where(used, self.validation.size(candidate, theta), 0.0)

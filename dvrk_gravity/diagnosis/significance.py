@@ -73,9 +73,14 @@ class Significance:
         return evidence.of_student(likelihood, self.settings.freedom)
 
     def p_value(
-        self, by_block: Array, ratio: float, parameters: int, transient: bool = False
+        self,
+        by_block: Array,
+        ratio: float,
+        parameters: int,
+        trials: float = 1.0,
+        transient: bool = False,
     ) -> float:
-        """Return the one-sided p-value of a gain on samples that the fit had not seen.
+        """Return the one-sided p-value of the best gain on samples that the fit had not seen.
 
         Where the model knows an error, blocks of one motion, which share a part of that, are no
         test, and of what comes back with the state the variance is known from as few stretches as
@@ -85,13 +90,14 @@ class Significance:
             by_block: (k,) squared error that goes, by block.
             ratio: Gain in log-likelihood of independent samples; see :meth:`inflation`.
             parameters: That the gain takes.
+            trials: Of how many gains it is the best.
             transient: What gains comes once, and not with a state.
         """
         if self._data.known_error.any():
-            if transient:
-                return evidence.likelihood_ratio(ratio, parameters)
-            return evidence.variance_ratio(ratio, parameters, self.settings.freedom)
-        return evidence.of_gain(by_block, ratio, parameters)
+            if not transient:
+                return evidence.variance_ratio(ratio, parameters, self.settings.freedom, trials)
+            return evidence.bonferroni(evidence.likelihood_ratio(ratio, parameters), trials)
+        return evidence.bonferroni(evidence.of_gain(by_block, ratio, parameters), trials)
 
     def inflation(self, product: Array, samples: Array) -> Array:
         """Return (n,) how many times its variance for white noise a score's variance is.

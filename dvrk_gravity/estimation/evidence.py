@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -94,20 +95,36 @@ def likelihood_ratio(gain: float, parameters: int) -> float:
     return float(stats.chi2.sf(max(2.0 * gain, 0.0), parameters))
 
 
-def variance_ratio(gain: float, parameters: int, freedom: float) -> float:
-    """Return the p-value of a gain in log-likelihood where the variance was estimated.
+def variance_ratio(gain: float, parameters: int, freedom: float, trials: float = 1.0) -> float:
+    """Return the p-value of the best of some gains in log-likelihood of an estimated variance.
 
-    Twice the gain is then no chi-square but ``parameters`` times Fisher's F: a variance that was
-    underestimated makes gains that a known one would make in no recording.
+    Twice a gain is then no chi-square but ``parameters`` times Fisher's F: a variance that was
+    underestimated makes gains that a known one would make in no recording. It is underestimated for
+    all trials alike: the union bound holds for each true variance, and its mean is taken over
+    those, weighed by the chi-square of the estimate.
 
     Args:
-        gain: The gain by some parameters, in units of that variance.
+        gain: The gain by some parameters, in units of the estimated variance.
         parameters: Their number.
         freedom: Degrees of freedom of the variance.
+        trials: Of how many gains it is the best.
     """
     from scipy import stats
 
-    return float(stats.f.sf(max(2.0 * gain, 0.0) / parameters, parameters, freedom))
+    ratio, weight = _ratios(freedom)
+    alone = stats.chi2.sf(max(2.0 * gain, 0.0) * ratio, parameters)
+    return float(weight @ np.minimum(trials * alone, 1.0))
+
+
+@cache
+def _ratios(freedom: float) -> tuple[Array, Array]:
+    """Return ratios of an estimated variance to the true one, and how probable they are."""
+    from scipy import stats
+
+    edges = np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 400), [np.inf]])
+    weight = np.diff(stats.chi2.cdf(freedom * edges, freedom))
+    middle = np.sqrt(edges[1:-2] * edges[2:-1])
+    return np.concatenate([edges[:1], middle, edges[-2:-1]]), weight
 
 
 def paired(gains: Array, settings: EvidenceSettings | None = None) -> list[float]:
