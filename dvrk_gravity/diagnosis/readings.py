@@ -34,9 +34,9 @@ class ReadingSettings:
 
     alpha: float = 0.001
     least_removed: float = 0.3
-    samples: int = 1500
+    samples: int = 600
     blocks: int = 24
-    independent: float = 4.0
+    independent: float = 1.6
     beyond: float = 0.02
 
 
