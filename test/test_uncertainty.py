@@ -73,11 +73,14 @@ def test_coefficients_changed_by_hand_are_no_longer_what_it_is_about(saved):
     assert model.unsure.endswith(f"is of other coefficients than {saved} has")
 
 
-@pytest.mark.parametrize("content", [b"", b"no arrays", b"PK\x03\x04 cut off"])
-def test_a_file_of_something_else_is_one_line_that_names_it(saved, content):
+@pytest.mark.parametrize(
+    ("content", "got"),
+    [(b"", "truncated"), (b"no arrays", "else"), (b"PK\x03\x04 cut off", "truncated")],
+)
+def test_a_file_of_something_else_is_one_line_that_names_it(saved, content, got):
     uncertainty_file(saved).write_bytes(content)
 
-    with pytest.raises(ConfigError, match=r"^[^\n]*model\.uncertainty\.npz[^\n]*$"):
+    with pytest.raises(ConfigError, match=rf"^[^\n]*model\.uncertainty\.npz[^\n]*{got}[^\n]*$"):
         TorqueModel.load(saved)
 
 

@@ -42,5 +42,7 @@ def load(path: Path) -> dict[str, Array]:
             return {name: np.asarray(found[name], dtype=float) for name in found.files}
     except OSError as error:
         raise ConfigError("", error.strerror, "a readable file of arrays (.npz)", path) from error
-    except (ValueError, TypeError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+    except (EOFError, zipfile.BadZipFile) as error:
+        raise ConfigError("", "a truncated file", "a file of arrays (.npz)", path) from error
+    except (ValueError, TypeError, AttributeError) as error:
         raise ConfigError("", "something else", "a file of arrays (.npz)", path) from error
