@@ -69,6 +69,12 @@ def of_urdf(name: str) -> tuple[PlainWorld, str]:
     return PlainWorld.of(arm, links), arm.body_names[-1]
 
 
+# What the others tell as well takes seconds of a UR5, too.
+UR5_SLOW = pytest.mark.parametrize(
+    "known", ["chain", "panda", pytest.param("ur5", marks=pytest.mark.slow)], indirect=True
+)
+
+
 @pytest.fixture(scope="module", params=["chain", "ur5", "panda"])
 def known(request, tmp_path_factory) -> Identified:
     folder = tmp_path_factory.mktemp(request.param)
@@ -111,6 +117,7 @@ def test_friction_comes_out_with_the_unit_of_its_joint(known):
         assert damping.value == pytest.approx(viscous, rel=0.2), joint.name
 
 
+@UR5_SLOW
 def test_another_motion_is_predicted_and_nothing_is_found_in_it(known):
     recording = known.world.record(2, 16.0)
     assert (error_beyond_noise(known, known.model, recording) < 1.0).all()
@@ -136,6 +143,7 @@ def test_a_hidden_payload_is_found_weighed_and_taken_into_the_model(known, tmp_p
     assert after.max() < 1.5
 
 
+@UR5_SLOW
 def test_added_dry_friction_is_found_at_its_joint(known):
     joint = known.arm.n // 2  # of the chain the one that slides
     added = float(known.world.coulomb[joint])
@@ -145,7 +153,6 @@ def test_added_dry_friction_is_found_at_its_joint(known):
         "coulomb_friction", (known.arm.joint_names[joint],),
     )  # fmt: skip
     for way in ("positive", "negative"):
-        print(friction.parameters[way], added)
         assert friction.parameters[way].value == pytest.approx(added, rel=0.1)
         assert friction.parameters[way].unit == known.arm.effort_units[joint]
 

@@ -36,7 +36,7 @@ def changed(plant: PlantFile, values: dict) -> PlantFile:
 def identified(name: str) -> TorqueModel:
     plant = PlantFile.load(name)
     with few_folds():
-        return identify(recorded(plant, 1), plant.model.arm, "joint").model
+        return identify(recorded(plant, 1, 20.0), plant.model.arm, "joint").model
 
 
 @pytest.mark.parametrize("name", ["psm", "ecm"])
