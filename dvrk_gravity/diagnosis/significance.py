@@ -26,13 +26,13 @@ class SignificanceSettings:
         least: Part of the known error, and what becomes smaller than that is no evidence: that an
             error is known to be there does not say that it must be. One, by that.
         freedom: Degrees of freedom of the posterior covariance of the model's parameters, and of
-            its known error: about as many stretches of half a minute's motion are independent
-            where errors hang together for a second. Chosen; see `make sensitivity`.
+            its known error: so many stretches of half a minute's motion are independent where
+            errors hang together for a second. Chosen; see `make sensitivity`.
     """
 
     coherent: float = 0.15
     least: float = 1.0
-    freedom: float = 20.0
+    freedom: float = 30.0
 
 
 class Significance:
