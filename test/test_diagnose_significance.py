@@ -32,9 +32,9 @@ def test_an_error_that_falls_below_the_known_one_is_evidence_of_nothing(signific
 
 
 def test_an_error_beyond_the_known_one_is_and_where_none_is_known_every_gain(significance):
-    """By 100 samples of a variance that 20 others told: -60 ln(1 + 100 (4 - 1) / 120)."""
+    """By 100 samples of a variance that 30 others told: -65 ln(1 + 100 (4 - 1) / 130)."""
     first, second, unknown = gain(significance, 2.0, 1.0)
-    assert first == second == pytest.approx(60.0 * np.log(3.5))
+    assert first == second == pytest.approx(65.0 * np.log(1.0 + 300.0 / 130.0))
     assert unknown == pytest.approx(100.0 * np.log(2.0))
     assert gain(significance, 1.0, 2.0) == pytest.approx([-first, -second, -unknown])
 

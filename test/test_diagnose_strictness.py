@@ -24,6 +24,7 @@ from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.payload import PayloadHypothesis
 from dvrk_gravity.effects.torque_offset import OffsetHypothesis
 from dvrk_gravity.effects.viscous_friction import ViscousHypothesis
+from dvrk_gravity.estimation import evidence
 from dvrk_gravity.recording import Recording
 from testing.world import World
 
@@ -63,8 +64,8 @@ class Scores:
     def inflation(self, error, torque) -> np.ndarray:
         return np.ones(7)
 
-    def p_value(self, before, after, candidate, inflation) -> float:
-        return self._p_value
+    def p_value(self, before, after, candidate, inflation, tried) -> float:
+        return evidence.bonferroni(self._p_value, tried * candidate.hypothesis.searched)
 
     def weigh(self, residual, final=False) -> None: ...
 

@@ -23,9 +23,10 @@ from dvrk_gravity.effects.base.links import (
 )
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, size
 from dvrk_gravity.effects.base.merging import Values
+from dvrk_gravity.effects.base.rigid_body import weight_regressor
 from dvrk_gravity.effects.gravity import link_beta, with_beta
 from dvrk_gravity.effects.link_inertia import with_inertia
-from dvrk_gravity.effects.link_weight import weight_regressor, with_weight
+from dvrk_gravity.effects.link_weight import with_weight
 
 Array = NDArray[np.float64]
 

@@ -16,14 +16,13 @@ from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.arrays import Array, as_value
 from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.rigid_body import OF_WEIGHT, weight_regressor
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.supposed import supposed_inertias
 from dvrk_gravity.effects.base.term import Evaluator, LinearTerm
 from dvrk_gravity.effects.base.weight import gravity_parameters, weight_evaluator
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameter import Parameter, Value
-
-OF_WEIGHT = 4  # of a body's ten parameters: m, m c (3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,13 +166,6 @@ class LinkWeight(LinearTerm):
         if state.q.ndim != 2:
             raise ShapeError("q", state.q.shape, "(N, n)")
         return weight_regressor(self.arm, state.q, self.vector)
-
-
-def weight_regressor(arm: Arm, q: Array, vector: Array) -> Array:
-    """Return (N, n, 4 bodies) torques of each body's mass and first moment at (N, n) positions."""
-    whole = rigid_body.regressor(arm, q, None, None, vector)
-    by_body = whole.reshape(*q.shape, len(arm.bodies), rigid_body.PER_LINK)
-    return by_body[..., :OF_WEIGHT].reshape(*q.shape, -1)
 
 
 def with_weight(arm: Arm, values: Values, change: Array) -> Values | None:

@@ -9,7 +9,6 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.link_prior import base_directions, samples, weight_directions
-from dvrk_gravity.effects.link_weight import weight_regressor
 from dvrk_gravity.recording.data import Array
 
 SHOWN = 3  # parameters named in one combination
@@ -30,7 +29,7 @@ def base_parameters(arm: Arm) -> BaseParameters:
 @lru_cache(maxsize=8)
 def base_weights(arm: Arm) -> BaseParameters:
     """Return the same of masses and first moments, (4 bodies,), as far as they act at rest."""
-    full = weight_regressor(arm, samples(arm)[0], arm.gravity)
+    full = rigid_body.weight_regressor(arm, samples(arm)[0], arm.gravity)
     return _base_parameters(arm, full, weight_directions(arm).shape[1])
 
 

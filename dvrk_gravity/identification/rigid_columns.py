@@ -17,9 +17,9 @@ from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.effects import Gravity, LinkInertia, LinkWeight, State, Term
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.link_prior import base_directions, beta_map
+from dvrk_gravity.effects.base.rigid_body import OF_WEIGHT
 from dvrk_gravity.effects.base.site import THE_ARM
 from dvrk_gravity.effects.base.unknowns import PART, Column, ColumnTable
-from dvrk_gravity.effects.link_weight import OF_WEIGHT
 from dvrk_gravity.recording.data import Array
 
 SPRINGS = 4  # entries of an MTM's beta, arm and forearm, that a balancing spring can add to
@@ -84,7 +84,10 @@ class RigidColumns:
         bodies = links.reshape(-1, rigid_body.PER_LINK)
         inertia = LinkInertia(arm, bodies)
         if not self._springs:
-            return [LinkWeight(arm, bodies[:, :OF_WEIGHT].copy(), self.arm.gravity), inertia]
+            return [
+                LinkWeight(arm, bodies[:, :OF_WEIGHT].copy(), self.arm.gravity),
+                inertia,
+            ]
         beta = beta_map(self.arm) @ links
         beta[: self._springs] += springs
         return [Gravity(arm, beta, self.arm.gravity), inertia]

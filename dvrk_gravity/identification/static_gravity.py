@@ -16,9 +16,10 @@ import numpy as np
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
+from dvrk_gravity.effects import LinkWeight
+from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.effects.base.link_prior import weight_directions
-from dvrk_gravity.effects.link_weight import OF_WEIGHT, LinkWeight, weight_regressor
 from dvrk_gravity.identification.base_parameters import base_weights
 from dvrk_gravity.parameter import Value
 from dvrk_gravity.recording.data import Array
@@ -153,7 +154,7 @@ class LinkColumns(GravityColumns):
 
     def at(self, q: Array) -> Array:
         """See :meth:`GravityColumns.at`."""
-        return weight_regressor(self.arm, q, self.arm.gravity) @ self._directions
+        return rigid_body.weight_regressor(self.arm, q, self.arm.gravity) @ self._directions
 
     def quantities(self) -> tuple[tuple[str, str, Array], ...]:
         """See :meth:`GravityColumns.quantities`."""
@@ -164,7 +165,7 @@ class LinkColumns(GravityColumns):
 
     def parameters(self, theta: Array) -> Mapping[str, Value]:
         """See :meth:`GravityColumns.parameters`."""
-        links = (self._directions @ theta).reshape(-1, OF_WEIGHT)
+        links = (self._directions @ theta).reshape(-1, rigid_body.OF_WEIGHT)
         return LinkWeight(self.arm, links, self.arm.gravity).parameters()
 
 

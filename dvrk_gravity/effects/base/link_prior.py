@@ -13,7 +13,6 @@ from dvrk_gravity.effects.base import rigid_body
 
 Array = NDArray[np.float64]
 
-_OF_WEIGHT = 4  # of a body's ten parameters: m, m c (3)
 _RANK = 1e-9  # of a norm, that rounding leaves of what others make up
 _MASS = 1.0  # kg, of a link of which nothing is known
 _EXTENT = 0.1  # m, likewise
@@ -89,10 +88,8 @@ def base_directions(arm: Arm, absent: tuple[int, ...] = ()) -> Array:
 @lru_cache(maxsize=8)
 def weight_directions(arm: Arm) -> Array:
     """Return (4 bodies, b): as :func:`base_directions`, of masses and first moments at rest."""
-    scale = prior_scale(arm).reshape(len(arm.bodies), -1)[:, :_OF_WEIGHT].ravel()
-    whole = rigid_body.regressor(arm, samples(arm)[0], None, None, arm.gravity)
-    by_body = whole.reshape(*whole.shape[:2], len(arm.bodies), -1)[..., :_OF_WEIGHT]
-    return _that_act(by_body, scale)
+    scale = prior_scale(arm).reshape(len(arm.bodies), -1)[:, : rigid_body.OF_WEIGHT].ravel()
+    return _that_act(rigid_body.weight_regressor(arm, samples(arm)[0], arm.gravity), scale)
 
 
 def _that_act(regressor: Array, scale: Array) -> Array:

@@ -27,6 +27,7 @@ from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.effects.base.arrays import Array
 
 PER_LINK = 10
+OF_WEIGHT = 4  # of these, what weight knows of: m, m c (3)
 COLUMNS = PER_LINK * len(mtm.BODIES)  # of an MTM
 _BLOCK = 1000  # samples worked on at a time: their arrays stay in the cache
 
@@ -103,6 +104,12 @@ def regressor(arm: Arm, q: Array, qd: Array | None, qdd: Array | None, gravity: 
     for part, coordinates in _blocks(tree, q, qd, qdd):
         out[part] = _regressor(tree, coordinates, gravity, arm.n).transpose(2, 0, 1)
     return out
+
+
+def weight_regressor(arm: Arm, q: Array, gravity: Array) -> Array:
+    """Return (N, n, 4 bodies) torques of each body's mass and first moment at (N, n) positions."""
+    by_body = regressor(arm, q, None, None, gravity).reshape(*q.shape, len(arm.bodies), PER_LINK)
+    return by_body[..., :OF_WEIGHT].reshape(*q.shape, -1)
 
 
 def torque(
