@@ -92,11 +92,12 @@ def assemble(
     model, carried = extended(loaded.motion, found)
     if found:
         model = updated(model, validation, named, held_out)
-    findings: list[Finding] = []
-    first = held_out.as_read()
-    for reading in reversed(wrong):
-        read_rightly, first = first, as_read_before(reading.motion, data, held_out)
-        findings.insert(0, reading_finding(reading, first, read_rightly, held_out))
+    first = read_rightly = held_out.as_read()
+    if wrong:
+        first = as_read_before(wrong[0].motion, data, held_out)
+    # Of three joints that are exchanged one exchange alone puts nothing right: all are told by
+    # what they do together.
+    findings = [reading_finding(reading, first, read_rightly, held_out) for reading in wrong]
     effect_findings = []
     for i, effect in enumerate(selected):
         rows = slices[i]
