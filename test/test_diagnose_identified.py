@@ -59,7 +59,8 @@ def test_another_motion_is_no_news_and_the_error_is_what_the_model_expects(name)
 
 
 TOO_LITTLE = pytest.mark.xfail(
-    reason="2.4 times what the model leaves: p is 0.02, since its known error is only estimated"
+    reason="2.4 times what the model leaves: p is 0.02, since its known error is only estimated",
+    strict=True,
 )
 
 

@@ -28,7 +28,6 @@ from dvrk_gravity.diagnosis.findings import (
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed, estimates, setting_columns
 from dvrk_gravity.diagnosis.known import expected_error, known
 from dvrk_gravity.diagnosis.load import Loaded
-from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.other_findings import (
     as_read_before,
     picture_of,
@@ -44,6 +43,7 @@ from dvrk_gravity.diagnosis.words import sentence_of
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.unknown import Unknown
 from dvrk_gravity.estimation.covariance import NORMAL_95
+from dvrk_gravity.identification.evaluation import outside_range
 
 Array = NDArray[np.float64]
 
@@ -137,7 +137,9 @@ def assemble(
         shapeless_finding(arm, joint, residual_rmse[joint], floor[joint], source)
         for joint in shapeless
     ]
-    outside = _outside(data.motion)
+    motion = data.motion
+    qd = None if motion.static else motion.qd
+    outside = outside_range(motion.model, motion.q, qd, motion.present)
     return Diagnosis(
         verdict=_verdict(findings),
         findings=tuple(findings),
@@ -158,7 +160,7 @@ def assemble(
         ambiguities=ambiguities(validation, named, pool),
         model=model,
         band=data.band,
-        against=data.motion.against,
+        against=motion.against,
         outside=outside,
     )
 
@@ -327,15 +329,6 @@ def _certainty(data: FilteredData) -> list[str]:
         f"the model's parameters could move in {uncertainty.size} directions as far as their "
         "identification left them uncertain, and its known error counted as noise"
     ]
-
-
-def _outside(motion: MeasuredMotion) -> tuple[str, ...]:
-    """Return where a motion is outside what the model was identified on, one sentence each."""
-    uncertainty = motion.model.uncertainty
-    if uncertainty is None or motion.reference is not None:
-        return ()
-    qd = None if motion.static else motion.qd
-    return tuple(uncertainty.outside(motion.arm.joints, motion.true_q, qd, motion.present))
 
 
 def _notes(loaded: Loaded, validation: CrossValidation, floor: Array) -> tuple[str, ...]:

@@ -255,7 +255,7 @@ class CrossValidation:
         return np.asarray(np.sqrt(square) / np.where(self.weight > 0.0, self.weight, 1.0))
 
     def p_value(
-        self, before: Score, after: Score, candidate: Candidate, inflation: Array, tried: int = 1
+        self, before: Score, after: Score, candidate: Candidate, inflation: Array, tried: int
     ) -> float:
         """Return the one-sided p-value of the gain over the blocks where a candidate acts.
 

@@ -79,6 +79,7 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         validation, pool = prepared(motion)
         gain = validation.score([]).likelihood - as_it_is.likelihood
         if gain <= least or not _held_out_gains(validation, loaded.motion, scores[0]):
+            del validation, pool
             validation, pool = prepared(loaded.motion)
             break
         say(f"wrong reading: {scores[0].reading.words}")

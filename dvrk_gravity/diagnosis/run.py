@@ -182,8 +182,8 @@ def _beside_reference(
     if before.skipped:  # the last of them
         raise RecordingError(heads[1].source, "is what is diagnosed, too: expected another one")
     # Of two that are misread alike the difference looks like physics.
-    whole = loaded.motion.present.all() and not model.arm.direct_drive
-    doubts = doubt(other, model.arm, heads[1].coordinates) if whole else ()
+    mixed = loaded.motion.present.all() and not model.arm.direct_drive
+    doubts = doubt(other, model.arm, heads[1].coordinates) if mixed else ()
     loaded = replace(loaded, warnings=(*loaded.warnings, *doubts))
     sure = replace(model, uncertainty=None)  # what it does not know, it does not know in either
     loaded = replace(loaded, motion=replace(loaded.motion, model=sure))

@@ -1,4 +1,4 @@
-"""Links whose weight is not where {self.against} has it."""
+"""Links whose weight is not where the model has it."""
 
 from __future__ import annotations
 

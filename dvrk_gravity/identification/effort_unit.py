@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,25 +36,11 @@ class UnitSettings:
     samples: int = 5000
 
 
-def effort_size(
-    recording: Recording, arm: Arm, settings: UnitSettings | None = None
-) -> float | None:
-    """Return what part recorded efforts are of those that nominal masses need, about.
-
-    Args:
-        recording: Joint coordinates, or an arm without transmission.
-        arm: The arm.
-        settings: When a joint tells.
-
-    Returns:
-        The median over the joints that tell; ``None`` if none does, or no masses are known.
-    """
-    found = [abs(part) for part in _parts(recording, arm, settings or UnitSettings()).values()]
-    return float(np.median(found)) if found else None
-
-
 def _parts(recording: Recording, arm: Arm, settings: UnitSettings) -> dict[str, float]:
-    """Return, by joint that tells, what part of its nominal weight its effort is, signed."""
+    """Return, by joint that tells, what part of its nominal weight its effort is, signed.
+
+    None of an arm of which no masses are known.
+    """
     nominal, effort = arm.inertial_parameters, recording.effort
     if nominal is None or effort is None or recording.joints != arm.joint_names:
         return {}
@@ -72,11 +58,8 @@ def _parts(recording: Recording, arm: Arm, settings: UnitSettings) -> dict[str, 
     return found
 
 
-def _turned_round(recording: Recording, arm: Arm, settings: UnitSettings) -> tuple[str, ...]:
+def _turned_round(parts: Mapping[str, float]) -> tuple[str, ...]:
     """Say which efforts are against what nominal masses need."""
-    if not arm.direct_drive:  # of motors that share joints no sign is known
-        return ()
-    parts = _parts(recording, arm, settings)
     against = ", ".join(name for name, part in parts.items() if part < 0.0)
     if not against:
         return ()
@@ -99,15 +82,23 @@ def in_their_unit(
     settings = settings or UnitSettings()
     first = recordings[0].of(arm)
     first = first.head if isinstance(first, RecordingFile) else first
-    told, said = _unit(first, arm, settings)
-    return told, (*said, *_turned_round(first, arm, settings))
+    parts = _parts(first, arm, settings)
+    size = float(np.median(np.abs(list(parts.values())))) if parts else None
+    told, said = _unit(arm, size, settings)
+    # Of motors that share joints no sign is known.
+    return told, (*said, *(_turned_round(parts) if arm.direct_drive else ()))
 
 
-def _unit(first: Recording, arm: Arm, settings: UnitSettings) -> tuple[Arm, tuple[str, ...]]:
-    """Return the arm with the unit of a recording's efforts, and a line about it if it is odd."""
+def _unit(arm: Arm, size: float | None, settings: UnitSettings) -> tuple[Arm, tuple[str, ...]]:
+    """Return the arm with the unit of its efforts, and a line about it if it is odd.
+
+    Args:
+        arm: The arm.
+        size: What part efforts are of those that nominal masses need; ``None`` if nothing tells.
+        settings: When efforts are not in N·m.
+    """
     if arm.drive_gains is not None and (arm.drive_gains == 1.0).all():
         return arm, ()
-    size = effort_size(first, arm, settings)
     if arm.drive_gains is not None:
         return arm, _by_gains(arm.drive_gains, size, settings)
     if not arm.read_in:

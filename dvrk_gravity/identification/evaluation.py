@@ -207,7 +207,7 @@ def _evaluate_dynamic(
         )
     result = _result(traces, coordinates, detected, motions.warnings, motions.handling)
     q, qd = np.concatenate(positions), np.concatenate(velocities)
-    return replace(result, outside=_outside(model, q, qd, recorded))
+    return replace(result, outside=outside_range(model, q, qd, recorded))
 
 
 def _evaluate_static(
@@ -249,14 +249,21 @@ def _evaluate_static(
     return replace(
         result,
         with_friction=tuple(compress(recordings[0].joints, ~friction_told)),
-        outside=_outside(model, np.concatenate(positions), None, recorded),
+        outside=outside_range(model, np.concatenate(positions), None, recorded),
     )
 
 
-def _outside(
+def outside_range(
     model: TorqueModel, q: Array, qd: Array | None, recorded: NDArray[np.bool_]
 ) -> tuple[str, ...]:
-    """Return where (N, n) measured motions lie outside what the model was identified on."""
+    """Return where (N, n) measured motions lie outside what a model was identified on.
+
+    Args:
+        model: The model; nothing is said of one that does not tell how sure it is.
+        q: Measured positions, rad or m.
+        qd: Velocities, rad/s or m/s; ``None`` of poses.
+        recorded: (n,) joints that were recorded.
+    """
     if model.uncertainty is None:
         return ()
     true = q - model.joint_offset
