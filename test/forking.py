@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import inspect
 import json
 import os
 import runpy
@@ -22,9 +23,13 @@ from collections.abc import Iterator, Sequence
 from types import SimpleNamespace
 from typing import Any
 
+MESSAGES = (
+    "builtin_interfaces.msg", "diagnostic_msgs.msg", "rcl_interfaces.msg", "rcl_interfaces.srv",
+    "rosgraph_msgs.msg", "sensor_msgs.msg", "std_msgs.msg", "std_srvs.srv",
+    "type_description_interfaces.srv",
+)  # fmt: skip
 LOADED = (
-    "diagnostic_msgs.msg", "rcl_interfaces.msg", "rcl_interfaces.srv", "sensor_msgs.msg",
-    "std_msgs.msg", "std_srvs.srv", "dvrk_gravity.compensate.supervisor", "dvrk_gravity.recording",
+    "dvrk_gravity.compensate.supervisor", "dvrk_gravity.recording",
     "dvrk_gravity.simulate.simulated_arm",
 )  # fmt: skip
 
@@ -142,6 +147,12 @@ def _load() -> None:
     """Load what nodes load before they load rclpy."""
     for name in LOADED:
         importlib.import_module(name)
+    for name in MESSAGES:
+        for kind in vars(importlib.import_module(name)).values():
+            if isinstance(kind, type):
+                type(kind).__import_type_support__()  # type: ignore[attr-defined]
+    # rclpy's logger asks where it is called from: `inspect` then looks for the file of each module.
+    inspect.getmodule(sys._getframe())
     assert len(os.listdir("/proc/self/task")) == 1, "a process of several threads cannot be forked"
 
 

@@ -175,7 +175,9 @@ def test_a_coarse_encoder_does_not_show_the_direction_of_slow_motion():
     assert coarse.stuck[:, 3].mean() < fine.stuck[:, 3].mean() + 0.05
 
 
-@pytest.mark.parametrize("start", np.arange(6.0, 7.5, 0.5).tolist())
+@pytest.mark.parametrize(
+    "start", [6.5, *(pytest.param(start, marks=pytest.mark.slow) for start in (6.0, 7.0))]
+)
 def test_a_push_is_found_wherever_its_edges_lie_among_the_blocks(start):
     time, q, qd, qdd = sines(12.0, rate=100.0)
     pushed = MODEL.torque(q, qd, qdd) + 0.5 * noise(len(q))
@@ -237,7 +239,9 @@ def test_exchanged_joints_are_not_taken_for_wrong_units():
     assert [warning for warning in milli if warning.kind == "effort_unit"]
 
 
-@pytest.mark.parametrize("exchanged", ["positions", "efforts"])
+@pytest.mark.parametrize(
+    "exchanged", ["positions", pytest.param("efforts", marks=pytest.mark.slow)]
+)
 def test_two_joints_exchanged_in_one_quantity_alone_are_told(exchanged):
     time, q, qd, qdd = sines(12.0)
     effort = MODEL.torque(q, qd, qdd) + noise(len(q))
@@ -256,7 +260,8 @@ def test_two_joints_exchanged_in_one_quantity_alone_are_told(exchanged):
 
 @pytest.mark.parametrize(
     ("turned", "told"),
-    [([2, 4], ["the effort of elbow_pitch has", "the effort of wrist_pitch has"]),
+    [pytest.param([2, 4], ["the effort of elbow_pitch has", "the effort of wrist_pitch has"],
+                  marks=pytest.mark.slow),
      (range(7), ["the efforts of all joints have"])],
 )  # fmt: skip
 def test_wrong_signs_of_several_joints_are_told_each_or_as_one(turned, told):
@@ -269,6 +274,7 @@ def test_wrong_signs_of_several_joints_are_told_each_or_as_one(turned, told):
     assert {finding.place for finding in findings} == {f"{words} the wrong sign" for words in told}
 
 
+@pytest.mark.slow
 def test_positions_of_three_joints_exchanged_are_told_as_two_exchanges():
     time, q, qd, qdd = sines(12.0)
     effort = MODEL.torque(q, qd, qdd) + noise(len(q))

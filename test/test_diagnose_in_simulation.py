@@ -178,7 +178,8 @@ MORE = np.array([0.5, 0.0, 0.0, 0.05])  # kg, kg·m
 
 
 # The made-up arm turns and slides; a UR5 only turns.
-@pytest.mark.parametrize("name", ["made_up", pytest.param("ur5", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["made_up", "ur5"])
 def test_another_arm_s_models_are_compared_in_the_simulator_in_its_own_units(name, tmp_path):
     arm = made_up_arm(tmp_path) if name == "made_up" else Arm.load(str(UR5))
     truth = PlantFile.of(arm)

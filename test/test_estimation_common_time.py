@@ -204,6 +204,7 @@ def mean_error(asked: Problem, columns: Sequence[int]) -> float:
     return float(np.exp(0.5 * np.mean(np.log(errors / power))))
 
 
+@pytest.mark.slow
 def test_halves_of_a_simulated_motion_do_not_look_better_than_the_whole(periodic):
     whole, both = (posed(given, "joint") for given in ([periodic], halves(periodic)))
     few = start_columns(whole.design.columns)

@@ -58,7 +58,15 @@ def assert_silent(arm: FakeArm, duration: float = 0.5) -> None:
 
 
 @pytest.mark.parametrize(
-    "beside", [{"arm": "mtml"}, {"timeout": 5.0}, {"use_sim_time": "x"}, {"nonsense": 1.0}]
+    "beside",
+    [
+        {"arm": "mtml"},
+        {"nonsense": 1.0},
+        *(
+            pytest.param(given, marks=pytest.mark.slow)
+            for given in ({"timeout": 5.0}, {"use_sim_time": "x"})
+        ),
+    ],
 )
 def test_stopping_is_not_refused_for_what_stands_beside_it(arm, start, beside):
     start("compensator", *PATIENT)
@@ -69,7 +77,10 @@ def test_stopping_is_not_refused_for_what_stands_beside_it(arm, start, beside):
     assert arm.state.startswith("disabled")
 
 
-@pytest.mark.parametrize("way", ["service", "parameter", "parameter beside nonsense"])
+@pytest.mark.parametrize(
+    "way",
+    ["service", "parameter beside nonsense", pytest.param("parameter", marks=pytest.mark.slow)],
+)
 def test_stopping_is_never_refused_whatever_has_become_of_the_arm_s_file(arm, start, tmp_path, way):
     description = tmp_path / "arm.yaml"
     description.write_bytes((CONFIG / "arms" / "mtmr.yaml").read_bytes())

@@ -21,7 +21,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
 
-pytestmark = pytest.mark.usefixtures("four_folds")
+pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
 
 
 def written(files, folder):

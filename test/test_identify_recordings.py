@@ -68,6 +68,7 @@ def test_a_file_is_fitted_as_the_recording_in_memory(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_thinning_a_fast_recording_changes_no_prediction_by_a_hundredth(monkeypatch):
     """At 1 kHz one sample in five is kept."""
     fast, other = truth(1, 8.0, 1000.0), truth(2, 12.0)
@@ -301,6 +302,7 @@ def test_poses_need_all_joints(tmp_path, capsys):
     ]
 
 
+@pytest.mark.slow
 def test_a_measured_sweep_is_used_beside_a_measured_motion(measured_data, tmp_path, capsys):
     files = [
         str(measured_data / name)

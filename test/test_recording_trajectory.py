@@ -160,6 +160,7 @@ def test_a_file_gives_the_same_as_the_recording_in_memory(tmp_path):
         assert_same(whole, read_trajectory(RecordingFile(tmp_path / name).parts(), piece=4000))
 
 
+@pytest.mark.slow
 def test_memory_does_not_hold_the_recording():
     part = swing(5000, 1000.0)
     for array in (part.position, part.velocity, part.effort):

@@ -120,7 +120,8 @@ def kinds(recording: Recording) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    ("seed", "commands", "rate"), [(1, 100.0, 200.0), (2, 199.0, 200.0), (3, 100.0, 1000.0)]
+    ("seed", "commands", "rate"),
+    [(1, 100.0, 200.0), (2, 199.0, 200.0), pytest.param(3, 100.0, 1000.0, marks=pytest.mark.slow)],
 )
 def test_a_recording_whose_commands_ripple_is_recognised(
     truth: PlantFile, seed: int, commands: float, rate: float
@@ -128,7 +129,9 @@ def test_a_recording_whose_commands_ripple_is_recognised(
     assert "effort_ripple" in kinds(stepped(truth, seed, commands, rate))
 
 
-@pytest.mark.parametrize(("seed", "rate"), [(1, 100.0), (2, 200.0), (3, 1000.0)])
+@pytest.mark.parametrize(
+    ("seed", "rate"), [(1, 100.0), pytest.param(2, 200.0, marks=pytest.mark.slow), (3, 1000.0)]
+)
 def test_a_smooth_one_with_the_sensors_noise_is_not(
     truth: PlantFile, seed: int, rate: float
 ) -> None:

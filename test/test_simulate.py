@@ -396,7 +396,7 @@ def random_poses(truth: PlantFile, count: int) -> np.ndarray:
 @pytest.mark.parametrize(
     ("count", "duration"),
     # For as long as it takes to fall without it, at many poses, and longer at some.
-    [(20, 2.5), pytest.param(20, 10.0, marks=pytest.mark.slow)],
+    [(6, 2.5), pytest.param(20, 10.0, marks=pytest.mark.slow)],
 )
 def test_the_true_torque_holds_with_a_tenth_of_the_friction(
     truth: PlantFile, count: int, duration: float

@@ -355,6 +355,7 @@ def test_real_poses_are_predicted_at_positions_never_seen(measured_data):
     assert (rmse[1:6] < [0.020, 0.016, 0.009, 0.011, 0.005]).all(), rmse
 
 
+@pytest.mark.slow
 def test_real_poses_give_a_model_that_may_be_compensated_with(measured_data):
     """Poses at which wrist_pitch was stuck are no fault of the model."""
     rows = slice(None, None, 4)

@@ -22,7 +22,7 @@ from dvrk_gravity.identification.verdict import VerdictSettings, compared, judge
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 
-pytestmark = pytest.mark.usefixtures("four_folds")
+pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
 
 KNOWN = Holding(1.0, 0.01, 1.0, 0.01, -1.0, 1.0)  # to 1 %, moved by 2 rad
 FEW = ["coulomb_friction"]

@@ -90,9 +90,9 @@ def likelihood_ratio(gain: float, parameters: int) -> float:
     Of a gain on samples that the fit has not seen it is an upper bound: without an effect, that
     gain is negative in the mean.
     """
-    from scipy import stats
+    from scipy.special import chdtrc
 
-    return float(stats.chi2.sf(max(2.0 * gain, 0.0), parameters))
+    return float(chdtrc(parameters, max(2.0 * gain, 0.0)))
 
 
 def variance_ratio(gain: float, parameters: int, freedom: float, trials: float = 1.0) -> float:
@@ -109,10 +109,10 @@ def variance_ratio(gain: float, parameters: int, freedom: float, trials: float =
         freedom: Degrees of freedom of the variance.
         trials: Of how many gains it is the best.
     """
-    from scipy import stats
+    from scipy.special import chdtrc
 
     ratio, weight = _ratios(freedom)
-    alone = stats.chi2.sf(max(2.0 * gain, 0.0) * ratio, parameters)
+    alone = chdtrc(parameters, max(2.0 * gain, 0.0) * ratio)
     return float(weight @ np.minimum(trials * alone, 1.0))
 
 
