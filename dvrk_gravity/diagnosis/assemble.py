@@ -134,7 +134,7 @@ def assemble(
         and names[joint] not in told
     ]
     findings += [
-        shapeless_finding(arm, joint, residual_rmse[joint], floor[joint], source)
+        shapeless_finding(arm, joint, residual_rmse[joint], floor[joint], expected[joint], source)
         for joint in shapeless
     ]
     motion = data.motion

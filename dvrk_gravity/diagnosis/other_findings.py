@@ -31,6 +31,8 @@ from dvrk_gravity.quantity import quantity
 
 Array = NDArray[np.float64]
 
+EXPECTED = "the error that the model is known to have"
+
 
 def unknown_finding(
     held_out: HeldOut,
@@ -150,10 +152,14 @@ def picture_of(
 
 
 def shapeless_finding(
-    arm: Arm, joint: int, after: float, floor: float, source: FloorFrom
+    arm: Arm, joint: int, after: float, floor: float, expected: float, source: FloorFrom
 ) -> Finding:
-    """Return the finding that a joint is off by more than noise, whatever it depends on."""
-    rms = float(np.sqrt(after**2 - floor**2))
+    """Return the finding that a joint is off by more than noise, whatever it depends on.
+
+    Static poses whose directions are not known tell no noise: then by more than the model expects.
+    """
+    least, words = (floor, FLOORS[source]) if np.isfinite(floor) else (expected, EXPECTED)
+    rms = float(np.sqrt(after**2 - least**2))
     name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
     return Finding(
         effect=Unknown.NAME,
@@ -164,8 +170,8 @@ def shapeless_finding(
         alternatives=(),
         rejected=(),
         sentence=(
-            f"{name} is off by {quantity(after, unit)} RMS, {after / floor:.2g} times "
-            f"{FLOORS[source]}, and it depends on nothing that was tried"
+            f"{name} is off by {quantity(after, unit)} RMS, {after / least:.2g} times "
+            f"{words}, and it depends on nothing that was tried"
         ),
         picture=None,
         in_model=False,
