@@ -51,6 +51,21 @@ class ConfigError(DvrkGravityError):
         return type(self)(self.field, self.value, self.expected, source)
 
 
+class EffectError(DvrkGravityError, ValueError):
+    """An effect from outside the package that does not keep what effects promise.
+
+    Attributes:
+        effect: Its name, or where it was to come from.
+        problem: What is wrong with it, and what was expected.
+    """
+
+    def __init__(self, effect: str, problem: str) -> None:
+        """Store the parts and build the one-line message."""
+        self.effect = effect
+        self.problem = problem
+        super().__init__(f"effect {effect}: {' '.join(problem.split())}")
+
+
 class ArgumentError(ConfigError, TypeError):
     """An argument of a type that a function cannot use; the attributes are ``ConfigError``'s."""
 

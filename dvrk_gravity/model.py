@@ -17,7 +17,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State, Term, terms
 from dvrk_gravity.effects.base.arrays import as_array, as_value
 from dvrk_gravity.effects.base.registry import ENTRY_POINTS
-from dvrk_gravity.errors import ArgumentError, ConfigError
+from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError
 from dvrk_gravity.files import json_file, text_file, yaml_file
 from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.parameter import Parameter, Value, check_all, flatten, unflatten
@@ -352,10 +352,22 @@ class TorqueModel:
         return self.torque_at(State.of(q, qd, qdd, direction, self.arm.n))
 
     def torque_at(self, state: State) -> Array:
-        """Return (…, n) torques at a state with measured positions, N·m."""
+        """Return (…, n) torques at a state with measured positions, N·m.
+
+        Raises:
+            EffectError: A term whose torque is of another shape.
+        """
         if self.joint_offset.any():
             state = replace(state, q=state.q - self.joint_offset)
-        return sum((term.torque(state) for term in self.terms), start=np.zeros(state.q.shape))
+        total = np.zeros(state.q.shape)
+        for term in self.terms:
+            torque = term.torque(state)
+            if torque.shape != total.shape:
+                raise EffectError(
+                    term.NAME, f"`torque` returns shape {torque.shape}, expected {total.shape}"
+                )
+            total += torque
+        return total
 
     def prediction(self, state: State) -> Array:
         """Return what :meth:`torque_at` does, (N, n) N·m, for comparison with what was measured.

@@ -14,15 +14,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from quadratic_drag import QuadraticDrag
+from quadratic_drag import DragHypothesis, QuadraticDrag
 from test_identify import truth
 
 from dvrk_gravity import TorqueModel, diagnose, effects, identify
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.effects.base import registry
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.effects.base.merging import added
+from dvrk_gravity.errors import ConfigError, EffectError
 from dvrk_gravity.identification.columns import identified
+from dvrk_gravity.recording import Recording
 from dvrk_gravity.report.diagnosis import render
 from dvrk_gravity.simulate import PlantFile
 from testing.hidden_parts import on_joint
@@ -99,14 +101,21 @@ def test_it_is_identified_beside_the_others():
 
 
 @pytest.fixture(scope="module")
-def hidden():
-    """What a diagnosis makes of an arm that has it, and of whose model has not."""
-    world, before = World.draw(7), dict(registry._effects)
+def world() -> tuple[TorqueModel, Recording]:
+    """A model that has it not, and a recording of an arm that has."""
+    plain = World.draw(7)
+    drag = on_joint(1, lambda time, q, v: 0.4 * abs(v) * v)
+    return plain.model(), replace(plain, extra=(drag,)).record(3, 4, 12.0, 100.0)
+
+
+@pytest.fixture(scope="module")
+def hidden(world):
+    """What a diagnosis makes of it."""
+    model, recording = world
+    before = dict(registry._effects)
     try:
         effects.register(QuadraticDrag)
-        drag = on_joint(1, lambda time, q, v: 0.4 * abs(v) * v)
-        recording = replace(world, extra=(drag,)).record(3, 4, 12.0, 100.0)
-        return diagnose(recording, world.model()), recording
+        return diagnose(recording, model), recording
     finally:
         registry._effects.clear()
         registry._effects.update(before)
@@ -168,8 +177,91 @@ def test_a_model_file_says_so_when_its_effect_is_not_installed(file, monkeypatch
 
 
 def test_a_name_that_another_effect_has_is_refused():
-    with pytest.raises(ValueError, match="'quadratic_drag' is registered already"):
+    with pytest.raises(EffectError, match="quadratic_drag: is registered already"):
         effects.register(type("Other", (QuadraticDrag,), {}))
+
+
+@pytest.mark.parametrize(
+    ("no_effect", "why"),
+    [
+        (QuadraticDrag(np.zeros(7)), "is no class derived from"),
+        (dict, "is no class derived from"),
+        (type("Nameless", (effects.Effect,), {}), "Nameless: NAME is '', expected an identifier"),
+        (type("Bad", (QuadraticDrag,), {"NAME": "two words"}), "NAME is 'two words'"),
+        (type("Half", (effects.Term,), {"NAME": "half"}), "Half does not define from_parameters, "),
+        (
+            type("Rub", (QuadraticDrag,), {"NAME": "rub", "scaled": effects.Term.scaled}),
+            "rub: FRICTION is True, which needs a method `scaled`",
+        ),
+    ],
+    ids=["an instance", "any class", "no name", "no identifier", "abstract", "no part of friction"],
+)  # fmt: skip
+def test_what_is_no_whole_effect_is_refused(no_effect, why):
+    before = dict(registry._effects)
+    with pytest.raises(EffectError, match=why):
+        effects.register(no_effect)
+    assert registry._effects == before
+
+
+def added_in_another_unit(self, values, theta, motion):
+    return added(self.arm, values, self.effect, self.site.index, 57.3 * float(theta[0]))
+
+
+def forgets_where_it_was(cls, arm, values):
+    return None
+
+
+@pytest.mark.parametrize(
+    ("owner", "method", "wrong"),
+    [
+        (DragHypothesis, "merge", added_in_another_unit),
+        (QuadraticDrag, "from_parameters", classmethod(forgets_where_it_was)),
+    ],
+    ids=["another unit in merge", "not read from files"],
+)
+def test_what_a_model_would_have_otherwise_is_found_but_left_out_of_it(
+    world, owner, method, wrong, monkeypatch
+):
+    monkeypatch.setattr(owner, method, wrong)
+    model, recording = world
+    diagnosis = diagnose(recording, model)
+    (finding,) = diagnosis.findings
+    assert finding.effect == "quadratic_drag"
+    assert not finding.in_model
+    (note,) = [note for note in diagnosis.notes if "left out of the extended model" in note]
+    assert "quadratic_drag at shoulder_pitch" in note
+    q = recording.position
+    got, given = (m.torque(q, np.ones_like(q)) for m in (diagnosis.model, model))
+    np.testing.assert_allclose(got, given, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("method", "wrong", "why"),
+    [
+        ("build", lambda self, motion, setting: motion.q, r"`build` returns shape \(\d+, 7\)"),
+        (
+            "build",
+            lambda self, motion, setting: np.full((len(motion.q), 7, 1), np.nan),
+            "`build` is not finite",
+        ),
+        ("CLAIM", "{where} stirs {coeficient}", "CLAIM .*'coeficient', expected of where, "),
+    ],
+    ids=["shape", "not finite", "claim"],
+)
+def test_a_slip_in_a_hypothesis_is_told_by_the_effect_s_name(
+    world, method, wrong, why, monkeypatch
+):
+    monkeypatch.setattr(DragHypothesis, method, wrong)
+    model, recording = world
+    with pytest.raises(EffectError, match=f"effect quadratic_drag: {why}"):
+        diagnose(recording, model)
+
+
+def test_a_torque_of_another_shape_is_told_by_the_effect_s_name(monkeypatch):
+    monkeypatch.setattr(QuadraticDrag, "torque", lambda self, state: state.q[0])
+    model = TorqueModel(ARM, (QuadraticDrag(np.array(DRAG)),))
+    with pytest.raises(EffectError, match=r"`torque` returns shape \(7,\), expected \(5, 7\)"):
+        model.torque(np.zeros((5, 7)))
 
 
 def test_the_docs_show_this_very_effect():
@@ -189,5 +281,5 @@ def test_a_package_whose_effect_cannot_be_imported_is_told_in_a_line(file, tmp_p
         capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": paths},
     )  # fmt: skip
     assert result.returncode == 2
-    assert "dvrk_gravity.effects of typo" in result.stderr
+    assert "effect 'no_such_module:Bad' of typo: cannot be imported" in result.stderr
     assert len(result.stderr.splitlines()) == 1

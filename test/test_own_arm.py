@@ -21,6 +21,7 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree, nominal_inertias
 from dvrk_gravity.compensate.sample import SampleReader
+from dvrk_gravity.effects import Payload
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
@@ -201,6 +202,15 @@ def test_a_load_of_known_mass_tells_the_gains_of_the_joints_that_feel_it(lab, wh
     error = found.gain / GAINS - 1.0
     assert np.abs(error[found.determined]).max() < 0.06
     assert (np.abs(error) < 3.0 * found.error)[found.determined].all()
+
+
+def test_a_load_of_which_no_link_is_told_is_where_a_payload_of_a_model_is():
+    """Not on the last body, which of a gripper is the finger that follows the other."""
+    arm = Arm.load(PANDA)
+    (default,) = (p.default for p in Payload.schema(arm) if p.name == "payload.link")
+    assert arm.body_names[KnownPayload(1.0).body(arm)] == default == "panda_leftfinger"
+    held = Arm.load(PANDA).holding({"panda_finger_joint1": 0.02})
+    assert held.body_names[KnownPayload(1.0).body(held)] == "panda_link7"
 
 
 def test_the_joint_whose_torque_a_load_does_not_change_is_named():

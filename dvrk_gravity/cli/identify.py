@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="the last recording, and no other, was made with a load of this mass: "
                         "it tells the drive gains; the model is fitted to the others")  # fmt: skip
     parser.add_argument("--payload-link", metavar="LINK",
-                        help="link that carries it (default: the last)")  # fmt: skip
+                        help="link that carries it (default: the last joint's)")  # fmt: skip
     parser.add_argument("--payload-centre", metavar="X,Y,Z",
                         help="its centre of mass in the link's frame, m, if known")  # fmt: skip
     parser.add_argument("--topic", help="topic of bags, if they have several with JointStates")

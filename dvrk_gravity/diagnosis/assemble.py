@@ -13,7 +13,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.ambiguity import ambiguities
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.extend import extended, updated
+from dvrk_gravity.diagnosis.extend import contradicted, extended, updated
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import (
     FLOORS,
@@ -64,6 +64,7 @@ class ShapelessSettings:
 
 
 _SHAPELESS = ShapelessSettings()
+_CONTRADICTED = "merged into a model it has another torque than was found, a fault of the effect"
 _EXTRAPOLATED = "what the model says there is extrapolated, and counts as uncertain"
 
 
@@ -90,8 +91,15 @@ def assemble(
         (candidate.hypothesis, theta[rows]) for candidate, rows in zip(named, slices, strict=True)
     ]
     model, carried = extended(loaded.motion, found)
+    contradictory = [
+        i
+        for i, (candidate, rows) in enumerate(zip(named, slices, strict=True))
+        if carried[i] and contradicted(data, candidate, theta[rows])
+    ]
+    if contradictory:
+        model, carried = extended(loaded.motion, found, contradictory)
     if found:
-        model = updated(model, validation, named, held_out)
+        model = updated(model, validation, named, held_out, contradictory)
     first = read_rightly = held_out.as_read()
     if wrong:
         first = as_read_before(wrong[0].motion, data, held_out)
@@ -156,6 +164,10 @@ def assemble(
             *_notes(loaded, validation, floor),
             *(f"{line}: {_EXTRAPOLATED}" for line in outside),
             *(str(effect) for effect in unconfirmed),
+            *(
+                f"left out of the extended model: {named[i].hypothesis}: {_CONTRADICTED}"
+                for i in contradictory
+            ),
         ),
         ambiguities=ambiguities(validation, named, pool),
         model=model,

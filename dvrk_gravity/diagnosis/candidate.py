@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import effects
 from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.errors import EffectError
 
 Array = NDArray[np.float64]
 
@@ -37,9 +38,21 @@ class Candidate:
 
     @classmethod
     def of(cls, hypothesis: Hypothesis, columns: Array) -> Candidate:
-        """Return a hypothesis with its (T, n, k) columns, of all joints."""
+        """Return a hypothesis with its (T, n, k) columns, of all joints.
+
+        Raises:
+            EffectError: Columns of another shape, or not finite.
+        """
+        n = hypothesis.arm.n
+        if np.ndim(columns) != 3 or columns.shape[1] != n:
+            raise EffectError(
+                hypothesis.effect,
+                f"`build` returns shape {np.shape(columns)}, expected (samples, {n}, parameters)",
+            )
         joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
         values = columns if len(joints) == columns.shape[1] else columns[:, joints]
+        if not np.isfinite(values).all():
+            raise EffectError(hypothesis.effect, f"`build` is not finite: {hypothesis}")
         return cls(hypothesis, joints, values, columns.shape[1])
 
     def with_values(self, values: Array) -> Candidate:

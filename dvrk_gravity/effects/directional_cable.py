@@ -166,6 +166,11 @@ class DirectionalCable(LinearTerm):
         return np.copysign(self.ratio * rise, state.qd)
 
     @property
+    def full_speed(self) -> Array:
+        """See :meth:`Term.full_speed`."""
+        return np.where(self._half_difference.any(axis=0), self.saturation_velocity, 0.0)
+
+    @property
     def theta(self) -> Array:
         """See :meth:`LinearTerm.theta`: of moving up, power by power, then of moving down."""
         return np.concatenate([self.positive.ravel(), self.negative.ravel()])

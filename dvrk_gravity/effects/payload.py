@@ -18,7 +18,7 @@ from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.links import (
     AXES,
     joint_of_link,
-    links_of_joints,
+    last_link,
     links_told_apart,
     mass_directions,
 )
@@ -79,11 +79,11 @@ class Payload(Term):
         return (
             Parameter("payload.mass", 0.0, "kg", "mass carried by a link", lower=0.0, upper=10.0),
             Parameter(
-                "payload.first_moment", (), "kg·m", "mass times its place in the link's DH frame",
+                "payload.first_moment", (), "kg·m", "mass times its place in the link's frame",
                 lower=-10.0, upper=10.0, lengths=(3,),
             ),
             Parameter(
-                "payload.link", _last(arm), "", "link that carries it", choices=arm.body_names
+                "payload.link", last_link(arm), "", "link that carries it", choices=arm.body_names
             ),
         )  # fmt: skip
 
@@ -100,7 +100,7 @@ class Payload(Term):
         vector = values.get("gravity_vector")
         return cls(
             arm,
-            str(values.get("payload.link", _last(arm))),
+            str(values.get("payload.link", last_link(arm))),
             mass,
             moment,
             arm.gravity if vector is None else np.array(vector),
@@ -226,8 +226,3 @@ class PayloadHypothesis(Hypothesis):
             return {**values, **{f"{name}.{key}": value for key, value in named.items()}}
         change = self._directions(self.setting) @ theta
         return with_link(self.arm, values, self.site.index, change)
-
-
-def _last(arm: Arm) -> str:
-    """Return the last link of the chain."""
-    return arm.body_names[links_of_joints(arm)[-1]]

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
 from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.links import last_link
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation.same_motion import Track, same_motion
 from dvrk_gravity.estimation.scales import Scales, solve_scales
@@ -90,7 +91,7 @@ class KnownPayload:
 
     Attributes:
         mass: kg.
-        link: Name of the link that carries it; ``""``: the last one.
+        link: Name of the link that carries it; ``""``: the one that the last joint carries.
         centre: (3,) its centre of mass in the link's frame, m; ``None`` if that is not known.
     """
 
@@ -107,7 +108,7 @@ class KnownPayload:
         check_mass(self.mass)
         if self.centre is not None and not np.isfinite(self.centre).all():
             raise ConfigError("--payload-centre", self.centre, "finite coordinates, m")
-        link = self.link or arm.body_names[-1]
+        link = self.link or last_link(arm)
         arm.body(link)
         return arm.body_names.index(link)
 
@@ -219,7 +220,7 @@ def drive_gains(
         np.where(determined, found.gain, mean),
         np.where(determined, error, settings.undetermined),
         determined,
-        how,
+        f"{how}, on {arm.body_names[body]}",
         same,
     )
 

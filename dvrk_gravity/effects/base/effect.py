@@ -18,6 +18,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base.evidence import Filtered, Motion, Residual
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning
 from dvrk_gravity.effects.base.site import Kind, Site
+from dvrk_gravity.errors import EffectError
 
 Array = NDArray[np.float64]
 Setting = Mapping[str, float]
@@ -225,8 +226,18 @@ class Hypothesis(ABC):
         return self.site.unit(self.arm, self.EFFECT.meaning(name).unit)
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """Return what is claimed, with its size."""
-        return self.CLAIM.format(**self.words(parameters), **self._told(parameters))
+        """Return what is claimed, with its size.
+
+        Raises:
+            EffectError: The claim names what is no parameter.
+        """
+        words = self.words(parameters) | self._told(parameters)
+        try:
+            return self.CLAIM.format(**words)
+        except (LookupError, ValueError) as error:
+            raise EffectError(
+                self.effect, f"CLAIM {self.CLAIM!r}: {error}, expected of {', '.join(words)}"
+            ) from error
 
     def correction(self) -> str:
         """Return what is done about it, as the subject of `removes … % of the error`."""

@@ -40,6 +40,14 @@ def links_of_joints(arm: Arm) -> tuple[int, ...]:
     return tuple(int(body) for body in np.argmax(worth, axis=0))
 
 
+def last_link(arm: Arm) -> str:
+    """Return the name of the link that the last joint carries, as a rule the hand or the tool.
+
+    It need not be the last body: of a gripper that may be a finger that follows another.
+    """
+    return arm.body_names[links_of_joints(arm)[-1]]
+
+
 @lru_cache(maxsize=8)
 def joint_of_link(arm: Arm, body: int) -> int:
     """Return the joint that a body is said of: whose link it is, or the last one that moves it."""

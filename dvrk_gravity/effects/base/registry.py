@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 from functools import cache
 
 from dvrk_gravity.effects.base.effect import Effect
 from dvrk_gravity.effects.base.term import Term
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import EffectError
 
 ENTRY_POINTS = "dvrk_gravity.effects"
 _effects: dict[str, type[Effect]] = {}
@@ -18,11 +19,21 @@ def register(effect: type[Effect]) -> type[Effect]:
     Effects are believed in the order in which they are registered.
 
     Raises:
-        ValueError: Another effect has its name.
+        EffectError: It is no effect, or not a whole one; another effect has its name.
     """
-    known = _effects.setdefault(effect.NAME, effect)
+    if not (isinstance(effect, type) and issubclass(effect, Effect)):
+        raise EffectError(repr(effect), "is no class derived from dvrk_gravity.effects.Effect")
+    name = getattr(effect, "NAME", "")
+    if not (isinstance(name, str) and name.isidentifier()):
+        raise EffectError(effect.__qualname__, f"NAME is {name!r}, expected an identifier")
+    if inspect.isabstract(effect):
+        missing = ", ".join(sorted(effect.__abstractmethods__))
+        raise EffectError(name, f"{effect.__qualname__} does not define {missing}")
+    if issubclass(effect, Term) and effect.FRICTION and effect.scaled is Term.scaled:
+        raise EffectError(name, "FRICTION is True, which needs a method `scaled`")
+    known = _effects.setdefault(name, effect)
     if known is not effect:
-        raise ValueError(f"effect {effect.NAME!r} is registered already, by {known.__module__}")
+        raise EffectError(name, f"is registered already, by {known.__module__}")
     return effect
 
 
@@ -30,8 +41,7 @@ def effects() -> tuple[type[Effect], ...]:
     """Return all effects, those of installed packages among them, the most readily believed first.
 
     Raises:
-        ConfigError: A package names an effect that cannot be imported.
-        ValueError: Two with one name.
+        EffectError: A package names an effect that cannot be imported or registered.
     """
     _load_entry_points()
     return tuple(sorted(_effects.values(), key=lambda effect: effect.NAMELESS))
@@ -67,11 +77,12 @@ def _load_entry_points() -> None:
     from importlib.metadata import entry_points
 
     for entry in entry_points(group=ENTRY_POINTS):
+        package = entry.dist.name if entry.dist else "a package"
         try:
             effect = entry.load()
-        except (ImportError, AttributeError) as error:
-            package = entry.dist.name if entry.dist else "a package"
-            raise ConfigError(
-                f"{ENTRY_POINTS} of {package}", entry.value, f"an effect ({error})"
+        except Exception as error:  # a module of others may raise anything
+            raise EffectError(
+                f"{entry.value!r} of {package}",
+                f"cannot be imported: {type(error).__name__}: {error}",
             ) from error
         register(effect)
