@@ -12,7 +12,7 @@ from test_arms_dynamics import PANDA, UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.effects.base.link_prior import link_sizes
+from dvrk_gravity.effects.base.link_prior import link_sizes, prior_scale
 from dvrk_gravity.effects.base.links import links_of_joints
 from dvrk_gravity.errors import ConfigError
 
@@ -319,6 +319,14 @@ def test_what_a_urdf_holds_that_no_arm_can_have_is_told_in_one_line(case, tmp_pa
         Arm.load(path)
     assert str(caught.value).startswith(f"{path}: {told}"), caught.value
     assert "\n" not in str(caught.value)
+
+
+def test_a_urdf_that_weighs_nothing_tells_no_masses(tmp_path):
+    path = urdf(tmp_path, ONE, links="ab")
+    path.write_text(path.read_text().replace('mass value="1"', 'mass value="0"'))
+    arm = Arm.load(path)
+    assert arm.inertial_parameters is None
+    assert np.isfinite(prior_scale(arm)).all()
 
 
 NOT_URDF = {

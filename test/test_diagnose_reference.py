@@ -76,7 +76,7 @@ def test_a_load_is_weighed_without_a_model(world, bare, loaded):
 def test_what_is_wrong_with_both_recordings_is_said_once(bare, loaded):
     def frozen(recording: Recording, first: int) -> Recording:
         position = recording.position.copy()
-        position[first : first + 100, 1] = position[first, 1]
+        position[first : first + 40, 1] = position[first, 1]
         return replace(recording, position=position)
 
     found = diagnose(frozen(loaded, 500), arm=UR5, reference=frozen(bare, 900))
@@ -121,6 +121,17 @@ def test_friction_that_has_doubled_is_found_at_its_joint(world, bare):
     rubs = record(world.with_friction(joint, 2.0 * world.coulomb[joint]), 1, 14)
     first, *_ = diagnose(rubs, arm=UR5, reference=bare).findings
     assert (first.effect, first.joints) == ("coulomb_friction", (world.arm.joint_names[joint],))
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.2, 2.0])
+def test_efforts_that_read_by_a_factor_more_than_a_reference_are_told_by_it(world, bare, factor):
+    again = record(world, 1, 13)
+    read = replace(again, effort=factor * again.effort)
+    (found,) = diagnose(read, arm=UR5, reference=bare).findings
+    scale = found.parameters["factor"]
+    assert (found.effect, len(found.joints)) == ("torque_scale", 6)
+    assert scale.value == pytest.approx(factor, rel=0.02)
+    assert scale.low < factor < scale.high
 
 
 def test_a_torque_scale_that_disagrees_with_a_known_mass_is_told(bare, loaded):

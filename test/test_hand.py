@@ -68,6 +68,16 @@ def test_the_sign_of_the_platform_s_weight_tells_where_limits_do_not(value, half
     assert by_weight((), arm) == []
 
 
+@pytest.mark.parametrize(("value", "half", "told"), [
+    (0.002, 0.001, True), (0.98, 0.05, True), (0.002, 0.1, False), (0.15, 0.02, False),
+])  # fmt: skip
+def test_the_size_of_the_platform_s_weight_tells_a_wrong_unit(value, half, told):
+    found = by_weight(
+        (FittedParameter("beta[5] (pitch_y)", value, "N·m", (value - half, value + half)),), RIGHT
+    )
+    assert [warning.kind for warning in found] == ["effort_unit"] * told
+
+
 def test_identify_evaluate_and_diagnose_warn_once():
     recording = truth(1, 12.0)
     model = TorqueModel.from_parameters({"arm": "mtml", "beta": (0.1,) * 10})

@@ -15,6 +15,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.dynamic_fit import estimate
 from dvrk_gravity.identification.motion import read_motions
@@ -220,6 +221,12 @@ def test_validation_recordings_judge_the_model():
     expected = evaluate(found.model, recordings[1:], "joint")
     assert found.held_out == expected.joints
     assert found.model.term("viscous_friction") is None
+
+
+def test_what_was_fitted_cannot_be_held_out():
+    recordings = [truth(5, 16.0), truth(6, 16.0)]
+    with pytest.raises(RecordingError, match="800 of 800 samples are those of a recording that"):
+        identify(recordings[:1], ARM, validate=[recordings[1], recordings[0].rows(slice(800))])
 
 
 def write(recording: Recording, path) -> str:

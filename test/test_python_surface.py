@@ -40,15 +40,16 @@ def files(fit, tmp_path_factory) -> tuple[Path, Path]:
     return folder / "run.csv", folder / "model.yaml"
 
 
-def test_paths_and_names_do_as_well_as_objects(files, fit):
+def test_paths_and_names_do_as_well_as_objects(files, fit, tmp_path):
     run, model = files
     recording = Recording.load(run)
     expected = identify([recording], ARM, "joint", FEW)
     assert fit.held_out == expected.held_out
     evaluation = evaluate(str(model), str(run), "joint")
     assert evaluation.joints == evaluate(TorqueModel.load(model), [recording], "joint").joints
-    listed = identify([str(run)], ARM, "joint", FEW[0], validate=str(run))
-    assert "run.csv" in listed.validation
+    truth(2, 12.0).save(tmp_path / "other.csv")
+    listed = identify([str(run)], ARM, "joint", FEW[0], validate=str(tmp_path / "other.csv"))
+    assert "other.csv" in listed.validation
     assert {name: e.nrmse for name, e in listed.training.items()} == pytest.approx(
         {name: e.nrmse for name, e in expected.training.items()}
     )

@@ -16,6 +16,7 @@ from dvrk_gravity.recording.signal_checks import quantisation
 from dvrk_gravity.recording.velocity import compare_velocity
 
 CLEAN = wave(6000)
+RUBS = 0.02 * np.sign(CLEAN.velocity)  # N·m, friction alone
 
 
 def column(recording, quantity, joint, change):
@@ -199,6 +200,20 @@ FAULTS = [
         column(CLEAN, "position", "wrist_yaw", lambda p: 2 * p),
     ),
     (
+        "position_jump",
+        "elbow_pitch",
+        column(CLEAN, "position", "elbow_pitch", lambda p: p + 3.0 * (np.arange(len(p)) == 1000)),
+        {"jumps": 2, "way_rad": 3.0},
+        column(CLEAN, "position", "elbow_pitch", lambda p: p + 0.1 * (np.arange(len(p)) == 1000)),
+    ),
+    (
+        "effort_sign",
+        "wrist_yaw",
+        replace(CLEAN, effort=-RUBS),
+        {"work": -1.0},
+        replace(CLEAN, effort=RUBS),
+    ),
+    (
         "time_unit",
         None,
         replace(CLEAN, time=1000 * CLEAN.time, velocity=None),
@@ -206,7 +221,7 @@ FAULTS = [
         replace(CLEAN, time=20 * CLEAN.time, velocity=None),
     ),
 ]
-UNUSABLE = {"nothing_moves", "position_unit", "effort_unit", "time_unit"}
+UNUSABLE = {"nothing_moves", "position_unit", "effort_unit", "time_unit", "position_jump"}
 
 
 @pytest.mark.parametrize(("kind", "joint", "faulty", "numbers", "faultless"), FAULTS)

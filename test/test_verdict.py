@@ -144,7 +144,8 @@ def test_what_to_record_instead_follows_from_where_the_error_is():
         (
             "good", 0.9,
             "identify's verdict, from the model file: good; from these errors alone it would be: "
-            "do not compensate with this (wrist_yaw 90 % of the torque)",
+            "do not compensate with this (wrist_yaw 90 % of the torque); `diagnose` tells whether "
+            "that is news, and of what",
         ),
         (
             "unknown", 0.05,

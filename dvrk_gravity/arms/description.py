@@ -34,6 +34,12 @@ ANY_UNIT = "a.u."  # arbitrary unit: that of the recordings, of which only its n
 # What counts as much as a rad, or a rad/s: where a threshold is given for joints that turn, that of
 # joints that slide is as far at a lever of 0.1 m.
 SCALES: dict[JointKind, float] = {"revolute": 1.0, "prismatic": 0.1}
+# rad/s that no joint turns at. A tennis serve turns an elbow at 26 rad/s (Fleisig et al. 2003,
+# Sports Biomechanics 2(1)); nobody leads an arm like that.
+FASTEST = 25.0
+# rad by which positions may differ at any rate: ten steps of the coarsest encoder (an MTM's
+# wrist_roll, 0.006 rad), and what stamps that are rounded to 10 ms hide at 6 rad/s.
+UNTIMED_STEP = 0.06
 
 
 def read_in(unit: str, effort: str) -> str:

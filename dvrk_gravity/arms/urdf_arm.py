@@ -27,6 +27,8 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file
 
 _Z = np.array([0.0, 0.0, 1.0])
+# kg: links of a file for pictures alone weigh nothing, or what a reader wants at least.
+_PLACEHOLDER = 1e-3
 
 
 def read(path: Path, tip: str | None, source: str) -> Description:
@@ -61,9 +63,10 @@ def _parse(text: str, tip: str | None, source: str) -> Description:
     joints = tuple(_joint(name, moving[name]) for name in names)
     bodies, parameters = _bodies(model, moving, rows)
     limits = np.array([joint.effort_limit for joint in joints])
+    weighs = bool(parameters[:, 0].max() > _PLACEHOLDER)
     return Description(
         str(robot.get("name")), joints, bodies, np.eye(len(joints)), limits,
-        inertial_parameters=parameters, source=source,
+        inertial_parameters=parameters if weighs else None, source=source,
     )  # fmt: skip
 
 

@@ -115,8 +115,7 @@ def run(args: argparse.Namespace) -> int:
 def _summary(diagnosis: Diagnosis, out: Path) -> str:
     import numpy as np
 
-    from dvrk_gravity.diagnosis.findings import FLOORS
-    from dvrk_gravity.diagnosis.known import ERROR
+    from dvrk_gravity.diagnosis.findings import ERROR, FLOORS, KNOWN
     from dvrk_gravity.effects.unknown import Unknown
 
     lines = [f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}"]
@@ -136,9 +135,11 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         ]
         if not finding.in_model and finding.effect != Unknown.NAME:
             lines.append("   (not in the extended model: no term of a model file carries it)")
+    if diagnosis.caveat:
+        lines.append(f"note: {diagnosis.caveat}")
     known = [entry for entry in diagnosis.known if entry.effect != ERROR]
     if known:
-        lines.append("what the model is known to miss, or left uncertain:")
+        lines.append(f"{KNOWN}:")
         lines += [f"   {entry.sentence}" for entry in known]
     suspected = [ambiguity for ambiguity in diagnosis.ambiguities if ambiguity.suspected]
     lines += [f"not to be told apart: {ambiguity.sentence}" for ambiguity in suspected]
@@ -175,7 +176,8 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     if diagnosis.in_simulation is not None:
         from dvrk_gravity.report.in_simulation import line
 
-        lines.append(line(diagnosis.in_simulation, diagnosis.model.arm))
+        compared = line(diagnosis.in_simulation, diagnosis.model.arm, diagnosis.gains_most)
+        lines.append(compared)
     if diagnosis.weighed is not None:
         lines.append(f"known payload: {diagnosis.weighed.sentence}")
     lines += [f"extrapolated: {line}" for line in diagnosis.outside]

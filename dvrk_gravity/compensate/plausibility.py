@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms.description import FASTEST, UNTIMED_STEP
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample
 
 Array = NDArray[np.float64]
@@ -17,10 +18,8 @@ class PlausibleMotion:
     """What is taken for possible.
 
     Attributes:
-        speed: Fastest motion of a joint, rad/s. A tennis serve turns an elbow at 26 rad/s (Fleisig
-            et al. 2003, Sports Biomechanics 2(1)); nobody leads an MTM like that.
-        step: Positions may differ by so much at any rate, rad: ten steps of the coarsest encoder
-            (wrist_roll's, 0.006 rad), and what stamps that are rounded to 10 ms hide at 6 rad/s.
+        speed: Fastest motion of a joint, rad/s.
+        step: Positions may differ by so much at any rate, rad.
         interval: Velocities are compared so often, s.
         time_constant: Of the low-pass filters through which velocities are compared, s: longer
             than consoles' own velocity filters (some 10 ms), and at 0.006 rad a step and 100 Hz an
@@ -29,8 +28,8 @@ class PlausibleMotion:
         share: And by this part of the larger one.
     """
 
-    speed: float = 25.0
-    step: float = 0.06
+    speed: float = FASTEST
+    step: float = UNTIMED_STEP
     interval: float = 0.005
     time_constant: float = 0.05
     slack: float = 0.5

@@ -232,14 +232,19 @@ class Finding:
         }
 
 
+# What is known that is no effect: the model's own parameters moved, the error that it left.
+PARAMETERS, ERROR = "model_parameters", "model_error"
+KNOWN = "what the model is known to miss, left uncertain, or has of another day"
+
+
 @dataclass(frozen=True)
 class Known:
     """What the model's own uncertainty, or its known error, accounts for: no news.
 
     Attributes:
         effect: Name of an effect that is significant, and smaller than that error, or such as
-            friction changes by from day to day; ``model_parameters`` for how far the model's own
-            parameters moved; ``model_error`` for what it leaves here as it did when it was
+            friction changes by from day to day; :data:`PARAMETERS` for how far the model's own
+            parameters moved; :data:`ERROR` for what it leaves here as it did when it was
             identified.
         joints: Names of the joints.
         parameters: Estimates by name.
@@ -250,6 +255,11 @@ class Known:
     joints: tuple[str, ...]
     parameters: Mapping[str, Estimate]
     sentence: str
+
+    @property
+    def of_effect(self) -> bool:
+        """Whether it is an effect."""
+        return self.effect not in (PARAMETERS, ERROR)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what findings.json holds of it."""
@@ -353,13 +363,42 @@ class Diagnosis:
         """The diagnosis in one sentence."""
         if self.findings:
             return self.findings[0].sentence
-        ratio = {name: self.after[name] / floor for name, floor in self.floor.items() if floor > 0}
+        # A model that tells how sure it is is measured by that; of others only noise is known.
+        expects = bool(np.isfinite(list(self.expected.values())).any())
+        least, words = (
+            (self.expected, "what it expects of itself")
+            if expects
+            else (self.floor, FLOORS[self.floor_from])
+        )
+        ratio = {name: self.after[name] / value for name, value in least.items() if value > 0}
         if not ratio:
             return f"Nothing was found that {self.against} lacks."
         most = max(ratio, key=lambda name: ratio[name])
+        told = any(most in entry.joints for entry in self.known if entry.of_effect)
+        beside = ", friction of another day and other known causes included" if told else ""
         return (
             f"Nothing was found that {self.against} lacks: what it leaves is at most "
-            f"{ratio[most]:.2g} times {FLOORS[self.floor_from]} ({most})."
+            f"{ratio[most]:.2g} times {words} ({most}{beside})."
+        )
+
+    @property
+    def gains_most(self) -> str:
+        """Name of the joint where the first finding that the extended model carries gains most."""
+        for finding in self.findings:
+            if finding.in_model:
+                return finding.joints[0] if finding.picture is None else finding.picture.joint
+        return ""
+
+    @property
+    def caveat(self) -> str:
+        """What to bear in mind about the findings, in a sentence; ``""`` if nothing."""
+        if self.against == "the model" or not self.findings:
+            return ""
+        return (
+            "against a reference all counts that differs between two recordings, friction that "
+            "warmth or another day changes, too: made in one sitting, one after the other, they "
+            "tell the change alone. Of a load on a link that turns, mass times place is surer than "
+            "the mass, which its inertia tells"
         )
 
     @property

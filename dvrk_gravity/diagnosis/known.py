@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.findings import Known
+from dvrk_gravity.diagnosis.findings import ERROR, PARAMETERS, Known
 from dvrk_gravity.diagnosis.held_out import HeldOut, estimates
 from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.quantity import quantity
 
 Array = NDArray[np.float64]
-
-PARAMETERS, ERROR = "model_parameters", "model_error"
 
 
 def expected_error(data: FilteredData, held_out: HeldOut) -> Array:
@@ -97,7 +95,9 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     parameters = estimates(hypothesis, theta[rows], covariance[rows, rows], {})
     no_news = "less than the model is known to miss"
     if trial.other_day:
-        no_news = "no more than its friction may have changed by, as other joints' has"
+        no_news = (
+            "no more than friction changes by from one day to another, as other joints' has here"
+        )
     claim = hypothesis.claim(parameters)
     return Known(
         hypothesis.effect, hypothesis.names, parameters,

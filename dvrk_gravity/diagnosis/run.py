@@ -150,7 +150,10 @@ def diagnose(
         outcome.unconfirmed, outcome.minor, outcome.other_day, outcome.pool,
     )  # fmt: skip
     if known_payload is not None:
-        diagnosis = replace(diagnosis, weighed=weighed(diagnosis.findings, known_payload, arm))
+        diagnosis = replace(
+            diagnosis,
+            weighed=weighed(diagnosis.findings, known_payload, arm, reference is not None),
+        )
     shown = simulated and reference is None
     if not shown or not any(finding.in_model for finding in diagnosis.findings):
         return diagnosis

@@ -11,8 +11,15 @@ from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.quantity import quantity
 
 
-def weighed(findings: Sequence[Finding], known: float, arm: Arm) -> Weighed:
-    """Compare the payload that was found with the mass that is known."""
+def weighed(findings: Sequence[Finding], known: float, arm: Arm, by_reference: bool) -> Weighed:
+    """Compare the payload that was found with the mass that is known.
+
+    Args:
+        findings: What was found.
+        known: The mass, kg.
+        arm: The arm.
+        by_reference: It was found by comparing two recordings.
+    """
     found = next((finding for finding in findings if finding.effect == Payload.NAME), None)
     if found is None:
         return Weighed(known, None, f"no payload was found, and {known:g} kg are said to be there")
@@ -27,11 +34,16 @@ def weighed(findings: Sequence[Finding], known: float, arm: Arm) -> Weighed:
         )  # fmt: skip
     scale = Estimate(mass.value / known, mass.low / known, mass.high / known, "")
     agrees = scale.low <= 1.0 <= scale.high
-    verdict = (
-        "the torque scale agrees with that"
-        if agrees
-        else "efforts read "
-        + scale.percent(1.0).signed(("too high", "too low"))
-        + ", or the mass is another: check torque constants, gear ratios and currents' scales"
-    )
+    if agrees:
+        verdict = (
+            "the torque scale agrees with that, as far as it shows: it is "
+            f"{100 * scale.low:.0f} to {100 * scale.high:.0f} %"
+        )
+    else:
+        off = scale.percent(1.0).signed(("too high", "too low"))
+        other = " or more than it changed between the recordings" if by_reference else ""
+        verdict = (
+            f"efforts read {off}, or the mass is another{other}: check torque constants, gear "
+            "ratios and currents' scales"
+        )
     return Weighed(known, scale, f"{mass.shown} were found where {known:g} kg are: {verdict}")

@@ -17,6 +17,8 @@ from dvrk_gravity.effects.base.meaning import READS, Estimate, Meaning, meanings
 
 Array = NDArray[np.float64]
 
+_LEAST = 1e-3
+
 
 class TorqueScale(Effect):
     """measured effort = factor x applied effort."""
@@ -32,22 +34,27 @@ class TorqueScale(Effect):
         None in an arbitrary unit: drives have gains of their own there, and a load that is heavier
         on one joint than on another tells of those, not of a reading that changed.
         """
-        arm = motion.arm
+        arm, of_both = motion.arm, motion.reference is not None
         if arm.read_in == ANY_UNIT:
             return
         unit = np.eye(arm.n)
         for joint in np.flatnonzero(motion.present).tolist():
             yield ScaleHypothesis(
-                arm=arm, site=site.joint(joint), joints=(joint,), mixing=np.diag(unit[joint])
-            )
+                arm=arm, site=site.joint(joint), joints=(joint,), mixing=np.diag(unit[joint]),
+                of_both=of_both,
+            )  # fmt: skip
         if not motion.present.all():
             return
         yield ScaleHypothesis(
-            arm=arm, site=site.THE_ARM, joints=tuple(range(len(unit))), form="all", mixing=unit
-        )
+            arm=arm, site=site.THE_ARM, joints=tuple(range(len(unit))), form="all", mixing=unit,
+            of_both=of_both,
+        )  # fmt: skip
         for motor in mixed_motors(arm):
             mixing = arm.actuator_to_joint @ np.diag(unit[motor]) @ arm.joint_to_actuator
-            yield ScaleHypothesis(arm=arm, site=site.motor(motor), joints=(motor,), mixing=mixing)
+            yield ScaleHypothesis(
+                arm=arm, site=site.motor(motor), joints=(motor,), mixing=mixing,
+                of_both=of_both,
+            )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,11 +63,13 @@ class ScaleHypothesis(Hypothesis):
 
     Attributes:
         mixing: (n, n) torques of the joints -> those that read wrongly, as the joints show them.
+        of_both: The torque that acts is the mean of what reads wrongly and of a reference.
     """
 
     EFFECT = TorqueScale
 
     mixing: Array
+    of_both: bool = False
 
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`."""
@@ -70,7 +79,10 @@ class ScaleHypothesis(Hypothesis):
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """See :meth:`Hypothesis.describe`."""
         del setting
-        return {"factor": 1.0 + float(theta[0])}
+        part = float(theta[0])
+        # s tau - tau = part (s tau + tau) / 2 has no solution from a part of 2 on.
+        factor = (2.0 + part) / max(2.0 - part, _LEAST) if self.of_both else 1.0 + part
+        return {"factor": factor}
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""

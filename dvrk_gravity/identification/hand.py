@@ -1,4 +1,4 @@
-"""Is a recording that of the other hand's arm? Joint limits and a weight's sign tell."""
+"""Is a recording that of the other hand's arm, in N·m? Joint limits and a weight tell."""
 
 from __future__ import annotations
 
@@ -28,10 +28,13 @@ class HandSettings:
         beyond: Way past a joint's limit that no error of its zero explains, rad (35 mm where it
             slides). Chosen: 20 deg; zeros of encoders are off by less.
         clear: Part of ``PLATFORM`` from which on the other sign is no accident. Chosen.
+        off: Factor by which that moment is off where efforts are in another unit. Chosen as in
+            ``effort_unit.UnitSettings``; of the sixteen files it is off by a twentieth.
     """
 
     beyond: float = 0.35
     clear: float = 0.5
+    off: float = 4.0
 
 
 def beyond_limits(q: Array, arm: Arm) -> list[DataWarning]:
@@ -87,7 +90,7 @@ def _by_limits(q: Array, arm: Arm, beyond: Array) -> DataWarning | None:
 
 
 def by_weight(parameters: tuple[FittedParameter, ...], arm: Arm) -> list[DataWarning]:
-    """Return a warning if the platform's moment surely has the sign of the other hand."""
+    """Return a warning if the platform's moment surely has another size or the other sign."""
     expected = PLATFORM.get(arm.name)
     found = [
         parameter
@@ -99,6 +102,17 @@ def by_weight(parameters: tuple[FittedParameter, ...], arm: Arm) -> list[DataWar
     value, (low, high) = found[0].value, found[0].ci95
     name = f"beta{1 + BETA_NAMES.index(PLATFORM_NAME)}"
     least = HandSettings().clear * abs(expected)
+    size, off = np.abs([low, high]) / abs(expected), HandSettings().off
+    if size.max() < 1.0 / off or (low * high > 0.0 and size.min() > off):
+        return [
+            DataWarning(
+                "effort_unit",
+                None,
+                {"beta6_Nm": value},
+                f"{name} is {value:+.2g} N·m, about {expected:+.2g} on any {arm.name}: efforts in "
+                "another unit than N·m?",
+            )
+        ]
     if value * expected > 0.0 or abs(value) < least or low * high < 0.0:
         return []
     return [

@@ -40,7 +40,7 @@ from dvrk_gravity.recording import (
     opened,
 )
 from dvrk_gravity.recording.data import Coordinates, known_coordinates
-from dvrk_gravity.recording.read_before import counted_once
+from dvrk_gravity.recording.read_before import ReadBefore, counted_once
 
 Report = Callable[[str, float], None]
 
@@ -106,6 +106,8 @@ def identify(
     # How a known load tells the gains is said already.
     said = (*missing, *said, *(unit[1:] if said else unit))
     recordings, validate = opened(recordings, arm=arm), opened(validate, arm=arm)
+    if validate:
+        _none_read_before(validate, recordings)
     if for_console:
         _check_for_console(arm, effects, physical)
     if all_static(recordings):
@@ -124,6 +126,23 @@ def identify(
         fit = replace(fit, handling=(*fit.handling, _FOR_CONSOLE))
     fit = replace(fit, handling=(*said, *fit.handling))
     return _validated(fit, validate) if validate else fit
+
+
+def _none_read_before(
+    held_out: Sequence[Recording | RecordingFile], fitted: Sequence[Recording | RecordingFile]
+) -> None:
+    """Refuse to hold out what was fitted."""
+    before = ReadBefore()
+    for recording in fitted:
+        before.read(recording)
+    for recording in held_out:
+        before.read(recording)
+        if before.left_out:
+            raise RecordingError(
+                head(recording).source,
+                f"{before.number} of {before.samples} samples are those of a recording that was "
+                "fitted, or validated before: expected recordings that nothing was fitted to",
+            )
 
 
 def _with_held(

@@ -158,7 +158,8 @@ def compared(
     )
     held = ", with friction that these poses do not tell apart" if rubs else ""
     why = "" if found == GOOD else f" ({', '.join(which)} of the torque{held})"
-    return f"{said}; from these errors alone it would be: {in_words(found)}{why}"
+    further = "; `diagnose` tells whether that is news, and of what" if found == POOR else ""
+    return f"{said}; from these errors alone it would be: {in_words(found)}{why}{further}"
 
 
 def _comparable(limits: Array, arm: Arm) -> Array:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.description import FASTEST, UNTIMED_STEP
 from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
-from dvrk_gravity.recording.grid import TimingSettings
+from dvrk_gravity.recording.grid import TimingSettings, stale
 from dvrk_gravity.recording.signal_checks import (
     position_unit,
     quantisation,
@@ -33,6 +34,13 @@ class CheckSettings:
         effort_margin: Times what the motor can. Chosen between what a peak may exceed a limit by
             and the 1000 of mN·m.
         time_jitter: Standard deviation of the intervals, as a part of their median. Chosen.
+        closed: Times there and back over its range that a joint goes for the work of its motor to
+            tell anything: what springs and weight take on the way one way they give back on the
+            other, but for the last of them. Chosen.
+        driven: Part of the work there and back that friction has given to the motor, where none can
+            be. Real arms have 0.2 to 1.0 of it the other way round (the recordings of docs/psm.md,
+            docs/own_arm.md and docs/identification.md). Chosen; beside neighbours' weights and
+            springs the sum of one joint need not be that of its friction.
         still: Way below which a joint did not move, rad (2 mm where it slides). Chosen: about
             1 deg, more than a servo that holds moves by.
         rates: Hz, between which robots are recorded: stamps that are not in seconds are known by
@@ -42,6 +50,8 @@ class CheckSettings:
     position_margin: float = 2.5
     effort_margin: float = 10.0
     time_jitter: float = 0.05
+    closed: float = 4.0
+    driven: float = 0.3
     still: float = 0.02
     rates: tuple[float, float] = (10.0, 5000.0)
 
@@ -81,8 +91,12 @@ def check_signals(
         # Every further figure would be in the wrong unit.
         return tuple(findings)
     if recording.time is not None and len(recording) > 2:
-        findings += [*_time(recording), *sampling(recording), *ripple(recording)]
-        findings += _velocity(recording)
+        findings += _time(recording)
+        jumps = _jumps(recording)
+        if jumps:
+            return (*findings, *jumps)
+        findings += [*sampling(recording), *ripple(recording), *_velocity(recording)]
+        findings += _signs(recording)
     findings += [*saturation(recording, effort_limits or {}), *quantisation(recording)]
     return tuple(findings)
 
@@ -220,6 +234,67 @@ def _time(recording: Recording) -> list[DataWarning]:
                 f"intervals vary by {1e3 * jitter:.2g} ms around {1e3 * typical:.3g} ms",
             )
         )
+    return findings
+
+
+def _jumps(recording: Recording) -> list[DataWarning]:
+    """Return findings about positions that no joint can have gone between two samples."""
+    # What stale samples hide comes at once, and others may be an interval off their stamps.
+    fresh = recording.rows(~stale(recording))
+    assert fresh.time is not None
+    findings = []
+    interval = np.diff(fresh.time)
+    way = np.diff(fresh.position, axis=0)
+    late = float(np.median(interval)) if len(interval) else 0.0
+    reach = (UNTIMED_STEP + FASTEST * (interval[:, None] + late)) * recording.scale
+    for joint in np.flatnonzero((np.abs(way) > reach).any(axis=0)).tolist():
+        rows = np.flatnonzero(np.abs(way[:, joint]) > reach[:, joint])
+        name, row = recording.joints[joint], int(rows[0])
+        unit = position_unit(recording, name)
+        turns = np.round(way[rows, joint] / (2.0 * np.pi))
+        rest = np.abs(way[rows, joint] - 2.0 * np.pi * turns)
+        wraps = unit == "rad" and bool((rest < reach[rows, joint]).all())
+        expected = (
+            "an angle that goes on beyond a turn, not wrapped"
+            if wraps
+            else f"less than {reach[row, joint]:.2g} {unit}; if it is a wrong reading, take its "
+            "sample out"
+        )
+        before, after = fresh.position[row : row + 2, joint]
+        findings.append(
+            DataWarning(
+                "position_jump", name, {"jumps": len(rows), f"way_{unit}": float(way[row, joint])},
+                f"position goes from {before:.4g} to {after:.4g} {unit} within "
+                f"{1e3 * interval[row]:.3g} ms at {fresh.time[row + 1]:.9g} s"
+                f"{f', the first of {len(rows)} jumps' if len(rows) > 1 else ''}: "
+                f"expected {expected}",
+                unusable=True,
+            )
+        )  # fmt: skip
+    return findings
+
+
+def _signs(recording: Recording) -> list[DataWarning]:
+    """Return findings about motors that friction drives, if their efforts have the right sign."""
+    if recording.effort is None:
+        return []
+    way = np.diff(recording.position, axis=0)
+    work = 0.5 * (recording.effort[1:] + recording.effort[:-1]) * way
+    there_and_back = np.abs(work).sum(axis=0)
+    settings = CheckSettings()
+    closed = np.abs(way).sum(axis=0) > settings.closed * np.ptp(recording.position, axis=0)
+    findings = []
+    for joint in np.flatnonzero(closed & (there_and_back > 0.0)).tolist():
+        part = float(work[:, joint].sum() / there_and_back[joint])
+        if part < -settings.driven:
+            findings.append(
+                DataWarning(
+                    "effort_sign", recording.joints[joint], {"work": part},
+                    f"its motor takes {-100 * part:.0f} % of the work there and back out of the "
+                    "arm, as if friction drove it: an effort of the wrong sign, or of another "
+                    "joint, or a hand that moves the arm",
+                )
+            )  # fmt: skip
     return findings
 
 

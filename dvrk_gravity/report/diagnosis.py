@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.findings import (
     FLOORS,
+    KNOWN,
     Ambiguity,
     Diagnosis,
     Estimate,
@@ -66,6 +67,8 @@ def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         parts.append(_overview(diagnosis.findings))
     if diagnosis.findings:
         parts.append("<h2>What changed or was missed</h2>")
+    if diagnosis.caveat:
+        parts.append(f"<p class=small>{escape(diagnosis.caveat)}</p>")
     for number, finding in enumerate(diagnosis.findings, start=1):
         parts.append(_finding(number, finding, diagnosis.model.arm))
     if diagnosis.weighed is not None:
@@ -153,11 +156,12 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
 
 
 def _known(known: Sequence[Known]) -> str:
-    """Return what is no news: smaller than the model's known error, or within its uncertainty."""
+    """Return what is no news: known, within the model's uncertainty, or friction of another day."""
     items = "".join(f"<li>{escape(entry.sentence)}</li>" for entry in known)
     return (
-        "<h2>What the model is known to miss, or left uncertain</h2>"
-        "<p class=small>No news: its identification said so, and left a file that tells how far."
+        f"<h2>{KNOWN[0].upper()}{KNOWN[1:]}</h2>"
+        "<p class=small>No news: its identification left so much unexplained or uncertain, and "
+        "said so in the file beside the model; and friction is another one from day to day."
         f"</p><ul>{items}</ul>"
     )
 

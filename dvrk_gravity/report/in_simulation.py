@@ -44,37 +44,39 @@ def section(result: InSimulation, arm: Arm) -> str:
             for name, *figures in _rows(_largest(drift.before, arm), _largest(drift.after, arm))
         ]
         parts.append(table(("", *arm.joint_names), rows))
-        parts.append(f'<img alt="drift over time" src="{_picture(result.drifts, arm)}">')
+        joints = _drawn(result.drifts, arm)
+        if joints:
+            picture = _picture(result.drifts, joints, arm)
+            parts.append(f'<img alt="drift over time" src="{picture}">')
     parts += [f"<p>{escape(note)}.</p>" for note in result.notes]
     return "\n".join(parts)
 
 
-def line(result: InSimulation, arm: Arm) -> str:
-    """Return the same for the terminal: of the joint that is off most with the given model."""
+def line(result: InSimulation, arm: Arm, name: str) -> str:
+    """Return the same for the terminal, of one joint."""
+    joint = arm.joint_names.index(name)
     said = []
     if result.before is not None and result.after is not None:
-        joint = int(np.argmax(result.before / arm.scale))
         said.append(
-            f"{arm.joint_names[joint]}'s position after {WINDOW:g} s is off by "
+            f"{name}'s position after {WINDOW:g} s is off by "
             f"{1e3 * result.after[joint]:.1f} instead of {1e3 * result.before[joint]:.1f} "
             f"m{arm.units[joint]}"
         )
     for drift in result.drifts:
         before, after = _largest(drift.before, arm), _largest(drift.after, arm)
-        joint = int(np.argmax(before))
         with_friction = f"with {100 * drift.friction:.0f} % of its friction"
-        if abs(before[joint] - after[joint]) > _LEAST_DRIFT:
+        if before[joint] - after[joint] > _LEAST_DRIFT:
             said.append(
-                f"{with_friction} {arm.joint_names[joint]} drifts {after[joint]:.1f} "
+                f"{with_friction} {name} drifts {after[joint]:.1f} "
                 f"instead of {before[joint]:.1f} {shown_position(arm)[joint][1]} in {DURATION:g} s"
             )
         else:
             said.append(
-                f"{with_friction} the drift is about the same"
-                f" ({arm.joint_names[joint]}, {after[joint]:.1f} "
-                f"{shown_position(arm)[joint][1]})"
+                f"{with_friction} {name} drifts by {after[joint]:.1f} "
+                f"{shown_position(arm)[joint][1]}, as with the given model"
             )
-    return "in the simulator: " + "; ".join([*said, *result.notes])
+    supposed = ", where the arm is as the extended model says" if result.drifts else ""
+    return f"in the simulator{supposed}: " + "; ".join([*said, *result.notes])
 
 
 def _largest(way: Array, arm: Arm) -> Array:
@@ -94,14 +96,18 @@ def _rows(before: Array, after: Array) -> list[tuple[str, ...]]:
     ]
 
 
-def _picture(drifts: Sequence[Drift], arm: Arm) -> str:
-    """Return the joints that drift most over time as a data URL: a row for each friction."""
-    from matplotlib.figure import Figure
-
+def _drawn(drifts: Sequence[Drift], arm: Arm) -> list[int]:
+    """Return the joints that drift less by the extended model, what gains most first."""
     gain = np.max(
         [_largest(drift.before, arm) - _largest(drift.after, arm) for drift in drifts], axis=0
     )
-    joints = [j for j in np.argsort(-gain).tolist() if gain[j] > _LEAST_DRIFT][:_MOST_DRAWN] or [0]
+    return [j for j in np.argsort(-gain).tolist() if gain[j] > _LEAST_DRIFT][:_MOST_DRAWN]
+
+
+def _picture(drifts: Sequence[Drift], joints: Sequence[int], arm: Arm) -> str:
+    """Return the drift of some joints over time as a data URL: a row for each friction."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(9.0, 2.3 * len(drifts)), layout="constrained")
     axes = figure.subplots(len(drifts), len(joints), sharex=True, squeeze=False)
     for row, drift in zip(axes, drifts, strict=True):
