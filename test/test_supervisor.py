@@ -163,6 +163,23 @@ def test_a_joint_that_reads_nothing_and_samples_that_are_not_numbers_throw_nothi
     assert "as measured" in loop.reason
 
 
+def test_a_model_that_holds_next_to_nothing_of_the_arm_is_a_refusal():
+    loop = SupervisorInLoop(**AT_ONCE)
+    weak = 0.05 * np.array(MODEL.parameters()["beta"])
+    loop.supervisor = Supervisor(Settings.from_parameters(without_cables() | {"beta": tuple(weak)}))
+    assert loop.first(effort=20.0 * target(loop) * np.eye(7)[1]) is None
+    assert loop.status is Status.FAULT
+    assert "of what the arm is held with as measured (shoulder_pitch: " in loop.reason
+
+
+def without_cables() -> dict:
+    return {
+        name: value
+        for name, value in MODEL.parameters().items()
+        if not name.startswith("directional_cable")
+    }
+
+
 def half_the_cables_difference(q: np.ndarray) -> np.ndarray:
     up, down = (MODEL.torque(q, np.full(7, speed)) for speed in (1.0, -1.0))
     return 0.5 * (up - down)

@@ -26,6 +26,11 @@ class StartSettings:
             of its compensation allows.
         dry: At this speed dry friction is whole: above all saturation velocities of real files.
         usable: Part of the samples that need to have an effort for it to count. Chosen.
+        felt: Part of the effort limits, over all joints, from which on it is weight that is held,
+            and not friction alone: dry friction of a real MTM's joints is 0.01 to 0.09 of them.
+        least_part: Part of that weight that the model must hold: less is another unit, and lets the
+            arm fall. Chosen: of MTMR-28002's 6250 static poses all but two, near balance, have
+            more.
     """
 
     duration: float = 0.1
@@ -33,6 +38,8 @@ class StartSettings:
     rest: float = 0.2
     dry: float = 0.3
     usable: float = 0.5
+    felt: float = 0.1
+    least_part: float = 0.1
 
 
 SETTINGS = StartSettings()
@@ -85,7 +92,8 @@ class Start:
 
         Raises:
             StartRefusedError: Measured and modelled efforts differ by more than
-                ``settings.start_tolerance``, or the limits cut what holds the arm.
+                ``settings.start_tolerance``, the model holds next to nothing of the weight, or the
+                limits cut what holds the arm.
         """
         model = np.mean(self._models, axis=0)
         joints = settings.model.arm.joints
@@ -120,6 +128,18 @@ def _compare(mean: Array, model: Array, settings: Settings) -> None:
             f"measured, with {model[worst]:.4g} by the model: a wrong unit, another arm's model, "
             f"an arm that leans on something? Allowed are {settings.start_tolerance:g} of the "
             "arm's effort_limit (start_tolerance)"
+        )
+    limit = settings.model.arm.effort_limit
+    held, by_model = mean / limit, model / limit
+    size = float(held @ held)
+    part = float(held @ by_model) / size if size > 0.0 else 1.0
+    if size > SETTINGS.felt**2 and part < SETTINGS.least_part:
+        worst = int(np.argmax(np.abs(held)))
+        joint = settings.model.arm.joints[worst]
+        raise StartRefusedError(
+            f"the model holds {100 * part:.1f} % of what the arm is held with as measured "
+            f"({joint.name}: {model[worst]:.3g} of {mean[worst]:.3g} {joint.effort_unit}): a wrong "
+            "unit, another arm's model, an arm that leans on something?"
         )
 
 
