@@ -274,6 +274,24 @@ def test_wrong_signs_of_several_joints_are_told_each_or_as_one(turned, told):
     assert {finding.place for finding in findings} == {f"{words} the wrong sign" for words in told}
 
 
+@pytest.mark.parametrize(("what", "motor"), [
+    ("effort", "shoulder_pitch"),
+    pytest.param("effort", "elbow_pitch", marks=pytest.mark.slow),
+    pytest.param("position", "elbow_pitch", marks=pytest.mark.slow),
+])  # fmt: skip
+def test_a_motor_s_column_of_the_wrong_sign_is_told_where_motors_move_joints_together(what, motor):
+    time, q, qd, qdd = sines(12.0)
+    effort = MODEL.torque(q, qd, qdd) + noise(len(q))
+    arm, column = MODEL.arm, JOINT_NAMES.index(motor)
+    motors = {"q": arm.actuator_position(q), "effort": effort @ arm.actuator_to_joint}
+    motors["q" if what == "position" else what][:, column] *= -1.0
+
+    read = recording(time, **motors, coordinates="actuator")
+    (found,) = diagnose(read, MODEL).findings
+
+    assert found.place == f"the {what} of {motor}'s motor has the wrong sign"
+
+
 @pytest.mark.slow
 def test_positions_of_three_joints_exchanged_are_told_as_two_exchanges():
     time, q, qd, qdd = sines(12.0)

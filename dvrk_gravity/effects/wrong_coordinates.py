@@ -54,6 +54,14 @@ def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
         yield Reading(f"all signs of {name} are turned round", (joint,), flip, flip)
         yield Reading(f"the effort of {name} has the wrong sign", (joint,), eye, flip)
         yield Reading(f"the position of {name} has the wrong sign", (joint,), flip, eye)
+        # Of a motor that shares joints with others, or whose joint others move, it is another one.
+        motion, effort = forth @ flip @ back, back.T @ flip @ forth.T
+        if np.allclose(motion, flip) and np.allclose(effort, flip):
+            continue
+        name = f"{name}'s motor"
+        yield Reading(f"all signs of {name} are turned round", (joint,), motion, effort)
+        yield Reading(f"the effort of {name} has the wrong sign", (joint,), eye, effort)
+        yield Reading(f"the position of {name} has the wrong sign", (joint,), motion, eye)
     for first in range(len(eye)):
         for second in range(first + 1, len(eye)):
             order = np.arange(len(eye))
