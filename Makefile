@@ -16,7 +16,7 @@ OF_THE_INDEX := awk -F== '{ n = tolower($$1); gsub("_", "-", n); if (n != "pip")
 .PHONY: bench demo story test trials trials-real sensitivity lint lock clean help
 
 help:
-	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo); ARM=… for another arm"
+	@echo "make demo    fall, float, push, kill: the whole system in simulation (out/demo/ARM); ARM=… for another arm"
 	@echo "make test    the test suite, three workers (WORKERS=2 for less)"
 	@echo "make bench   every benchmark, under ten minutes (MINUTES=30 for the long soak)"
 	@echo "make lint    ruff and mypy"
@@ -41,7 +41,7 @@ install/.done: $(VENV)/.done $(SOURCES)
 	@touch $@
 
 demo: install/.done
-	@$(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity demo --arm $(ARM) --out out/demo
+	@$(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity demo --arm $(ARM) --out out/demo/$(basename $(notdir $(ARM)))
 ARM ?= mtmr
 
 # Hundreds of processes are started: bytecode that is kept spares each of them the compiler.

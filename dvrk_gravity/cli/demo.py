@@ -67,7 +67,9 @@ def run(arguments: argparse.Namespace) -> int:
         private_domain(),
         Scenario(stage, bag, arguments.friction_scale, arguments.output) as scenario,
     ):
-        print(f"simulator, watchdog and compensator of {arm.name} run as three processes\n")
+        print(f"simulator, watchdog and compensator of {arm.name} run as three processes")
+        own = ": the simulated arm's own terms, so that it floats" if stage.own_model else ""
+        print(f"the compensator's model is {stage.model}{own}\n")
         parts = _play(scenario, arm)
     fall, floats, pushed, rest, kill = parts
     print(f"\nthe watchdog's hold came {kill.hold_after * 1e3:.0f} ms after the kill")

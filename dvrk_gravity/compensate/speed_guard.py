@@ -84,7 +84,8 @@ class SpeedGuard:
                 return (
                     f"{self._names[joint]} runs away: {speed:.3g} {self._units[joint]}/s, at most "
                     f"{self._limit[joint]:g}, and for {SETTINGS.window:g} s the command has pushed "
-                    "along; is the model's gravity or friction too large, or the arm another one?"
+                    "along; is the model's gravity or friction too large, the arm another one, or "
+                    "does a hand drive it?"
                 )
             self._since[joint] = (now, speed)  # it slows down: look on from here
         return None

@@ -59,9 +59,9 @@ def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
     parts = [
         f"<h1>{escape(diagnosis.sentence)}</h1>",
         f'<p><span class="verdict">{_VERDICTS[diagnosis.verdict]}</span> '
-        f'<span class="small">{escape(", ".join(sources))}; {diagnosis.samples} samples, '
-        f"{diagnosis.held_out} of them held out of fit and choice; every figure of error and "
-        "gain below is of those</span></p>",
+        f'<span class="small">{escape(", ".join(sources))}; {diagnosis.samples} samples '
+        f"compared, thinned out to what they hold; {diagnosis.held_out} of them held out of fit "
+        "and choice; every figure of error and gain below is of those</span></p>",
     ]
     if len(diagnosis.findings) > 1:
         parts.append(_overview(diagnosis.findings))

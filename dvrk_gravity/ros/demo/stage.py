@@ -48,6 +48,7 @@ class Stage:
         arm: The arm.
         plant: Name or file of the plant; ``""``: the arm's.
         model: Parameter file of the compensator.
+        own_model: Whether it has the plant's own terms.
         poses: (k, n) positions at which it is let go, rad or m.
         push: (n,) efforts of the hand, N·m or N.
         namespace: Of its topics.
@@ -56,6 +57,7 @@ class Stage:
     arm: Arm
     plant: str
     model: Path
+    own_model: bool
     poses: Array
     push: Array
     namespace: str
@@ -78,12 +80,13 @@ class Stage:
         _same_joints("plant", plant, truth.model.arm, arm)
         if model is None:
             model = _shipped_model(arm)
+        own = model is None
         if model is None:
             model = folder / MODEL
             truth.model.save(model, f"The terms of the simulated {arm.name} themselves.")
         _same_joints("model", str(model), TorqueModel.load(model).arm, arm)
         poses, push = staged(truth.plant(), StageSettings())
-        return cls(arm, plant, model, poses, push, namespace_of(arm))
+        return cls(arm, plant, model, own, poses, push, namespace_of(arm))
 
 
 MODEL = "model.yaml"
