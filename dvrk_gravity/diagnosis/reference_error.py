@@ -26,12 +26,15 @@ class ReferenceErrorSettings:
             f of a drive's natural frequency f0), and efforts are not read when positions are.
             Chosen; a PSM's weight, of which only inertia tells the mass, reads a tenth light
             against one of two days (docs/psm.md).
+        by_clock: Standard deviation of the time, s, by which efforts are read sooner or later after
+            positions than they were. Chosen: half the interval of a recording at 1 kHz.
         by_day: Standard deviation of the part by which all friction is another, since it falls with
             warmth. Chosen: with three times that, friction that has doubled is not told.
     """
 
     by_load: float = 0.1
     by_inertia: float = 0.1
+    by_clock: float = 0.0005
     by_day: float = 0.1
 
 
@@ -41,7 +44,7 @@ def reference_columns(
     """Return (N, n, d) torques by which a difference may be off, of one standard deviation each.
 
     Of every joint that moves: friction of which the transmitted torque has grown, inertia of what
-    changed, and friction that is another one.
+    changed, efforts read later, and friction that is another one.
     """
     settings = settings or ReferenceErrorSettings()
     joints = np.flatnonzero(motion.moves).tolist()
@@ -51,14 +54,18 @@ def reference_columns(
     load = changed.inertial_torque(motion)
     inertia = changed.inertial_torque(motion, np.zeros(3))
     grown = np.abs(motion.reference + load) - np.abs(motion.reference)
-    columns = np.zeros((*motion.q.shape, 4 * len(joints)))
+    late = np.zeros(motion.q.shape)
+    for part in motion.parts:
+        late[part] = -np.gradient(motion.reference[part] + load[part], motion.time[part], axis=0)
+    columns = np.zeros((*motion.q.shape, 5 * len(joints)))
     for index, joint in enumerate(joints):
         sign, speed = motion.sign(np.eye(motion.arm.n)[joint]), motion.qd[:, joint]
-        columns[:, joint, 4 * index] = settings.by_load * grown[:, joint] * sign
-        columns[:, joint, 4 * index + 1] = settings.by_inertia * inertia[:, joint]
+        columns[:, joint, 5 * index] = settings.by_load * grown[:, joint] * sign
+        columns[:, joint, 5 * index + 1] = settings.by_inertia * inertia[:, joint]
+        columns[:, joint, 5 * index + 2] = settings.by_clock * late[:, joint]
         # About as much as the reference's torque owes to direction and speed.
-        for column, way in enumerate((sign, speed), start=2):
+        for column, way in enumerate((sign, speed), start=3):
             moving = max(float(np.mean(way**2)), 1e-12)
             owed = abs(float(np.mean(way * motion.reference[:, joint]))) / moving
-            columns[:, joint, 4 * index + column] = settings.by_day * owed * way
+            columns[:, joint, 5 * index + column] = settings.by_day * owed * way
     return columns

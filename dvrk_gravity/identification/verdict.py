@@ -26,7 +26,8 @@ MORE = (
     "more poses, all joints over most of their ranges in many combinations",
 )
 FURTHER = (
-    "a motion that goes nearer to the limits of all joints",
+    "further motions elsewhere in the joints' ranges, as `excite --seed` makes them, and give all "
+    "of them to identify",
     "poses nearer to the limits of all joints, and more positions of each",
 )
 THIS_JOINT = ("a motion of {joint}, too", "poses of {joint}, too")
