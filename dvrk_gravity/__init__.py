@@ -1,4 +1,4 @@
-"""Gravity compensation, identification and diagnosis of the dVRK's master arms."""
+"""Gravity compensation, identification and diagnosis of robot arms, the dVRK's first of all."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def test_batched_regressor_is_pinocchios(name):
 
 def test_blocks_join_without_a_seam(monkeypatch):
     q, qd, qdd = np.random.default_rng(5).normal(size=(3, 50, 7))
-    links = np.random.default_rng(6).normal(size=rigid_body.COLUMNS)
+    links = np.random.default_rng(6).normal(size=rigid_body.PER_LINK * len(ARM.bodies))
     whole = rigid_body.regressor(ARM, q, qd, qdd, ARM.gravity)
     torque = rigid_body.torque(ARM, links, q, qd, qdd, ARM.gravity)
     monkeypatch.setattr(rigid_body, "_BLOCK", 7)

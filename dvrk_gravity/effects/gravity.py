@@ -87,10 +87,6 @@ class Gravity(LinearTerm):
         """See :meth:`Term.gravity_vector`."""
         return self.vector
 
-    def with_enabled(self, enabled: bool) -> Gravity:
-        """Return the same term with the gravity flag set."""
-        return replace(self, enabled=enabled)
-
     def torque(self, state: State) -> Array:
         """Return (…, n) gravity torques: one pose by Pinocchio, many in closed form."""
         if not self.enabled:

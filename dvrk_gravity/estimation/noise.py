@@ -127,19 +127,6 @@ def band_noise(density: Array, cutoff: float) -> Array:
     return np.asarray(density * np.sqrt(passed))
 
 
-def noise_density(high: Array, cutoff: float, rate: float) -> Array:
-    """Return (m,) density of white noise, unit per sqrt(Hz), by what a low-pass takes off.
-
-    Args:
-        high: (n, m) signal minus the low-passed signal.
-        cutoff: Of each of the low-pass' two passes (second-order Butterworth), Hz.
-        rate: Hz.
-    """
-    frequency = np.linspace(0.0, rate / 2.0, 2000)
-    passed = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
-    return np.sqrt(np.mean(high**2, axis=0) / passed / (rate / 2.0))
-
-
 def pairs_a_period_apart(
     time: Array, repetition: Repetition | None, near: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

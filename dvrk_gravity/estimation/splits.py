@@ -104,12 +104,6 @@ class Folds:
     periods: tuple[float, ...] = ()
     shared: bool = False
 
-    @classmethod
-    def of_masks(cls, masks: Sequence[Mask]) -> Folds:
-        """Return folds without a gap, from (n,) masks that may overlap."""
-        tested = np.array(masks, dtype=bool)
-        return cls(tested, tested)
-
     @cached_property
     def label(self) -> Labels:
         """(n,) number of the fold that a sample is tested in, the first one if several."""

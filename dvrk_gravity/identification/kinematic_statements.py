@@ -89,10 +89,9 @@ def _scale(columns: Columns, index: int) -> float:
 
 def _shown(columns: Columns, index: int, value: float) -> str:
     """Return an error of a zero or of the tilt as a person says it."""
-    joint = columns.columns[index].joint
-    if joint < 0:
-        return f"{np.degrees(value):.1f} deg"
-    return columns.arm.joints[joint].shown(value, 1)
+    joint = columns.columns[index].joint  # negative: of the tilt
+    slides = joint >= 0 and columns.arm.joints[joint].kind == "prismatic"
+    return f"{1e3 * value:.2g} mm" if slides else f"{np.degrees(value):.2g} deg"
 
 
 def _information(problem: Problem, others: Sequence[int], kinematics: Sequence[int]) -> Array:

@@ -126,6 +126,7 @@ def beta_map(arm: Arm) -> Array:
     """Return (12 or 14, 90): beta in N·m of an MTM from its links' parameters."""
     tilted = bool(np.abs(arm.gravity[:2]).max() > 1e-9)
     q = samples(arm)[0]
-    weight = rigid_body.regressor(arm, q, None, None, arm.gravity).reshape(-1, rigid_body.COLUMNS)
+    weight = rigid_body.regressor(arm, q, None, None, arm.gravity)
     y = gravity.regressor(q, arm.gravity, 14 if tilted else 12)
-    return np.asarray(np.linalg.lstsq(y.reshape(len(weight), -1), weight, rcond=None)[0])
+    rows = q.size
+    return np.asarray(np.linalg.lstsq(y.reshape(rows, -1), weight.reshape(rows, -1), rcond=None)[0])

@@ -23,12 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm, mtm
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base.arrays import Array
 
 PER_LINK = 10
 OF_WEIGHT = 4  # of these, what weight knows of: m, m c (3)
-COLUMNS = PER_LINK * len(mtm.BODIES)  # of an MTM
 _BLOCK = 1000  # samples worked on at a time: their arrays stay in the cache
 
 
