@@ -134,6 +134,15 @@ def test_efforts_that_read_by_a_factor_more_than_a_reference_are_told_by_it(worl
     assert scale.low < factor < scale.high
 
 
+@pytest.mark.parametrize("joint", [1, slice(None)], ids=["one", "all"])
+def test_efforts_of_the_other_sign_than_the_reference_s_are_refused(world, bare, joint):
+    turned = record(world, 1, 13)
+    effort = turned.effort.copy()
+    effort[:, joint] *= -1.0
+    with pytest.raises(RecordingError, match=r"shoulder_lift_joint.* with the sign turned round"):
+        diagnose(replace(turned, effort=effort), arm=UR5, reference=bare)
+
+
 def test_a_torque_scale_that_disagrees_with_a_known_mass_is_told(bare, loaded):
     half = [replace(recording, effort=0.5 * recording.effort) for recording in (loaded, bare)]
     found = diagnose(half[0], arm=UR5, reference=half[1], known_payload=MASS)

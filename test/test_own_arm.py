@@ -7,6 +7,7 @@ its currents are its torques over gains that the package is not told.
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
@@ -20,7 +21,7 @@ from test_arms_dynamics import PANDA, UR5
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree, nominal_inertias
-from dvrk_gravity.compensate.sample import SampleReader
+from dvrk_gravity.compensate.sample import DroppedSampleError, SampleReader
 from dvrk_gravity.effects import Payload
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
@@ -28,7 +29,7 @@ from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
 from dvrk_gravity.identification.effort_unit import in_their_unit
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import MotionLimits, exciting_motion
-from dvrk_gravity.recording import Recording
+from dvrk_gravity.recording import Recording, RecordingFile
 from dvrk_gravity.simulate.excitation import record_motion
 from testing.plain_world import PlainWorld
 
@@ -346,6 +347,31 @@ def test_a_model_in_another_unit_takes_no_gains(lab, own_unit, capsys):
 
 
 # --- joints that were not recorded ------------------------------------------------------
+
+
+def test_a_joint_that_is_not_where_the_model_has_it_held_is_told(tmp_path):
+    arm = Arm.load(PANDA)
+    finger = arm.joint_names[-1]
+    held = arm.holding({finger: 0.01})
+    position = np.zeros((5, arm.n))
+    position[:, -1] = [0.01, 0.012, 0.01, 0.01, 0.06]
+    elsewhere = Recording(
+        arm.joint_names, 0.1 * np.arange(5.0), position, effort=position + 1.0, source="run"
+    )
+    told = f"sample 4: {finger} is at 0.06, expected 0.01, where the model's arm holds it"
+    assert elsewhere.rows(slice(4)).of(held).joints == held.joint_names
+    with pytest.raises(RecordingError, match=told):
+        elsewhere.of(held)
+    elsewhere.save(tmp_path / "run.csv")
+    with pytest.raises(RecordingError, match=told):
+        RecordingFile(tmp_path / "run.csv", arm=held)
+
+    reader = SampleReader(held.joint_names, held=held.held)
+    for row, stays in zip(position, [True, True, True, True, False], strict=True):
+        expected = nullcontext() if stays else pytest.raises(DroppedSampleError, match="holds it")
+        with expected:
+            reader.read(1, arm.joint_names, row, (), ())
+    assert reader.read(2, held.joint_names, np.zeros(held.n), (), ()).stamp == 2
 
 
 def test_an_arm_that_is_held_has_the_dynamics_of_one_whose_joint_does_not_move():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -260,6 +261,22 @@ def test_one_direction_gives_no_friction_and_says_so():
     down = fit.model.torque(q, direction=-np.ones(q.shape))
     np.testing.assert_allclose(up, down, atol=1e-12)
     assert any("approached from one direction only" in s for s in fit.identifiability.statements)
+
+
+def test_directions_that_are_exchanged_are_warned_of_and_right_ones_are_not(fitted):
+    exchanged = [
+        replace(recording, direction=-recording.direction) for recording in record(truth(), grid(3))
+    ]
+    found = [w for w in fit_static(exchanged, ARM).warnings if w.kind == "effort_sign"]
+    assert "shoulder_pitch" in [warning.joint for warning in found]
+    assert "as if it drove the joint" in str(found[0])
+    assert "effort_sign" not in [warning.kind for warning in fitted.warnings]
+
+
+def test_efforts_that_are_all_zero_are_not_those_of_an_arm():
+    nothing = [replace(r, effort=0.0 * r.effort) for r in record(truth(), grid(3))]
+    with pytest.raises(RecordingError, match=r"efforts of .*elbow_pitch.* are all zero"):
+        fit_static(nothing, ARM)
 
 
 def test_too_few_poses_are_refused():

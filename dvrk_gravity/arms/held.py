@@ -11,6 +11,10 @@ import pinocchio as pin
 from dvrk_gravity.arms.description import Description
 from dvrk_gravity.errors import ConfigError
 
+# rad or m by which a joint that is held may be elsewhere. Chosen: about 1 deg, more than a servo
+# that holds moves by.
+STAYS = 0.02
+
 
 def holding(arm: Description, where: Mapping[str, float]) -> Description:
     """Return an arm without the joints that are held.

@@ -126,7 +126,7 @@ def replay(
 
 def _expected(bag: Path, topic: str | None, model: TorqueModel) -> list[Sample]:
     """Return the samples that the node should answer: all but those it is to drop."""
-    reader = SampleReader(model.arm.joint_names)
+    reader = SampleReader(model.arm.joint_names, held=model.arm.held)
     samples: list[Sample] = []
     for state in read_joint_states(bag, topic):
         try:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dvrk_gravity.arms.held import STAYS
 from dvrk_gravity.arms.shipped import larger_arm
 from dvrk_gravity.errors import DvrkGravityError
 
@@ -37,6 +38,7 @@ CAUSES = (
     "missing_joint",
     "duplicate_joint",
     "other_arm",
+    "not_held",
     "wrong_length",
     "not_finite",
     "out_of_range",
@@ -75,13 +77,15 @@ class SampleReader:
         units: Sequence[str] = (),
         gains: ArrayLike | None = None,
         arm: str = "",
+        held: Mapping[str, float] | None = None,
     ) -> None:
         """Read samples of these joints, in this order, between (n,) positions, rad or m.
 
         Efforts are multiplied by (n,) drive gains, where the arm reads them in another unit. Of a
-        shipped arm's name, joints of a larger shipped arm are refused.
+        shipped arm's name, joints of a larger shipped arm are refused. Joints that the model has
+        as held at a position are to be there, where messages tell.
         """
-        self._arm = arm
+        self._arm, self._held = arm, held or {}
         self._gains = None if gains is None else np.asarray(gains, dtype=float)
         self._joints = tuple(joint_names)
         self._units = tuple(units) or ("rad",) * len(self._joints)
@@ -89,12 +93,13 @@ class SampleReader:
         self._upper = np.broadcast_to(upper, len(self._joints)).astype(float)
         self._names: tuple[str, ...] = self._joints
         self._index: NDArray[np.intp] | None = None  # None: the message's order is the arm's
+        self._held_at: list[tuple[int, str, float]] = []  # of those that messages tell
 
     def read(
         self,
         stamp: int,
         names: Sequence[str],
-        position: ArrayLike,
+        position: Sequence[float] | Array,
         velocity: ArrayLike,
         effort: ArrayLike,
     ) -> Sample:
@@ -112,6 +117,12 @@ class SampleReader:
         within = (values >= self._lower) & (values <= self._upper)
         if np.count_nonzero(within) < len(values):
             raise self._out_of_range(values, int(np.argmin(within)))
+        for index, name, at in self._held_at:
+            if not abs(position[index] - at) <= STAYS:
+                raise DroppedSampleError(
+                    "not_held",
+                    f"{name} is at {position[index]:.4g}, and the model's arm holds it at {at:.4g}",
+                )
         # The measured effort only sets what is begun with: without it the message stands.
         try:
             applied = self._pick("effort", effort)
@@ -141,6 +152,7 @@ class SampleReader:
                 "other_arm", f"the joints of arm {other}, expected those of {self._arm} alone"
             )
         self._names = names
+        self._held_at = [(names.index(n), n, at) for n, at in self._held.items() if n in names]
         self._index = None if names == self._joints else np.array(indices)
 
     def _pick(self, field: str, given: ArrayLike) -> Array | None:

@@ -36,9 +36,13 @@ class ReferenceSettings:
     Attributes:
         piece: s, of which a piece that both show lasts at least. Chosen: three lengths of the
             filter that torques are compared behind.
+        turned: Cosine of the angle between a joint's efforts and minus the reference's, as vectors
+            of their samples, from which on a sign was turned. Chosen: no change of the arm turns
+            weight and friction round.
     """
 
     piece: float = 1.0
+    turned: float = 0.9
 
 
 def model_of(arm: Arm) -> TorqueModel:
@@ -95,19 +99,39 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
             f"shows {length:.3g} s of the motion of {names[1]}: expected the same motion, "
             f"{shortest:g} s of it at least",
         )
-    total = len(motion.q) / motion.rate
+    motion = _cut(replace(motion, reference=measured), pieces)
+    _require_signs(motion, names)
+    total = len(loaded.motion.q) / float(loaded.motion.rate or 1.0)
     line = (
         f"{length:.1f} of {total:.1f} s show the motion of {names[1]}, to 2 % of its spread; of "
         "both the difference is looked at: what they have in common cancels"
     )
     return replace(
         loaded,
-        motion=_cut(replace(motion, reference=measured), pieces),
+        motion=motion,
         handling=(*loaded.handling, line),
         warnings=(*loaded.warnings, *_further(reference.warnings, loaded.warnings)),
         # Both are noisy.
         floor=np.hypot(loaded.floor, reference.floor),
     )
+
+
+def _require_signs(motion: MeasuredMotion, names: Sequence[str]) -> None:
+    """Refuse efforts that are the reference's with their sign turned round.
+
+    All that differs then would be told, and none of it would be there.
+    """
+    assert motion.reference is not None
+    alike = (motion.effort * motion.reference).sum(axis=0)
+    sizes = np.linalg.norm(motion.effort, axis=0) * np.linalg.norm(motion.reference, axis=0)
+    turned = motion.moves & (alike < -ReferenceSettings().turned * sizes)
+    if turned.any():
+        joints = ", ".join(np.array(motion.arm.joint_names)[turned])
+        raise RecordingError(
+            names[0],
+            f"efforts of {joints} are those of {names[1]} with the sign turned round: expected "
+            "both to be read alike",
+        )
 
 
 def _by_clock(motion: MeasuredMotion) -> list[list[slice]]:

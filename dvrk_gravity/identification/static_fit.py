@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,15 +15,17 @@ from dvrk_gravity.identification import result, static_report
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.holding import holding
 from dvrk_gravity.identification.model_uncertainty import uncertainty_of_poses
-from dvrk_gravity.identification.result import Fit, Trace
+from dvrk_gravity.identification.result import Fit, JointError, Trace
 from dvrk_gravity.identification.static_model import coefficients_at, fit_poses
 from dvrk_gravity.identification.static_poses import Poses, read_poses
 from dvrk_gravity.identification.static_selection import choose
 from dvrk_gravity.identification.static_solver import PoseSettings, Table
 from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Recording
+from dvrk_gravity.recording import DataWarning, Recording
 from dvrk_gravity.recording.data import Array, Coordinates
+
+_DRIVEN = 0.3  # of a model's error: less may be chance. Chosen.
 
 Report = Callable[[str, float], None]
 
@@ -90,7 +92,7 @@ def fit_static(
         parameters=static_report.parameters(table, solution, spread),
         identifiability=static_report.identifiability(table, solution, spread),
         choices=tuple(choices),
-        warnings=warnings,
+        warnings=(*warnings, *_driven(model, poses, training)),
         handling=tuple(_handling(poses, weight, arm)),
         validation="one slab of poses for each joint that moved, at positions of that joint which "
         "neither fit nor choice had seen",
@@ -101,6 +103,26 @@ def fit_static(
         holding=held,
         verdict=verdict,
     )
+
+
+def _driven(
+    model: TorqueModel, poses: Poses, errors: Mapping[str, JointError]
+) -> Iterator[DataWarning]:
+    """Yield warnings about joints that friction would drive: upwards they need less than down.
+
+    Told is what is more than a fraction of the error that the model leaves.
+    """
+    arm = model.arm
+    up, down = (model.torque(poses.q, direction=np.full(poses.q.shape, s)) for s in (1.0, -1.0))
+    friction = 0.5 * np.mean(up - down, axis=0)
+    for joint in poses.moving:
+        name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
+        if friction[joint] < -_DRIVEN * errors[name].rmse:
+            yield DataWarning(
+                "effort_sign", name, {"friction": float(friction[joint])},
+                f"friction is {friction[joint]:.2g} {unit}, as if it drove the joint: directions "
+                "exchanged, or an effort of the wrong sign?",
+            )  # fmt: skip
 
 
 def predict_unseen(

@@ -102,6 +102,21 @@ class Poses:
         return tuple((np.minimum(up, down) >= self.settings.rarer).tolist())
 
 
+def _require_measured(poses: Recording) -> None:
+    """Refuse efforts that were not measured: none but zeros on a joint that was posed."""
+    assert poses.effort is not None
+    posed = np.ptp(poses.position, axis=0) > PosedSettings().posed * poses.scale
+    zero = [
+        joint
+        for joint, moves, effort in zip(poses.joints, posed, poses.effort.T, strict=True)
+        if moves and not effort.any()
+    ]
+    if zero:
+        raise RecordingError(
+            poses.source, f"efforts of {', '.join(zero)} are all zero, expected measured ones"
+        )
+
+
 def read_poses(
     recordings: Sequence[Recording], arm: Arm, coordinates: Coordinates
 ) -> tuple[Poses, tuple[DataWarning, ...]]:
@@ -117,6 +132,7 @@ def read_poses(
         warnings += prepare(recording).warnings
         position, torque = recording.position, recording.effort
         assert torque is not None
+        _require_measured(recording)
         if coordinates == "actuator":
             position, torque = arm.joint_position(position), arm.joint_effort(torque)
         warnings += beyond_limits(position, arm)

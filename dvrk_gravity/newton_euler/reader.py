@@ -120,6 +120,7 @@ def _gravity(whole: Mapping[str, Any]) -> Array:
     if flag not in (0, 1):
         raise ConfigError("g_flag", flag, "0 or 1")
     direction = _vector("gravity_direction", whole.get("gravity_direction", [0, -1, 0]), 3)
+    direction = direction / max(float(np.abs(direction).max()), np.finfo(float).tiny)  # no overflow
     norm = float(np.linalg.norm(direction))
     if not norm > 0:
         raise ConfigError("gravity_direction", direction.tolist(), "a direction that is not zero")

@@ -34,12 +34,10 @@ class CheckSettings:
         effort_margin: Times what the motor can. Chosen between what a peak may exceed a limit by
             and the 1000 of mN·m.
         time_jitter: Standard deviation of the intervals, as a part of their median. Chosen.
-        closed: Times there and back over its range that a joint goes for the work of its motor to
-            tell anything: what springs and weight take on the way one way they give back on the
-            other, but for the last of them. Chosen.
         driven: Part of the work there and back that friction has given to the motor, where none can
-            be. Real arms have 0.2 to 1.0 of it the other way round (the recordings of docs/psm.md,
-            docs/own_arm.md and docs/identification.md). Chosen; beside neighbours' weights and
+            be, beside what springs and weight may still give back: once over the range. Real arms
+            have 0.2 to 1.0 of it the other way round (the recordings of docs/psm.md,
+            docs/own_arm.md and docs/identification.md). Chosen; among neighbours' weights and
             springs the sum of one joint need not be that of its friction.
         still: Way below which a joint did not move, rad (2 mm where it slides). Chosen: about
             1 deg, more than a servo that holds moves by.
@@ -50,8 +48,7 @@ class CheckSettings:
     position_margin: float = 2.5
     effort_margin: float = 10.0
     time_jitter: float = 0.05
-    closed: float = 4.0
-    driven: float = 0.3
+    driven: float = 0.2
     still: float = 0.02
     rates: tuple[float, float] = (10.0, 5000.0)
 
@@ -282,11 +279,12 @@ def _signs(recording: Recording) -> list[DataWarning]:
     work = 0.5 * (recording.effort[1:] + recording.effort[:-1]) * way
     there_and_back = np.abs(work).sum(axis=0)
     settings = CheckSettings()
-    closed = np.abs(way).sum(axis=0) > settings.closed * np.ptp(recording.position, axis=0)
+    length = np.maximum(np.abs(way).sum(axis=0), 1e-300)
+    last = np.ptp(recording.position, axis=0) / length  # way that nothing was given back on
     findings = []
-    for joint in np.flatnonzero(closed & (there_and_back > 0.0)).tolist():
+    for joint in np.flatnonzero(there_and_back > 0.0).tolist():
         part = float(work[:, joint].sum() / there_and_back[joint])
-        if part < -settings.driven:
+        if part < -settings.driven - last[joint]:
             findings.append(
                 DataWarning(
                     "effort_sign", recording.joints[joint], {"work": part},

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arguments import floats
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.held import STAYS
 from dvrk_gravity.errors import ArgumentError, RecordingError, ShapeError
 from dvrk_gravity.recording import files
 from dvrk_gravity.recording.samples import (
@@ -220,10 +221,11 @@ class Recording(Samples):
         Efforts that are not yet an arm's are taken to N·m by its drive gains.
 
         Raises:
-            RecordingError: If no joint is the arm's.
+            RecordingError: If no joint is the arm's, or one that it holds is elsewhere.
         """
         if self.arm is arm:
             return self
+        self.require_held(arm)
         joints = tuple(joint for joint in arm.joint_names if joint in self.joints)
         if not joints:
             raise RecordingError(
@@ -248,6 +250,24 @@ class Recording(Samples):
             direction=pick(self.direction),
             arm=arm,
         )
+
+    def require_held(self, arm: Arm) -> None:
+        """Refuse a recording in which joints that an arm has as held are elsewhere.
+
+        Raises:
+            RecordingError: Naming the joint and where it is.
+        """
+        for name, at in arm.held.items():
+            if name not in self.joints:
+                continue
+            position = self.position[:, self.joints.index(name)]
+            row = int(np.argmax(np.abs(position - at)))
+            if abs(position[row] - at) > STAYS:
+                raise RecordingError(
+                    self.source,
+                    f"sample {row}: {name} is at {position[row]:.4g}, expected {at:.4g}, where the "
+                    "model's arm holds it",
+                )
 
     @property
     def scale(self) -> Array:

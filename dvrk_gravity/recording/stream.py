@@ -59,6 +59,9 @@ class RecordingFile:
         self._path, self._topic, self._time_base = path, topic, time_base
         self._coordinates, self._arm = coordinates, arm
         self._left_out: tuple[tuple[int, int], ...] = ()
+        if arm is not None and arm.held:  # which the arm's own joints do not tell
+            whole = iterate_recording(path, topic, coordinates, time_base)
+            next(whole).require_held(arm)
         self.head = next(self.parts())
 
     def __repr__(self) -> str:

@@ -72,7 +72,7 @@ class Compensator(PromptNode):
         self._unpack = JointStateReader().read
         self._reader = SampleReader(
             arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units, arm.drive_gains,
-            arm.name,
+            arm.name, arm.held,
         )  # fmt: skip
         self._as_taken = arm.reading_of_torque  # what the arm reads in A, it takes in A
 
