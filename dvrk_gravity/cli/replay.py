@@ -103,8 +103,6 @@ def replay(
 
     model = TorqueModel.load(model_file)
     expected = _expected(bag, topic, model)
-    if not expected:
-        raise RecordingError(bag, "no message that could be answered: all lack stamp or joints")
     with BagReader(bag) as reader:
         name = reader.joint_state_topic(topic)
         messages = [(received, data) for _, received, data in reader.raw(name)]
@@ -125,18 +123,26 @@ def replay(
 
 
 def _expected(bag: Path, topic: str | None, model: TorqueModel) -> list[Sample]:
-    """Return the samples that the node should answer: all but those it is to drop."""
+    """Return the samples that the node should answer: all but those it is to drop.
+
+    Raises:
+        RecordingError: All are to be dropped; why, is told of the first.
+    """
     reader = SampleReader(model.arm.joint_names, held=model.arm.held)
     samples: list[Sample] = []
+    first: DroppedSampleError | None = None
     for state in read_joint_states(bag, topic):
         try:
             sample = reader.read(
                 state.stamp_ns, state.names, state.position, state.velocity, state.effort
             )
-        except DroppedSampleError:
+        except DroppedSampleError as error:
+            first = first or error
             continue
         if not samples or sample.stamp >= samples[-1].stamp:
             samples.append(sample)
+    if not samples:
+        raise RecordingError(bag, f"no message that could be answered: {first or 'there is none'}")
     return samples
 
 

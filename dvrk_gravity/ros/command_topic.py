@@ -6,8 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.validate_topic_name import validate_topic_name
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
+
+from dvrk_gravity.errors import ConfigError
 
 PARAMETERS = ("output", "output_topic")
 
@@ -27,9 +31,18 @@ class CommandTopic:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> CommandTopic:
-        """Return what checked values of :data:`PARAMETERS` say."""
+        """Return what checked values of :data:`PARAMETERS` say.
+
+        Raises:
+            ConfigError: What no topic can be called.
+        """
         as_array = values["output"] == "array"
-        return cls(values["output_topic"] or ("commands" if as_array else "servo_jf"), as_array)
+        name = values["output_topic"] or ("commands" if as_array else "servo_jf")
+        try:
+            validate_topic_name(name)
+        except InvalidTopicNameException as error:
+            raise ConfigError("output_topic", name, "the name of a topic") from error
+        return cls(name, as_array)
 
     @property
     def message_type(self) -> Any:

@@ -109,7 +109,10 @@ class Simulator(Node):
                 "plant", value["plant"], f"one with the joints of {arm.name}, as `arm` says"
             )
         plant = truth.plant(value["friction_scale"])
-        plant.reset(value["initial_position"] or initial_position(simulated))
+        begin = value["initial_position"] or initial_position(simulated)
+        if len(begin) != simulated.n:
+            raise ConfigError("initial_position", begin, f"{simulated.n} positions, rad or m")
+        plant.reset(begin)
         self._arm = SimulatedArm(
             plant,
             truth.sensors if value["sensor_noise"] else None,
