@@ -123,6 +123,15 @@ def test_friction_that_has_doubled_is_found_at_its_joint(world, bare):
     assert (first.effect, first.joints) == ("coulomb_friction", (world.arm.joint_names[joint],))
 
 
+def test_a_load_that_was_taken_off_since_is_weighed_too(bare, loaded):
+    (load,) = diagnose(bare, arm=UR5, reference=loaded).findings
+    assert load.effect == "payload"
+    assert load.parameters["mass"].value == pytest.approx(-MASS, rel=0.03)
+    for axis, coordinate in zip("xyz", COM, strict=True):
+        assert load.parameters[axis].value == pytest.approx(coordinate, abs=0.01)
+    assert "less than in the reference" in load.sentence
+
+
 @pytest.mark.parametrize("factor", [0.5, 1.2, 2.0])
 def test_efforts_that_read_by_a_factor_more_than_a_reference_are_told_by_it(world, bare, factor):
     again = record(world, 1, 13)

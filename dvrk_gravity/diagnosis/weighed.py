@@ -23,7 +23,7 @@ def weighed(findings: Sequence[Finding], known: float, arm: Arm, by_reference: b
     found = next((finding for finding in findings if finding.effect == Payload.NAME), None)
     if found is None:
         return Weighed(known, None, f"no payload was found, and {known:g} kg are said to be there")
-    mass = found.parameters["mass"]
+    mass = found.parameters["mass"].magnitude  # put on, or taken off since a reference
     unit = arm.own_unit("kg")
     if unit != "kg":
         gain = quantity(known / mass.value, "")

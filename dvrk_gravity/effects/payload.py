@@ -166,6 +166,7 @@ class Payload(Term):
             yield PayloadHypothesis(
                 arm=motion.arm, site=site.link(link), joints=(joint_of_link(motion.arm, link),),
                 form=motion.arm.body_names[link], setting=dict.fromkeys(AXES, 0.0),
+                beside_reference=motion.reference is not None,
             )  # fmt: skip
 
     @cached_property
@@ -179,11 +180,16 @@ class Payload(Term):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PayloadHypothesis(Hypothesis):
-    """A link carries a point mass that {model} does not know."""
+    """A link carries a point mass that {model} does not know.
+
+    Attributes:
+        beside_reference: It may also carry less than a reference did: what was taken off.
+    """
 
     EFFECT = Payload
     CLAIM = "{where} carries {mass} that {model} does not know"
 
+    beside_reference: bool = False
     fixed_point: tuple[str, ...] = AXES
     far_from_start: bool = True  # a link may turn about its frame's origin, where a mass is nothing
 
@@ -203,6 +209,8 @@ class PayloadHypothesis(Hypothesis):
         # Of a mass that is not known yet (about the axis it turns about, say) the moment still
         # tells which way it is: the search comes in from afar.
         com = theta[1:] / max(abs(mass), _LEAST)
+        if self.beside_reference and mass < 0.0:
+            com = -com
         com *= min(1.0, _FARTHEST / max(float(np.linalg.norm(com)), _LEAST))
         return {"mass": mass, **moments} | {a: float(p) for a, p in zip(AXES, com, strict=True)}
 
@@ -215,7 +223,21 @@ class PayloadHypothesis(Hypothesis):
             < 2.0 * max(_PLACED, _PART_OF_WAY * abs(parameters[axis].value))
         ]
         where = f", its centre at {', '.join(known)} in the link's frame" if known else ""
-        return super().claim(parameters) + where
+        mass = parameters["mass"]
+        if mass.value >= 0.0:
+            return super().claim(parameters) + where
+        link = self.site.words(self.arm)
+        return f"{link} carries {mass.magnitude.shown} less than in {self.against}{where}"
+
+    def remedy(self, carried: bool) -> str:
+        """See :meth:`Hypothesis.remedy`."""
+        same = "let the link carry what it did, or go by this if it is meant to"
+        return same if self.beside_reference else super().remedy(carried)
+
+    def plausible(self, theta: Array) -> bool:
+        """See :meth:`Hypothesis.plausible`: beside a reference it may have been taken off."""
+        taken_off = self.beside_reference and theta[0] < 0.0
+        return super().plausible(-theta if taken_off else theta)
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """See :meth:`Hypothesis.merge`; beside a payload that is there it is part of the link."""
