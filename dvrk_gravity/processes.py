@@ -23,6 +23,15 @@ class ProcessError(DvrkGravityError):
     """A node's process that did not do what it was started for."""
 
 
+def end_on_sigterm() -> None:
+    """Let SIGTERM end this process as Ctrl-C does, so that what it has started ends with it."""
+
+    def end(number: int, frame: object) -> None:
+        sys.exit(128 + number)
+
+    signal.signal(signal.SIGTERM, end)
+
+
 @contextlib.contextmanager
 def private_domain() -> Iterator[int]:
     """Reserve a ROS domain on this machine, local to it, for as long as the context lasts.

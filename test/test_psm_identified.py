@@ -154,6 +154,22 @@ def test_a_real_weight_on_a_psm_is_weighed_and_placed(measured_data):
         assert estimate.low <= truth <= estimate.high
 
 
+@pytest.mark.parametrize(
+    "reference", ["psm_one_bare", pytest.param("psm_one", marks=pytest.mark.slow)]
+)
+def test_a_real_weight_on_a_psm_is_in_its_interval_against_either_day(measured_data, reference):
+    folder = measured_data / "psm"
+    first = diagnose(
+        folder / "psm_one_105g_insertion.csv", arm="psm", coordinates="actuator",
+        reference=folder / f"{reference}.csv",
+    ).findings[0]  # fmt: skip
+    moment = first.parameters["first_moment_y"]
+    assert first.effect == "payload"
+    for name, truth in (("mass", 0.105), ("y", 0.535), ("x", 0.024)):
+        assert first.parameters[name].low <= truth <= first.parameters[name].high
+    assert moment.low <= 0.105 * 0.535 <= moment.high
+
+
 @pytest.mark.slow
 @pytest.mark.xfail(reason="112 g: from one day to another its moment changes by a tenth, unloaded")
 def test_a_real_weight_on_a_psm_is_weighed_to_five_per_cent(measured_data):

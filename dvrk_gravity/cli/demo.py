@@ -22,6 +22,7 @@ EXAMPLE = "python -m dvrk_gravity demo --arm mtmr --out out/demo"
 PICTURE, BAG = "demo.png", "bag"  # in its folder
 _ARM = "mtmr"
 _TITLES = 34  # width of their column
+_MOST_FRICTION = 100.0  # as of the simulator's parameter
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,11 +46,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the demonstration; print a table as it goes, then draw it."""
     # Here and not above: ROS and matplotlib are slow to load and --help needs neither.
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.processes import private_domain
+    from dvrk_gravity.processes import end_on_sigterm, private_domain
     from dvrk_gravity.ros.demo import picture
     from dvrk_gravity.ros.demo.scenario import Scenario
     from dvrk_gravity.ros.demo.stage import MODEL, Stage
 
+    if not 0.0 <= arguments.friction_scale <= _MOST_FRICTION:
+        raise ConfigError("--friction-scale", arguments.friction_scale, f"0 to {_MOST_FRICTION:g}")
     of_arm = Arm.file(arguments.arm) if arguments.arm else None
     inputs = [arguments.model, of_arm, _file(arguments.plant)]
     written = [PICTURE] if arguments.model else [PICTURE, MODEL]
@@ -63,6 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise ConfigError("--out", str(bag), "no such folder, or a bag of an earlier demo")
         shutil.rmtree(bag)
     start = time.monotonic()
+    end_on_sigterm()
     with (
         private_domain(),
         Scenario(stage, bag, arguments.friction_scale, arguments.output) as scenario,

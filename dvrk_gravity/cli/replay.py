@@ -16,7 +16,7 @@ from dvrk_gravity import command_line
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample, SampleReader
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import outputs, text_file
-from dvrk_gravity.processes import NodeProcess, ProcessError, private_domain
+from dvrk_gravity.processes import NodeProcess, ProcessError, end_on_sigterm, private_domain
 from dvrk_gravity.recording import BagReader, BagWriter, read_joint_states
 
 if TYPE_CHECKING:
@@ -107,6 +107,7 @@ def replay(
         name = reader.joint_state_topic(topic)
         messages = [(received, data) for _, received, data in reader.raw(name)]
     start = time.monotonic()
+    end_on_sigterm()
     with private_domain():
         sent, answers = _play(messages, model_file, model.arm, len(expected), recorded)
     seconds = time.monotonic() - start

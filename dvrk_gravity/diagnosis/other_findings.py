@@ -61,7 +61,7 @@ def unknown_finding(
         sentence=hypothesis.claim(parameters),
         picture=picture_of(validation.data, held_out, hypothesis, joint, before, after),
         in_model=False,
-        remedy=Unknown.REMEDY,
+        remedy=hypothesis.remedy(carried=False),
     )
 
 

@@ -73,6 +73,15 @@ class NamelessHypothesis(Hypothesis):
         """See :meth:`Hypothesis.words`."""
         return {**super().words(parameters), "what": self.what}
 
+    def remedy(self, carried: bool) -> str:
+        """See :meth:`Hypothesis.remedy`: a joint alone would not show what it has of another."""
+        if self.transient or self.of == self.joints[0]:
+            return super().remedy(carried)
+        return (
+            "record a motion that moves these joints, each at several positions of the other, "
+            "and diagnose that"
+        )
+
     @property
     def depends_on(self) -> int | None:
         """See :meth:`Hypothesis.depends_on`."""

@@ -290,7 +290,7 @@ def _signs(recording: Recording) -> list[DataWarning]:
                     "effort_sign", recording.joints[joint], {"work": part},
                     f"its motor takes {-100 * part:.0f} % of the work there and back out of the "
                     "arm, as if friction drove it: an effort of the wrong sign, or of another "
-                    "joint, or a hand that moves the arm",
+                    "joint, a hand that moves the arm, or work that comes over from other joints",
                 )
             )  # fmt: skip
     return findings

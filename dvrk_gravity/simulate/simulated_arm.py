@@ -193,9 +193,15 @@ class SimulatedArm:
         self._push = self._finite("effort", effort)
         self._push_until = self.plant.time + duration
 
-    def step(self) -> None:
-        """Go one step on."""
+    def step(self) -> bool:
+        """Go one step on.
+
+        Returns:
+            Whether the arm could go: one that is pushed beyond all that can be computed holds where
+            it was.
+        """
         plant = self.plant
+        before = plant.q
         weight = plant.smooth_torque()
         self.compensation = weight if self._builtin else self._zero
         if self.target is None:
@@ -208,6 +214,12 @@ class SimulatedArm:
         self.effort = self._from_motor.dot(motor)
         push = self._push if plant.time < self._push_until else None
         plant.step(self.effort, push, self.dt)
+        if np.count_nonzero(np.isfinite(plant.v)) == len(before):
+            return True
+        plant.reset(before)
+        self._push_until = plant.time
+        self.hold()
+        return False
 
     def measure(self) -> Measurement:
         """Read the sensors; once a step, since noise and delay go on with every reading.
