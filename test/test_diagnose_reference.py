@@ -25,6 +25,9 @@ from testing.plain_world import NOISE, PlainWorld
 MASS, COM = 1.5, (0.03, 0.04, 0.06)
 
 
+SLOW = pytest.mark.slow
+
+
 @pytest.fixture(scope="module")
 def world() -> PlainWorld:
     arm = Arm.load(UR5)
@@ -132,7 +135,9 @@ def test_a_load_that_was_taken_off_since_is_weighed_too(bare, loaded):
     assert "less than in the reference" in load.sentence
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.2, 2.0])
+@pytest.mark.parametrize(
+    "factor", [pytest.param(0.5, marks=SLOW), pytest.param(1.2, marks=SLOW), 2.0]
+)
 def test_efforts_that_read_by_a_factor_more_than_a_reference_are_told_by_it(world, bare, factor):
     again = record(world, 1, 13)
     read = replace(again, effort=factor * again.effort)
@@ -143,7 +148,7 @@ def test_efforts_that_read_by_a_factor_more_than_a_reference_are_told_by_it(worl
     assert scale.low < factor < scale.high
 
 
-@pytest.mark.parametrize("joint", [1, slice(None)], ids=["one", "all"])
+@pytest.mark.parametrize("joint", [1, pytest.param(slice(None), marks=SLOW)], ids=["one", "all"])
 def test_efforts_of_the_other_sign_than_the_reference_s_are_refused(world, bare, joint):
     turned = record(world, 1, 13)
     effort = turned.effort.copy()

@@ -214,7 +214,7 @@ def forgets_where_it_was(cls, arm, values):
 @pytest.mark.parametrize(
     ("owner", "method", "wrong"),
     [
-        (DragHypothesis, "merge", added_in_another_unit),
+        pytest.param(DragHypothesis, "merge", added_in_another_unit, marks=pytest.mark.slow),
         (QuadraticDrag, "from_parameters", classmethod(forgets_where_it_was)),
     ],
     ids=["another unit in merge", "not read from files"],

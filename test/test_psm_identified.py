@@ -154,9 +154,8 @@ def test_a_real_weight_on_a_psm_is_weighed_and_placed(measured_data):
         assert estimate.low <= truth <= estimate.high
 
 
-@pytest.mark.parametrize(
-    "reference", ["psm_one_bare", pytest.param("psm_one", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("reference", ["psm_one_bare", "psm_one"])
 def test_a_real_weight_on_a_psm_is_in_its_interval_against_either_day(measured_data, reference):
     folder = measured_data / "psm"
     first = diagnose(
