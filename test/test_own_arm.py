@@ -301,6 +301,7 @@ def test_gains_that_the_arms_masses_do_not_go_with_are_doubted(lab):
     assert "a known load in kg" in doubt
 
 
+@pytest.mark.slow
 def test_without_gains_a_load_is_found_all_the_same(lab, own_unit, capsys, tmp_path):
     status, text, _ = run(
         capsys, "diagnose", lab.folder / "elsewhere.csv", "--model", own_unit, "--out", tmp_path

@@ -60,6 +60,7 @@ def test_a_threshold_that_is_changed_is_changed_where_it_is_used_and_only_for_a_
     assert kind().band == 8.0
 
 
+@pytest.mark.slow
 @pytest.mark.slow  # `make sensitivity` itself, of one threshold
 def test_a_threshold_that_matters_moves_what_is_told(sensitivity):
     number = next(

@@ -97,11 +97,17 @@ def _rows(before: Array, after: Array) -> list[tuple[str, ...]]:
 
 
 def _drawn(drifts: Sequence[Drift], arm: Arm) -> list[int]:
-    """Return the joints that drift less by the extended model, what gains most first."""
-    gain = np.max(
-        [_largest(drift.before, arm) - _largest(drift.after, arm) for drift in drifts], axis=0
-    )
-    return [j for j in np.argsort(-gain).tolist() if gain[j] > _LEAST_DRIFT][:_MOST_DRAWN]
+    """Return the joints that drift less by the extended model, what gains most first.
+
+    What drifts in spite of all friction goes before what drifts with little, whose joints drag
+    each other along.
+    """
+    found: list[int] = []
+    for drift in sorted(drifts, key=lambda drift: -drift.friction):
+        gain = _largest(drift.before, arm) - _largest(drift.after, arm)
+        order = np.argsort(-gain).tolist()
+        found += [j for j in order if gain[j] > _LEAST_DRIFT and j not in found]
+    return found[:_MOST_DRAWN]
 
 
 def _picture(drifts: Sequence[Drift], joints: Sequence[int], arm: Arm) -> str:
