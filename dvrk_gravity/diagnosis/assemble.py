@@ -172,7 +172,7 @@ def assemble(
         ambiguities=ambiguities(validation, named, pool),
         model=model,
         band=data.band,
-        against=motion.against,
+        beside_reference=motion.reference is not None,
         outside=outside,
     )
 
@@ -229,7 +229,7 @@ def _finding(
     carried: bool,
 ) -> Finding:
     effect, motion = selected[i], validation.data.motion
-    hypothesis = replace(effect.trial.candidate.hypothesis, against=motion.against)
+    hypothesis = effect.trial.candidate.hypothesis
     named = [other.trial.candidate for other in selected]
     # What the others leave to it, in whatever order they were found.
     before = held_out.error([other for k, other in enumerate(named) if k != i], named)

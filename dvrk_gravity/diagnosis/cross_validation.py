@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, TypeVar
@@ -150,6 +150,8 @@ class CrossValidation:
     def candidates(self, hypotheses: Iterable[Hypothesis]) -> Iterator[Candidate]:
         """Yield hypotheses with their columns, many of which are filtered together."""
         motion = self.data.motion
+        if motion.reference is not None:
+            hypotheses = (replace(each, beside_reference=True) for each in hypotheses)
         built = (
             Candidate.of(hypothesis, hypothesis.build(motion, hypothesis.setting))
             for hypothesis in hypotheses

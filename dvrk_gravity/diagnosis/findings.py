@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.in_simulation import InSimulation
+from dvrk_gravity.effects.base.effect import compared_with
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
@@ -326,7 +327,7 @@ class Diagnosis:
         weighed: How the payload found compares with the mass that is said to be there; ``None`` if
             none is.
         band: Hz; errors are of what lies below this. ``None`` of static poses.
-        against: What the recordings are compared with, in words: the model, or a reference.
+        beside_reference: The recordings are compared with a reference, not with the model.
         outside: Where joints are beyond what the model was identified on, one sentence each.
     """
 
@@ -347,7 +348,7 @@ class Diagnosis:
     in_simulation: InSimulation | None = None
     weighed: Weighed | None = None
     band: float | None = None
-    against: str = "the model"
+    beside_reference: bool = False
     outside: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -363,6 +364,7 @@ class Diagnosis:
         """The diagnosis in one sentence."""
         if self.findings:
             return self.findings[0].sentence
+        against = compared_with(self.beside_reference)
         # A model that tells how sure it is is measured by that; of others only noise is known.
         expects = bool(np.isfinite(list(self.expected.values())).any())
         least, words = (
@@ -372,12 +374,12 @@ class Diagnosis:
         )
         ratio = {name: self.after[name] / value for name, value in least.items() if value > 0}
         if not ratio:
-            return f"Nothing was found that {self.against} lacks."
+            return f"Nothing was found that {against} lacks."
         most = max(ratio, key=lambda name: ratio[name])
         told = any(most in entry.joints for entry in self.known if entry.of_effect)
         beside = ", friction of another day and other known causes included" if told else ""
         return (
-            f"Nothing was found that {self.against} lacks: what it leaves is at most "
+            f"Nothing was found that {against} lacks: what it leaves is at most "
             f"{ratio[most]:.2g} times {words} ({most}{beside})."
         )
 
@@ -392,7 +394,7 @@ class Diagnosis:
     @property
     def caveat(self) -> str:
         """What to bear in mind about the findings, in a sentence; ``""`` if nothing."""
-        if self.against == "the model" or not self.findings:
+        if not (self.beside_reference and self.findings):
             return ""
         return (
             "against a reference all counts that differs between two recordings, friction that "

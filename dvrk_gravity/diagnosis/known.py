@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,8 +87,7 @@ def known(
 
 
 def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Candidate]) -> Known:
-    candidate, motion = trial.candidate, validation.data.motion
-    hypothesis = replace(candidate.hypothesis, against=motion.against)
+    candidate, hypothesis = trial.candidate, trial.candidate.hypothesis
     theta, covariance = validation.fit([*named, candidate])
     rows = slice(len(theta) - candidate.size, len(theta))
     parameters = estimates(hypothesis, theta[rows], covariance[rows, rows], {})

@@ -103,11 +103,6 @@ class MeasuredMotion:
         return self.model.arm
 
     @property
-    def against(self) -> str:
-        """What it is compared with, in words."""
-        return "the model" if self.reference is None else "the reference"
-
-    @property
     def static(self) -> bool:
         """Whether these are static poses."""
         return self.rate is None

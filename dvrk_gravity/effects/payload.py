@@ -166,7 +166,6 @@ class Payload(Term):
             yield PayloadHypothesis(
                 arm=motion.arm, site=site.link(link), joints=(joint_of_link(motion.arm, link),),
                 form=motion.arm.body_names[link], setting=dict.fromkeys(AXES, 0.0),
-                beside_reference=motion.reference is not None,
             )  # fmt: skip
 
     @cached_property
@@ -180,16 +179,11 @@ class Payload(Term):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PayloadHypothesis(Hypothesis):
-    """A link carries a point mass that {model} does not know.
-
-    Attributes:
-        beside_reference: It may also carry less than a reference did: what was taken off.
-    """
+    """A link carries a point mass that {model} does not know; a reference may have had more."""
 
     EFFECT = Payload
     CLAIM = "{where} carries {mass} that {model} does not know"
 
-    beside_reference: bool = False
     fixed_point: tuple[str, ...] = AXES
     far_from_start: bool = True  # a link may turn about its frame's origin, where a mass is nothing
 

@@ -17,7 +17,7 @@ from dvrk_gravity.effects.base.meaning import READS, Estimate, Meaning, meanings
 
 Array = NDArray[np.float64]
 
-_LEAST = 1e-3
+_LEAST = 1e-3  # in place of zero: a factor is no number where a mean has nothing of the reference
 
 
 class TorqueScale(Effect):
@@ -34,27 +34,22 @@ class TorqueScale(Effect):
         None in an arbitrary unit: drives have gains of their own there, and a load that is heavier
         on one joint than on another tells of those, not of a reading that changed.
         """
-        arm, of_both = motion.arm, motion.reference is not None
+        arm = motion.arm
         if arm.read_in == ANY_UNIT:
             return
         unit = np.eye(arm.n)
         for joint in np.flatnonzero(motion.present).tolist():
             yield ScaleHypothesis(
-                arm=arm, site=site.joint(joint), joints=(joint,), mixing=np.diag(unit[joint]),
-                of_both=of_both,
-            )  # fmt: skip
+                arm=arm, site=site.joint(joint), joints=(joint,), mixing=np.diag(unit[joint])
+            )
         if not motion.present.all():
             return
         yield ScaleHypothesis(
-            arm=arm, site=site.THE_ARM, joints=tuple(range(len(unit))), form="all", mixing=unit,
-            of_both=of_both,
-        )  # fmt: skip
+            arm=arm, site=site.THE_ARM, joints=tuple(range(len(unit))), form="all", mixing=unit
+        )
         for motor in mixed_motors(arm):
             mixing = arm.actuator_to_joint @ np.diag(unit[motor]) @ arm.joint_to_actuator
-            yield ScaleHypothesis(
-                arm=arm, site=site.motor(motor), joints=(motor,), mixing=mixing,
-                of_both=of_both,
-            )  # fmt: skip
+            yield ScaleHypothesis(arm=arm, site=site.motor(motor), joints=(motor,), mixing=mixing)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,13 +58,11 @@ class ScaleHypothesis(Hypothesis):
 
     Attributes:
         mixing: (n, n) torques of the joints -> those that read wrongly, as the joints show them.
-        of_both: The torque that acts is the mean of what reads wrongly and of a reference.
     """
 
     EFFECT = TorqueScale
 
     mixing: Array
-    of_both: bool = False
 
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`."""
@@ -80,9 +73,10 @@ class ScaleHypothesis(Hypothesis):
         """See :meth:`Hypothesis.describe`."""
         del setting
         part = float(theta[0])
-        # s tau - tau = part (s tau + tau) / 2 has no solution from a part of 2 on.
-        factor = (2.0 + part) / max(2.0 - part, _LEAST) if self.of_both else 1.0 + part
-        return {"factor": factor}
+        if not self.beside_reference:
+            return {"factor": 1.0 + part}
+        # Part of the mean of both: s tau - tau = part (s tau + tau) / 2.
+        return {"factor": (2.0 + part) / max(2.0 - part, _LEAST)}
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""

@@ -110,7 +110,8 @@ class Hypothesis(ABC):
         transient: It comes once, or changes with time: the same state at another time does not
             show the same.
         shifts_positions: It changes what positions mean: merged into a model before others.
-        against: What claims compare with, in words: the model, or a reference in its place.
+        beside_reference: Two recordings are compared, not one with the model. Set for all
+            hypotheses at once, where their columns are built.
     """
 
     EFFECT: ClassVar[type[Effect]]
@@ -134,7 +135,7 @@ class Hypothesis(ABC):
     of_state: bool = True
     transient: bool = False
     shifts_positions: bool = False
-    against: str = "the model"
+    beside_reference: bool = False
 
     @abstractmethod
     def build(self, motion: Motion, setting: Setting) -> Array:
@@ -195,6 +196,11 @@ class Hypothesis(ABC):
     def told_apart_by(self) -> str:
         """What recording would tell it from others, in words; ``""`` where poses do."""
         return ""
+
+    @property
+    def against(self) -> str:
+        """What claims compare with, in words."""
+        return compared_with(self.beside_reference)
 
     @property
     def effect(self) -> str:
@@ -274,6 +280,11 @@ class Hypothesis(ABC):
         where = " and ".join(self.names) or "the arm"
         detail = "" if self.place in ("joint", "") else f" ({self.place})"
         return f"{self.effect} at {where}{detail}"
+
+
+def compared_with(reference: bool) -> str:
+    """Return what a recording is compared with, in words: the model, or a reference."""
+    return "the reference" if reference else "the model"
 
 
 def spread(row: Array, *values: Array) -> Array:

@@ -41,10 +41,6 @@ class Motion(Protocol):
         """(N, n) measured torques."""
 
     @property
-    def reference(self) -> Array | None:
-        """(N, n) torques that were measured when all was well; ``None``: the model's are."""
-
-    @property
     def direction(self) -> Array | None:
         """(N, n) +1/-1 of static poses whose approach is known."""
 
