@@ -64,13 +64,13 @@ def run(module_name: str, argv: Sequence[str] | None = None) -> int:
         epilog=f"example: {module.EXAMPLE}",
         formatter_class=argparse.RawDescriptionHelpFormatter,  # an example a line
     )
+    module.add_arguments(parser)
     # Everything from --ros-args on is for rclpy, as `ros2 run` hands it over.
     words = list(sys.argv[1:] if argv is None else argv)
     split = words.index("--ros-args") if "--ros-args" in words else len(words)
+    arguments = parser.parse_args(words[:split])
+    arguments.ros_args = words[split:]
     try:
-        module.add_arguments(parser)  # options may name the effects that are installed
-        arguments = parser.parse_args(words[:split])
-        arguments.ros_args = words[split:]
         status: int = module.run(arguments)
         sys.stdout.flush()  # here, and not at exit, where a closed pipe is a traceback
         return status

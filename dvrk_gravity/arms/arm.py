@@ -216,6 +216,10 @@ class Arm(Description):
         """
         return self._of_file(held.holding(self, where)) if where else self
 
+    def torque_of_reading(self, effort: Array) -> Array:
+        """Return (…, n) efforts in N·m, or N, of what the arm reads; the same without gains."""
+        return effort if self.drive_gains is None else effort * self.drive_gains
+
     def reading_of_torque(self, effort: Array) -> Array:
         """Return (…, n) efforts as the arm reads and takes them, of those in N·m, or N."""
         return effort if self.drive_gains is None else effort / self.drive_gains

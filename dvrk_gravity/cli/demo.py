@@ -6,6 +6,7 @@ import argparse
 import shutil
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,6 @@ EXAMPLE = "python -m dvrk_gravity demo --arm mtmr --out out/demo"
 PICTURE, BAG = "demo.png", "bag"  # in its folder
 _ARM = "mtmr"
 _TITLES = 34  # width of their column
-_MOST_FRICTION = 100.0  # as of the simulator's parameter
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,9 +50,10 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.ros.demo import picture
     from dvrk_gravity.ros.demo.scenario import Scenario
     from dvrk_gravity.ros.demo.stage import MODEL, Stage
+    from dvrk_gravity.ros.simulator_node import SIMULATOR_PARAMETERS
 
-    if not 0.0 <= arguments.friction_scale <= _MOST_FRICTION:
-        raise ConfigError("--friction-scale", arguments.friction_scale, f"0 to {_MOST_FRICTION:g}")
+    scale = SIMULATOR_PARAMETERS["friction_scale"]
+    replace(scale, name="--friction-scale").check(arguments.friction_scale)
     of_arm = Arm.file(arguments.arm) if arguments.arm else None
     inputs = [arguments.model, of_arm, _file(arguments.plant)]
     written = [PICTURE] if arguments.model else [PICTURE, MODEL]

@@ -107,7 +107,6 @@ def replay(
         name = reader.joint_state_topic(topic)
         messages = [(received, data) for _, received, data in reader.raw(name)]
     start = time.monotonic()
-    end_on_sigterm()
     with private_domain():
         sent, answers = _play(messages, model_file, model.arm, len(expected), recorded)
     seconds = time.monotonic() - start
@@ -291,6 +290,7 @@ def run(arguments: argparse.Namespace) -> int:
         [arguments.bag, arguments.model],
         {"--out": arguments.out},
     )
+    end_on_sigterm()
     result = replay(
         arguments.bag,
         arguments.model,

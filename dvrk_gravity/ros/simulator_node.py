@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 import time
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -122,10 +121,7 @@ class Simulator(Node):
             STEP,
         )
         self._names = simulated.joint_names
-        # An arm that reads and takes efforts in A does so here, too; pushes are N·m.
-        self._gains = np.ones(simulated.n)
-        if simulated.drive_gains is not None:
-            self._gains = simulated.drive_gains
+        self._as_read = simulated.reading_of_torque  # efforts in A, where the arm tells these
         self._push_timeout = value["push_timeout"] * value["realtime_factor"]
         self._steps_per_second = value["realtime_factor"] / STEP
         self._origin = time.monotonic()
@@ -156,7 +152,7 @@ class Simulator(Node):
         self._listen(
             efforts.message_type,
             efforts.name,
-            lambda message: arm.servo_jf(self._taken(efforts.effort(message))),
+            lambda message: arm.servo_jf(efforts.effort(message), as_read=True),
         )
         self._listen(JointState, "servo_jp", lambda message: arm.servo_jp(message.position))
         self._listen(JointState, "move_jp", lambda message: arm.move_jp(message.position))
@@ -203,10 +199,6 @@ class Simulator(Node):
             self._steps += 1
             self._publish()
 
-    def _taken(self, effort: Sequence[float]) -> Sequence[float] | NDArray[np.float64]:
-        """Return efforts of a message in N·m; of another number, which the arm refuses, as is."""
-        return self._gains * effort if len(effort) == len(self._gains) else effort
-
     def _publish(self) -> None:
         arm, now = self._arm, self._steps * STEP
         if self._measured_due.at(now):
@@ -224,7 +216,7 @@ class Simulator(Node):
             # array('d') is taken as it is; of a list or numpy array every entry is checked.
             position=array("d", position.tobytes()),
             velocity=array("d", velocity.tobytes()),
-            effort=array("d", (effort / self._gains).tobytes()),
+            effort=array("d", self._as_read(effort).tobytes()),
         )
         elapsed = Duration(nanoseconds=round(self._steps * STEP * 1e9))
         message.header.stamp = (self._first_stamp + elapsed).to_msg()

@@ -106,17 +106,19 @@ class SimulatedArm:
         self.mode = Mode.HOLD
         self.target: Array | None = plant.q + self._offset
 
-    def servo_jf(self, effort: ArrayLike) -> None:
+    def servo_jf(self, effort: ArrayLike, as_read: bool = False) -> None:
         """Apply joint efforts from now on, for ever.
 
         Args:
             effort: (n,) N·m by index.
+            as_read: They are in what the arm reads and takes instead, which may be A.
 
         Raises:
             ShapeError: Not one a joint; the arm goes on as before.
             ConfigError: Not finite; the arm goes on as before.
         """
-        self._request = self._finite("effort", effort)
+        request = self._finite("effort", effort)
+        self._request = self.plant.model.arm.torque_of_reading(request) if as_read else request
         self.mode, self.target, self._move, self._filter = Mode.EFFORT, None, None, None
 
     def free(self) -> None:
