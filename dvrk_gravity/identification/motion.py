@@ -266,9 +266,18 @@ def _require_torque(trajectory: Trajectory) -> None:
             for stretch in trajectory.stretches
         )
     ]
+    require_none_unmeasured(trajectory.source, zero)
+
+
+def require_none_unmeasured(source: str, zero: Sequence[str]) -> None:
+    """Refuse joints whose efforts are all zero.
+
+    Raises:
+        RecordingError: There are any.
+    """
     if zero:
         raise RecordingError(
-            trajectory.source, f"efforts of {', '.join(zero)} are all zero, expected measured ones"
+            source, f"efforts of {', '.join(zero)} are all zero, expected measured ones"
         )
 
 

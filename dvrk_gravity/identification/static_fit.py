@@ -25,8 +25,6 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning, Recording
 from dvrk_gravity.recording.data import Array, Coordinates
 
-_DRIVEN = 0.3  # of a model's error: less may be chance. Chosen.
-
 Report = Callable[[str, float], None]
 
 
@@ -117,7 +115,7 @@ def _driven(
     friction = 0.5 * np.mean(up - down, axis=0)
     for joint in poses.moving:
         name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
-        if friction[joint] < -_DRIVEN * errors[name].rmse:
+        if friction[joint] < -poses.settings.driven * errors[name].rmse:
             yield DataWarning(
                 "effort_sign", name, {"friction": float(friction[joint])},
                 f"friction is {friction[joint]:.2g} {unit}, as if it drove the joint: directions "

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
-from dvrk_gravity.identification.motion import require_all
+from dvrk_gravity.identification.motion import require_all, require_none_unmeasured
 from dvrk_gravity.identification.static_gravity import gravity_of
 from dvrk_gravity.recording import DataWarning, Recording, prepare
 from dvrk_gravity.recording.data import Array, Coordinates
@@ -30,6 +30,8 @@ class PosedSettings:
         rarer: Part of the poses that must have come from the rarer direction. Chosen.
         blocks: Held out one after the other where no joint has three positions (Kohavi 1995: five
             to ten).
+        driven: Part of the error that a model leaves, of which less than no friction may be
+            chance. Chosen.
     """
 
     least: int = 2
@@ -37,6 +39,7 @@ class PosedSettings:
     posed: float = 0.1
     rarer: float = 0.1
     blocks: int = 5
+    driven: float = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +114,7 @@ def _require_measured(poses: Recording) -> None:
         for joint, moves, effort in zip(poses.joints, posed, poses.effort.T, strict=True)
         if moves and not effort.any()
     ]
-    if zero:
-        raise RecordingError(
-            poses.source, f"efforts of {', '.join(zero)} are all zero, expected measured ones"
-        )
+    require_none_unmeasured(poses.source, zero)
 
 
 def read_poses(
