@@ -31,6 +31,7 @@ from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from dvrk_gravity.diagnosis.ambiguity import AmbiguitySettings
 from dvrk_gravity.diagnosis.assemble import ShapelessSettings
 from dvrk_gravity.diagnosis.cross_validation import CrossValidationSettings
+from dvrk_gravity.diagnosis.extend import ExtensionSettings
 from dvrk_gravity.diagnosis.filtered_data import FilterSettings
 from dvrk_gravity.diagnosis.held_out import JudgementSettings
 from dvrk_gravity.diagnosis.load import LoadSettings
@@ -84,6 +85,7 @@ from dvrk_gravity.recording import Recording, prepare
 from dvrk_gravity.recording.checks import CheckSettings
 from dvrk_gravity.recording.gaps import LossSettings
 from dvrk_gravity.recording.grid import TimingSettings
+from dvrk_gravity.recording.impossible import PossibleSettings
 from dvrk_gravity.recording.pieces import PieceSettings
 from dvrk_gravity.recording.quantization import QuantumSettings
 from dvrk_gravity.recording.read_before import ReadBeforeSettings
@@ -292,6 +294,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (BlockSettings, DIAGNOSIS),
     (EvidenceSettings, DIAGNOSIS),
     (RunSettings, DIAGNOSIS),
+    (ExtensionSettings, DIAGNOSIS),
     (NamelessSettings, DIAGNOSIS),
     (MotionSettings, DIAGNOSIS),
     (LoadSettings, DIAGNOSIS),
@@ -331,6 +334,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (LossSettings, READING),
     (PieceSettings, READING),
     (CheckSettings, READING),
+    (PossibleSettings, READING),
     (SignalSettings, READING),
     (QuantumSettings, READING),
     (PoseSettings, POSES),

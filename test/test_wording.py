@@ -17,7 +17,6 @@ from dvrk_gravity.diagnosis.findings import (
     Alternative,
     Ambiguity,
     Contender,
-    Diagnosis,
     Finding,
     Gain,
     Known,
@@ -26,6 +25,7 @@ from dvrk_gravity.diagnosis.findings import (
 )
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.pool import hypotheses
+from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.diagnosis.words import rows, sentence_of, told
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.evidence import Residual

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from dvrk_gravity import TorqueModel, diagnose, identify
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree
-from dvrk_gravity.diagnosis.findings import FLOORS, Diagnosis
+from dvrk_gravity.diagnosis.findings import FLOORS
+from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.effects import Payload, State
 from dvrk_gravity.identification import evaluate
 from dvrk_gravity.identification.evaluation import Evaluation

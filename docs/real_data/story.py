@@ -20,7 +20,8 @@ import numpy as np
 from dvrk_gravity import Recording, TorqueModel, diagnose, gravity, identify
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.diagnosis.findings import FLOORS, Diagnosis, Finding
+from dvrk_gravity.diagnosis.findings import FLOORS, Finding
+from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.effects import Gravity
 from dvrk_gravity.report.diagnosis import png
 

@@ -2,11 +2,11 @@
 
 from dvrk_gravity.diagnosis.findings import (
     Alternative,
-    Diagnosis,
     Estimate,
     Finding,
     Gain,
 )
+from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.diagnosis.run import diagnose
 
 __all__ = ["Alternative", "Diagnosis", "Estimate", "Finding", "Gain", "diagnose"]

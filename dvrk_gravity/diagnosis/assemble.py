@@ -18,11 +18,8 @@ from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import (
     FLOORS,
     Alternative,
-    Diagnosis,
     Finding,
     Rejected,
-    Verdict,
-    by_joint,
     ordered,
 )
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed, estimates, setting_columns
@@ -37,6 +34,7 @@ from dvrk_gravity.diagnosis.other_findings import (
 )
 from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.refinement import RefinementSettings, plateau
+from dvrk_gravity.diagnosis.result import Diagnosis, Verdict, by_joint
 from dvrk_gravity.diagnosis.selection import EffectTrial, SelectedEffect
 from dvrk_gravity.diagnosis.separate import separation
 from dvrk_gravity.diagnosis.words import sentence_of

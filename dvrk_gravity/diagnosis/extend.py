@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +23,20 @@ from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # of a term's largest coefficient
-# RMS of a torque's part that a merged model may miss: half of its energy; the model is nearer to
-# what was found than without it. What begins unknown or is held beyond its range (presliding, a
-# cable) misses up to 0.33 in the trials with real recordings; a lost sign misses 2.
-_CONTRADICTED = 0.7
+
+
+@dataclass(frozen=True)
+class ExtensionSettings:
+    """When a merged model contradicts what was found.
+
+    Attributes:
+        missed: Part of a torque's RMS that a merged model may miss. Derived: half of its energy;
+            with less missing the model is nearer to what was found than without it. What begins
+            unknown or is held beyond its range (presliding, a cable) misses up to 0.33 in the
+            trials with real recordings; a lost sign misses 2.
+    """
+
+    missed: float = 0.7
 
 
 def contradicted(data: FilteredData, candidate: Candidate, theta: Array) -> bool:
@@ -45,7 +55,7 @@ def contradicted(data: FilteredData, candidate: Candidate, theta: Array) -> bool
     merged = data.reduce(motion.torque_at(motion.q, model) - motion.modelled)
     found = candidate.columns() @ theta
     size, missing = (np.linalg.norm(torque[data.usable]) for torque in (found, found - merged))
-    return bool(missing > _CONTRADICTED * size)
+    return bool(missing > ExtensionSettings().missed * size)
 
 
 def extended(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
-
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
@@ -25,8 +23,6 @@ def prepared(motion: MeasuredMotion) -> tuple[CrossValidation, list[Candidate]]:
     """Return what compares hypotheses about a motion, and those that need no search."""
     validation = CrossValidation(FilteredData.of(motion))
     pool = [
-        candidate
-        for candidate in validation.candidates(hypotheses(motion))
-        if np.isfinite(candidate.values).all() and candidate.acts.any()
+        candidate for candidate in validation.candidates(hypotheses(motion)) if candidate.acts.any()
     ]
     return validation, [begun(validation, candidate) for candidate in pool]

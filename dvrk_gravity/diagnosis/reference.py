@@ -99,16 +99,16 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
             f"shows {length:.3g} s of the motion of {names[1]}: expected the same motion, "
             f"{shortest:g} s of it at least",
         )
-    motion = _cut(replace(motion, reference=measured), pieces)
-    _require_signs(motion, names)
-    total = len(loaded.motion.q) / float(loaded.motion.rate or 1.0)
+    both = _cut(replace(motion, reference=measured), pieces)
+    _require_signs(both, names)
+    total = len(motion.q) / motion.rate
     line = (
         f"{length:.1f} of {total:.1f} s show the motion of {names[1]}, to 2 % of its spread; of "
         "both the difference is looked at: what they have in common cancels"
     )
     return replace(
         loaded,
-        motion=motion,
+        motion=both,
         handling=(*loaded.handling, line),
         warnings=(*loaded.warnings, *_further(reference.warnings, loaded.warnings)),
         # Both are noisy.

@@ -14,7 +14,6 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.assemble import assemble
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.findings import Diagnosis
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed
 from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.load import Loaded, load
@@ -22,6 +21,7 @@ from dvrk_gravity.diagnosis.nameless import with_nameless
 from dvrk_gravity.diagnosis.read_rightly import read_rightly
 from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
+from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.diagnosis.selection import (
     EffectTrial,
     SelectedEffect,

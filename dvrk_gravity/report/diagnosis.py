@@ -13,12 +13,12 @@ from dvrk_gravity.diagnosis.findings import (
     FLOORS,
     KNOWN,
     Ambiguity,
-    Diagnosis,
     Estimate,
     Finding,
     Known,
     Picture,
 )
+from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.diagnosis.words import rows as parameter_rows
 from dvrk_gravity.diagnosis.words import title as effect_title
 from dvrk_gravity.diagnosis.words import told
