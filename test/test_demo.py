@@ -11,6 +11,7 @@ import pytest
 from made_up_arm import made_up_arm
 from test_arms_dynamics import PANDA, UR5
 
+from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
@@ -128,3 +129,9 @@ def test_distances_are_shown_in_the_joints_own_units(tmp_path):
         factor * way for (factor, _), way in zip(shown_position(arm), phase.drift, strict=True)
     ]
     assert shown == pytest.approx([np.degrees(0.1), 0.0, 20.0, 0.0])
+
+
+@pytest.mark.parametrize("scale", ["-0.1", "1e9", "nan"])
+def test_a_friction_that_the_simulator_would_refuse_is_refused_before_it_starts(scale, capsys):
+    assert main(["demo", f"--friction-scale={scale}"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

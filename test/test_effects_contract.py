@@ -194,6 +194,19 @@ def test_its_parts_with_and_without_friction_make_up_the_whole(term, state):
         np.testing.assert_allclose(first + second, total[0], atol=1e-12)
 
 
+@each([effect for effect in effects.terms() if effect.full_speed is not Term.full_speed])
+def test_below_its_full_speed_friction_is_not_whole(effect, term, state):
+    pose = state.q[:1]
+    slow, fast = (
+        sum(
+            sign * (term.torque(State(pose, sign * part * term.full_speed[None])) @ term.full_speed)
+            for sign in (1.0, -1.0)
+        )
+        for part in (0.25, 0.5)
+    )
+    assert fast > slow
+
+
 @each([effect for effect in effects.terms() if effect.FRICTION])
 def test_its_friction_scales_with_the_part_and_never_drives(effect, term, state):
     whole = term.torque(state)

@@ -150,14 +150,18 @@ def test_the_example_of_a_node_starts_and_ends_with_ctrl_c(verb, words, installe
     assert process.returncode == 0, output
 
 
-def test_the_demonstration_starts_its_nodes_and_ends_with_ctrl_c(installed):
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_the_demonstration_starts_its_nodes_and_ends_with_them(installed, number, status):
     (words,) = (words for _, words in examples(["demo"]))
     process = installed.start("demo", *shlex.split(words))
     assert process.stdout is not None
     try:
         began = any("three processes" in line for line in process.stdout)
+        started = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     finally:
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         output, _ = process.communicate(timeout=60)
     assert began, output
-    assert process.returncode == 130, output
+    assert process.returncode == status, output
+    assert started
+    assert not [child for child in started if Path(f"/proc/{child}").exists()]

@@ -169,6 +169,9 @@ def test_gravity_flag_and_direction():
     np.testing.assert_array_equal(off.gravity, [0, 0, 0])
     tilted, _ = parse(with_value(("gravity_direction",), [3, 0, -4]))
     np.testing.assert_allclose(tilted.gravity, [0.6 * 9.81, 0, -0.8 * 9.81], rtol=1e-15)
+    # The square of such a length is no number any more.
+    far, _ = parse(with_value(("gravity_direction",), [3e307, 0, -4e307]))
+    np.testing.assert_allclose(far.gravity, tilted.gravity, rtol=1e-15)
 
 
 def test_the_command_prints_a_row_per_joint_and_writes_what_it_computed(tmp_path, capsys):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from made_up_arm import made_up_arm
 from scipy.optimize import lsq_linear
 
 from dvrk_gravity.arms import Arm
@@ -526,6 +528,31 @@ def test_a_push_moves_the_arm_for_its_time_and_no_sensor_sees_it(truth: PlantFil
     assert abs(mtm.measure().effort[0] - mtm.compensation[0]) < 1e-12
     steps(mtm, 20)
     assert mtm.plant.v[0] < speed
+
+
+def test_an_arm_that_is_pushed_beyond_all_that_can_be_computed_holds_where_it_was(
+    truth: PlantFile,
+) -> None:
+    mtm = arm_at(truth)
+    mtm.free()
+    mtm.push(joint_vector(0, 1e300), duration=1.0)
+    went = [mtm.step() for _ in range(100)]
+    assert not all(went)
+    assert mtm.mode is Mode.HOLD
+    assert np.isfinite(np.stack([mtm.plant.q, mtm.plant.v, mtm.measure().effort])).all()
+    rested = steps(mtm, 10).plant.q.copy()
+    np.testing.assert_array_equal(steps(mtm, 10).plant.q, rested)
+
+
+def test_an_arm_with_drive_gains_takes_efforts_in_amperes(tmp_path: Path) -> None:
+    gains = np.array([2.0, 4.0, 5.0, 10.0])
+    arm = made_up_arm(tmp_path).with_drive_gains(gains)
+    simulated = SimulatedArm(PlantFile.of(arm).plant(), builtin_compensation=False)
+    weight = simulated.plant.smooth_torque()
+    for command, as_read in ((weight, False), (weight / gains, True)):
+        simulated.servo_jf(command, as_read=as_read)
+        simulated.step()
+        np.testing.assert_allclose(simulated.effort, weight, rtol=1e-6)
 
 
 # --- sensors and recordings --------------------------------------------------------------

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-from made_up_arm import made_up_arm
+from made_up_arm import made_up_arm, write
 from test_arms_dynamics import UR5
 
 rclpy = pytest.importorskip("rclpy")
@@ -19,9 +19,12 @@ from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Bool, Empty, Float64MultiArray  # noqa: E402
 
+from dvrk_gravity.arms import Arm  # noqa: E402
 from dvrk_gravity.arms.mtm import JOINT_NAMES  # noqa: E402
+from dvrk_gravity.errors import ConfigError  # noqa: E402
 from dvrk_gravity.processes import NodeProcess, private_domain  # noqa: E402
 from dvrk_gravity.ros.client import Client as ROSClient  # noqa: E402
+from dvrk_gravity.ros.command_topic import CommandTopic  # noqa: E402
 from dvrk_gravity.simulate import PlantFile  # noqa: E402
 
 TIMEOUT = 10.0
@@ -268,6 +271,24 @@ def test_another_arm_is_simulated_with_its_own_joints_and_obeys_an_array(tmp_pat
         # No effort: the insertion slides by its weight.
         commands.publish(Float64MultiArray(data=[0.0] * 4))
         client.wait(lambda: moved(2) > 0.01, "sliding")
+
+
+def test_an_arm_with_drive_gains_tells_its_efforts_in_amperes(tmp_path) -> None:
+    gains = np.array([2.0, 4.0, 5.0, 10.0])
+    path = write(tmp_path, {"drive_gains": gains.tolist()})
+    measured: list[JointState] = []
+    with start(f"arm:={path}", namespace="/ARM"), ROSClient("/ARM") as client:
+        client.node.create_subscription(JointState, "measured_js", measured.append, 10)
+        client.wait(lambda: bool(measured), "the arm")
+    plant = PlantFile.of(Arm.load(str(path))).plant()
+    plant.reset(np.array(measured[-1].position))
+    np.testing.assert_allclose(measured[-1].effort, plant.smooth_torque() / gains, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["a b", "/", "1st"])
+def test_what_no_topic_can_be_called_is_refused(name: str) -> None:
+    with pytest.raises(ConfigError, match=f"^output_topic: got '{name}', expected"):
+        CommandTopic.of({"output": "array", "output_topic": name})
 
 
 def test_a_plant_of_another_arm_than_was_named_is_refused() -> None:
