@@ -21,20 +21,8 @@ DEEPEST = 50
 """Levels that lists and mappings may be nested; loaders take seconds to refuse thousands."""
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe loader without aliases (anchor bombs), endless nesting and duplicate keys."""
-
-    depth = 0
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("anchors and aliases are not used in these files")
-        if self.depth > DEEPEST:
-            raise yaml.YAMLError(f"nested deeper than {DEEPEST} levels")
-        self.depth += 1
-        node = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """Safe loader, libyaml's where it is there, that takes no key twice."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, Any]:
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
@@ -69,7 +57,19 @@ for _kind in ("int", "float"):
 
 @lru_cache(maxsize=16)
 def _parsed(text: str) -> Any:
-    """Return what a text holds: an arm's file is read by all that is about the arm."""
+    """Return what a text holds: an arm's file is read by all that is about the arm.
+
+    Raises:
+        yaml.YAMLError: Not YAML, or with aliases (anchor bombs) or endless nesting.
+    """
+    depth = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.YAMLError("anchors and aliases are not used in these files")
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
+            raise yaml.YAMLError(f"nested deeper than {DEEPEST} levels")
     return yaml.load(text, Loader=_Loader)
 
 
