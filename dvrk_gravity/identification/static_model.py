@@ -86,26 +86,29 @@ def cable_rows(table: Table, solution: PoseSolution, joint: int) -> dict[str, Ar
     centre = 0.5 * (table.valid.lower[joint] + table.valid.upper[joint])
     half = 0.5 * (table.valid.upper[joint] - table.valid.lower[joint])
     # A joint that was not posed has nothing but constants.
-    argument = polynomial.Polynomial(
-        [-centre / half, 1.0 / half] if joint in table.poses.moving else [0.0]
-    )
+    offset, slope = (-centre / half, 1.0 / half) if joint in table.poses.moving else (0.0, 0.0)
+    powers_of_line = _powers_of_line(offset, slope)
     rows = {
         name: np.zeros((1 + MAX_DEGREE, len(solution.theta))) for name in ("positive", "negative")
     }
     for k, column in zip(solution.indices(joint), solution.columns[joint], strict=True):
         if columns.group[column] != 0:
             continue
-        powers = _powers(columns.own[column], argument)
+        series = chebyshev.cheb2poly(columns.own[column])
+        powers = powers_of_line[:, : len(series)] @ series
         sign = -1.0 if columns.along[column] else 1.0
-        rows["positive"][: len(powers), k] += powers
-        rows["negative"][: len(powers), k] += sign * powers
+        rows["positive"][:, k] += powers
+        rows["negative"][:, k] += sign * powers
     return rows
 
 
-def _powers(series: Array, argument: polynomial.Polynomial) -> Array:
-    """Return (k,) coefficients of a Chebyshev series of a line, lowest power first."""
-    powers = polynomial.Polynomial(chebyshev.cheb2poly(series))
-    return np.atleast_1d(np.asarray(powers(argument).coef, dtype=float))
+def _powers_of_line(offset: float, slope: float) -> Array:
+    """Return (13, 13) coefficients of (offset + slope q)^k in column k, lowest power first."""
+    result = np.zeros((1 + MAX_DEGREE, 1 + MAX_DEGREE))
+    for k in range(1 + MAX_DEGREE):
+        coefficients = polynomial.polypow([offset, slope], k)
+        result[: len(coefficients), k] = coefficients
+    return result
 
 
 def _cables(table: Table, solution: PoseSolution) -> dict[str, Value]:
