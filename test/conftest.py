@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,12 @@ from hypothesis import settings
 REPOSITORY = Path(__file__).resolve().parents[1]
 CONFIG = REPOSITORY / "config"
 MODEL_FILE = CONFIG / "mtmr_28002.yaml"
+
+
+@cache
+def syntax(path: Path) -> tuple[ast.AST, ...]:
+    """Return the nodes of a module's syntax tree, itself first."""
+    return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
 
 
 def executables() -> dict[str, str]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import ast
 import sys
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
-from conftest import REPOSITORY
+from conftest import REPOSITORY, syntax
 
 PACKAGE = REPOSITORY / "dvrk_gravity"
 # Other names than on the index of packages.
@@ -29,6 +29,14 @@ def modules(package: Path) -> dict[str, Path]:
     return found
 
 
+def everywhere(path: Path) -> Iterable[ast.AST]:
+    return syntax(path)
+
+
+def on_import(path: Path) -> Iterator[ast.AST]:
+    return at_module_level(syntax(path)[0])
+
+
 def at_module_level(tree: ast.AST) -> Iterator[ast.AST]:
     """Yield what runs on import: all but the bodies of functions, and what is for types only."""
     for node in ast.iter_child_nodes(tree):
@@ -38,7 +46,7 @@ def at_module_level(tree: ast.AST) -> Iterator[ast.AST]:
             yield from at_module_level(node)
 
 
-def names(nodes: Iterator[ast.AST]) -> Iterator[tuple[str, str]]:
+def names(nodes: Iterable[ast.AST]) -> Iterator[tuple[str, str]]:
     """Yield (module, name or nothing) of every import statement."""
     for node in nodes:
         if isinstance(node, ast.Import):
@@ -49,13 +57,15 @@ def names(nodes: Iterator[ast.AST]) -> Iterator[tuple[str, str]]:
 
 
 @cache
-def graph(package: Path, walk=ast.walk) -> dict[str, set[str]]:
+def graph(
+    package: Path, walk: Callable[[Path], Iterable[ast.AST]] = everywhere
+) -> dict[str, set[str]]:
     """Return what each module of a package imports: modules of the package, others' top names."""
     known = modules(package)
     found: dict[str, set[str]] = {}
     for module, path in known.items():
         imported = found.setdefault(module, set())
-        for source, name in names(walk(ast.parse(path.read_text(encoding="utf-8")))):
+        for source, name in names(walk(path)):
             inside = f"{source}.{name}" if f"{source}.{name}" in known else source
             imported.add(inside if inside in known else source.split(".")[0])
     return found
@@ -99,20 +109,21 @@ def test_a_cycle_of_any_kind_is_found(tmp_path, text):
         (folder / f"{name}.py").write_text(content)
     check_for_cycles(folder)
     graph.cache_clear()
+    syntax.cache_clear()
     (folder / "c.py").write_text("from some import a")
     with pytest.raises(CycleError, match=r"some\.a"):
         check_for_cycles(folder)
 
 
 def test_only_nodes_import_ros_and_commands_where_they_begin_to_work():
-    everywhere, on_import, ros = graph(PACKAGE), graph(PACKAGE, at_module_level), ros_packages()
-    assert "rclpy" in ros & on_import["dvrk_gravity.ros.compensator_node"]
+    whenever, first, ros = graph(PACKAGE), graph(PACKAGE, on_import), ros_packages()
+    assert "rclpy" in ros & first["dvrk_gravity.ros.compensator_node"]
     for module in modules(PACKAGE):
         if module.startswith("dvrk_gravity.ros"):
             continue
-        assert not reached(module, on_import) & ros, module
+        assert not reached(module, first) & ros, module
         if not module.startswith("dvrk_gravity.cli."):
-            assert not reached(module, everywhere) & ros, module
+            assert not reached(module, whenever) & ros, module
 
 
 def test_what_the_package_imports_is_declared_in_package_xml_or_setup_py():
@@ -128,15 +139,15 @@ def test_what_the_package_imports_is_declared_in_package_xml_or_setup_py():
 def test_a_class_has_a_name_of_its_own():
     defined: dict[str, list[str]] = {}
     for module, path in modules(PACKAGE).items():
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in syntax(path):
             if isinstance(node, ast.ClassDef):
                 defined.setdefault(node.name, []).append(module)
     assert {name: where for name, where in defined.items() if len(where) > 1} == {}
 
 
-def stored(tree: ast.AST) -> Iterator[str]:
+def stored(path: Path) -> Iterator[str]:
     """Yield the names that are assigned, looped over or passed."""
-    for node in ast.walk(tree):
+    for node in syntax(path):
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
             yield node.id
         elif isinstance(node, ast.arg):
@@ -147,6 +158,4 @@ def test_a_variable_is_called_by_what_it_holds():
     """A noun, as textbooks have them: ``one`` of what?"""
     folders = [REPOSITORY / name for name in ("dvrk_gravity", "testing", "benchmark", "test")]
     paths = [path for folder in folders for path in folder.rglob("*.py")]
-    assert [
-        path.name for path in paths if "one" in stored(ast.parse(path.read_text(encoding="utf-8")))
-    ] == []
+    assert [path.name for path in paths if "one" in stored(path)] == []

@@ -12,7 +12,7 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 import setuptools
-from conftest import REPOSITORY, executables
+from conftest import REPOSITORY, executables, syntax
 
 from dvrk_gravity.command_line import VERBS
 
@@ -74,7 +74,7 @@ def test_only_the_package_itself_is_installed(monkeypatch):
 
 def test_the_package_does_not_need_what_is_not_installed():
     for path in (REPOSITORY / "dvrk_gravity").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in syntax(path):
             names: list[str] = []
             if isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names]

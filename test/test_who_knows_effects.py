@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from conftest import syntax
 
 from dvrk_gravity import effects
 
@@ -37,16 +38,15 @@ OTHER_WORDS = {
 
 def names_in(path: Path) -> set[str]:
     """Return the identifiers and the texts of a module's code, docstrings apart."""
-    tree = ast.parse(path.read_text())
     docs = {
         id(node.body[0].value)
-        for node in ast.walk(tree)
+        for node in syntax(path)
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
         and node.body
         and isinstance(node.body[0], ast.Expr)
     }
     found: set[str] = set()
-    for node in ast.walk(tree):
+    for node in syntax(path):
         if isinstance(node, ast.Name):
             found.add(node.id)
         elif isinstance(node, ast.Attribute) and node.attr.isupper():
