@@ -86,24 +86,26 @@ def test_friction_takes_energy_and_cables_give_it_back_but_for_their_lag(world, 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_motions_keep_the_limits_that_a_program_has(name):
+@pytest.mark.parametrize(
+    "seed", [SEEDS[0], *(pytest.param(seed, marks=pytest.mark.slow) for seed in SEEDS[1:])]
+)
+def test_motions_keep_the_limits_that_a_program_has(name, seed):
     arm = mujoco_arms.arm_of(name)
     limits = MotionLimits.of(arm)
     time = np.arange(0.0, 30.0, 0.01)
-    for seed in SEEDS:
-        calibration = draw_calibration(arm, seed)
-        for motion in (calibration, draw_other(arm, seed), draw_other(arm, seed, calibration)):
-            q, qd, qdd = motion.at(time)
-            assert (q > limits.lower - 1e-6).all()
-            assert (q < limits.upper + 1e-6).all()
-            assert (np.ptp(q, axis=0) > np.minimum(0.02, 0.3 * (limits.upper - limits.lower))).all()
-            slope = np.gradient(q, time, axis=0)[1:-1], np.gradient(qd, time, axis=0)[1:-1]
-            np.testing.assert_allclose(slope[0], qd[1:-1], atol=1e-2)
-            np.testing.assert_allclose(slope[1], qdd[1:-1], atol=3e-2)
-            if limits.pair is not None:
-                total = q[:, limits.pair.first] + q[:, limits.pair.second]
-                assert (total > limits.pair.lower - 1e-6).all()
-                assert (total < limits.pair.upper + 1e-6).all()
+    calibration = draw_calibration(arm, seed)
+    for motion in (calibration, draw_other(arm, seed), draw_other(arm, seed, calibration)):
+        q, qd, qdd = motion.at(time)
+        assert (q > limits.lower - 1e-6).all()
+        assert (q < limits.upper + 1e-6).all()
+        assert (np.ptp(q, axis=0) > np.minimum(0.02, 0.3 * (limits.upper - limits.lower))).all()
+        slope = np.gradient(q, time, axis=0)[1:-1], np.gradient(qd, time, axis=0)[1:-1]
+        np.testing.assert_allclose(slope[0], qd[1:-1], atol=1e-2)
+        np.testing.assert_allclose(slope[1], qdd[1:-1], atol=3e-2)
+        if limits.pair is not None:
+            total = q[:, limits.pair.first] + q[:, limits.pair.second]
+            assert (total > limits.pair.lower - 1e-6).all()
+            assert (total < limits.pair.upper + 1e-6).all()
 
 
 def test_most_motions_that_are_diagnosed_stay_about_where_the_calibration_went():

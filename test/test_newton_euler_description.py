@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from dvrk_gravity.__main__ import main
 from dvrk_gravity.cli import newton_euler as command
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.newton_euler import JointType, inverse_dynamics, parse, read
@@ -210,13 +211,13 @@ def test_the_command_prints_a_row_per_joint_and_writes_what_it_computed(tmp_path
         ("!!python/object/apply:os.system [echo]", "expected valid YAML"),
     ],
 )
-def test_the_command_answers_bad_files_in_one_line(tmp_path, content, message):
+def test_the_command_answers_bad_files_in_one_line(tmp_path, content, message, capsys):
     path = tmp_path / "chain.yaml"
     path.write_text(content)
-    done = run_command(path)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    (line,) = done.stderr.splitlines()
+    assert main(["newton-euler", str(path)]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (line,) = printed.err.splitlines()
     assert line.startswith(f"dvrk_gravity newton-euler: {path}: ")
     assert message in line
 

@@ -81,7 +81,7 @@ def bound(excess, delay, frequency, mass):
     return 1.15 * np.sqrt(ALLOWANCE**2 + 2 * push * way) + push * (delay + 0.025)
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.03])
+@pytest.mark.parametrize("delay", [pytest.param(0.0, marks=pytest.mark.slow), 0.03])
 @pytest.mark.parametrize("excess", [0.5, 1.0])
 @pytest.mark.parametrize(("frequency", "mass"), [(0.7, 0.0), (3.0, 0.0), (1.5, 10.0), (0.0, 0.0)])
 def test_in_a_passive_hand_or_in_none_no_joint_gets_beyond_the_bound(

@@ -305,7 +305,11 @@ def test_no_sequence_of_events_leads_to_a_command_that_must_not_be(start, sequen
     judge(start, sequence)
 
 
-@pytest.mark.parametrize("start", range(0, len(SETTINGS), 5))
+@pytest.mark.parametrize(
+    "start",
+    [pytest.param(start, marks=[] if start in (0, 10) else pytest.mark.slow)
+     for start in range(0, len(SETTINGS), 5)],
+)  # fmt: skip
 def test_long_random_sequences_with_good_input_in_between_are_survived(start):
     """Hypothesis rarely keeps input good for long: here commands are the rule."""
     result = judge(start, random_sequence(np.random.default_rng(start), 16000))
