@@ -11,8 +11,10 @@ from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.held_out import estimates
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.pool import hypotheses
+from dvrk_gravity.estimation.covariance import NORMAL_95
 from dvrk_gravity.recording import Recording
 from testing.world import World
 
@@ -85,6 +87,17 @@ def test_they_are_as_wide_as_estimates_scatter_when_the_known_error_looks_like_t
     seen = np.cov(np.array(scattered).T).reshape(covariance.shape)
     added = np.sqrt(np.diag(covariance - without))
     assert added == pytest.approx(np.sqrt(np.diag(seen)), rel=0.3)
+
+
+@pytest.mark.parametrize("spread", [0.01, 10.0, 1e300])
+def test_that_of_a_time_constant_is_even_in_its_logarithm_and_never_below_zero(data, spread):
+    candidate = first(data, "thermal_drift", 0)
+    told = estimates(candidate.hypothesis, np.ones(1), np.eye(1), {"time_constant": spread})
+    constant = told["time_constant"]
+    assert 0.0 < constant.low < constant.value < constant.high < np.inf
+    assert constant.value**2 == pytest.approx(constant.low * constant.high)
+    if spread < 0.1:
+        assert constant.high - constant.low == pytest.approx(2 * NORMAL_95 * spread, rel=1e-3)
 
 
 def test_of_an_exact_model_they_are_those_of_the_noise(data):

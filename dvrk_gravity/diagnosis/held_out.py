@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,8 @@ from dvrk_gravity.estimation import evidence
 from dvrk_gravity.estimation.covariance import NORMAL_95
 
 Array = NDArray[np.float64]
+
+_WIDEST = 100.0  # times a positive setting: an interval as wide says that nothing is known of it
 
 
 @dataclass(frozen=True)
@@ -282,12 +285,24 @@ def estimates(
         if not hypothesis.meaning(name).reported:
             continue
         if name in spread and name in hypothesis.refine:
-            low, high = value - NORMAL_95 * spread[name], value + NORMAL_95 * spread[name]
+            low, high = _interval(value, spread[name], hypothesis.meaning(name).positive)
         else:
             low, high = np.percentile([draw[name] for draw in draws], [2.5, 97.5])
         unit = hypothesis.unit(name)
         result[name] = Estimate(value, float(min(low, value)), float(max(high, value)), unit)
     return result
+
+
+def _interval(value: float, spread: float, positive: bool) -> tuple[float, float]:
+    """Return the 95 % interval of a setting with a standard deviation.
+
+    That of a positive one is even in its logarithm (Meeker and Escobar 1998, Statistical Methods
+    for Reliability Data, chapter 7): no time constant is below zero.
+    """
+    if positive and value > 0.0:
+        factor = math.exp(min(NORMAL_95 * spread / value, math.log(_WIDEST)))
+        return value / factor, value * factor
+    return value - NORMAL_95 * spread, value + NORMAL_95 * spread
 
 
 def setting_columns(

@@ -48,7 +48,9 @@ class Cogging(Term):
     REMEDY = "look at {joint}'s motor, gear and coupling"
     NOT_FITTED = "`diagnose` finds it and extends the model"
     MEANINGS = meanings(
-        amplitude=Meaning("N·m"), cycles_per_revolution=Meaning("1/rev"), phase=Meaning("rad")
+        amplitude=Meaning("N·m"),
+        cycles_per_revolution=Meaning("1/rev", least=0.0),
+        phase=Meaning("rad"),
     )
 
     arm: Arm

@@ -24,7 +24,7 @@ class EffortSaturation(Effect):
     NAME = "effort_saturation"
     REMEDY = "move {joint} more gently, or raise its effort limit"
     MEANINGS = meanings(
-        limit=Meaning("N·m"),
+        limit=Meaning("N·m", least=0.0),
         # Of what the limit would cut; all of it, or it is no limit.
         share=Meaning(least=0.6, greatest=1.4, reported=False),
     )

@@ -69,7 +69,7 @@ class PreslidingHysteresis(LinearTerm):
     REMEDY = "let the arm move a little before a reading counts"
     MEANINGS = meanings(
         level=Meaning("N·m", 0.0, least=0.0),
-        length=Meaning("rad", label="builds up over"),
+        length=Meaning("rad", label="builds up over", least=0.0),
         coulomb=size("N·m", MORE, "Coulomb friction beside it"),
     )
     FRICTION = True

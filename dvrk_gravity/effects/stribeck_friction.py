@@ -56,7 +56,7 @@ class StribeckFriction(Friction):
     TITLE = "Stribeck friction"
     MEANINGS = meanings(
         level=Meaning("N·m", 0.0, label="greater at rest by", least=0.0),
-        velocity=Meaning("rad/s", label="gone above about"),
+        velocity=Meaning("rad/s", label="gone above about", least=0.0),
     )
 
     joint_velocity: Array

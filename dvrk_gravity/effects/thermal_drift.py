@@ -24,7 +24,7 @@ class ThermalDrift(Effect):
     NAME = "thermal_drift"
     REMEDY = "let the arm warm up before it is recorded, or calibrate warm"
     MEANINGS = meanings(
-        torque=Meaning("N·m", 0.0, ("up", "down"), "drifts"), time_constant=Meaning("s")
+        torque=Meaning("N·m", 0.0, ("up", "down"), "drifts"), time_constant=Meaning("s", least=0.0)
     )
 
     @classmethod

@@ -92,6 +92,11 @@ class Meaning:
     listed: bool = True
     certain: bool = False
 
+    @property
+    def positive(self) -> bool:
+        """Whether it is positive by its nature."""
+        return self.least >= 0.0
+
     def tell(self, estimate: Estimate) -> str:
         """Return an estimate in words; before one whose interval holds zero stands `perhaps`."""
         if self.percent:
