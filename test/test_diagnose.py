@@ -14,11 +14,11 @@ from dvrk_gravity.cli import diagnose as command
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording
 from testing.hide import hide
-from testing.world import World
+from testing.world import COARSE, World
 
 pytestmark = pytest.mark.usefixtures("brief_simulation")
 
-KNOWN = World.draw(5)
+KNOWN = World.draw(5, step=COARSE)
 
 
 @pytest.fixture(scope="module")

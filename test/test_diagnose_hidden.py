@@ -10,7 +10,7 @@ import pytest
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from dvrk_gravity.recording import Recording
 from testing.hide import HIDERS, Hidden, hide
-from testing.world import World
+from testing.world import COARSE, World
 
 RATE = 100.0  # Hz
 DURATION = 12.0  # s
@@ -24,7 +24,7 @@ NAMED = sorted(set(HIDERS) - {"nothing", "outside"})
 
 def diagnosed(effect: str, seed: int = SEED) -> tuple[Hidden, Diagnosis]:
     """Hide an effect in an arm; return what was hidden, and what the arm's model finds."""
-    known = World.draw(seed)
+    known = World.draw(seed, step=COARSE)
     random = np.random.default_rng([seed, sorted(HIDERS).index(effect)])
     world, hidden = hide(known, effect, random)
     motion, noise = (int(n) for n in random.integers(1 << 30, size=2))
@@ -38,7 +38,7 @@ def diagnosed(effect: str, seed: int = SEED) -> tuple[Hidden, Diagnosis]:
 @lru_cache
 def moved(seed: int) -> Recording:
     """Return what right readings tell of an arm in which nothing is hidden."""
-    return World.draw(seed).record(1, 2, DURATION, RATE)
+    return World.draw(seed, step=COARSE).record(1, 2, DURATION, RATE)
 
 
 @pytest.fixture(scope="module", params=NAMED)
@@ -105,7 +105,7 @@ def test_what_has_no_name_is_called_unknown(seed):
 
 
 def test_two_effects_at_once_are_both_found():
-    known = World.draw(3)
+    known = World.draw(3, step=COARSE)
     random = np.random.default_rng(3)
     world, first = hide(known, "coulomb_friction", random)
     world, second = hide(world, "payload", random)
@@ -118,7 +118,7 @@ def test_two_effects_at_once_are_both_found():
 
 
 def test_static_poses_show_a_base_that_is_tilted():
-    known = World.draw(4)
+    known = World.draw(4, step=COARSE)
     world, hidden = hide(known, "base_tilt", np.random.default_rng(4))
 
     diagnosis = diagnose(world.record_poses(5, 6, count=90), known.model())

@@ -24,7 +24,7 @@ from dvrk_gravity.simulate import PlantFile, SimulatedArm
 from dvrk_gravity.simulate.excitation import record_motion
 from dvrk_gravity.simulate.model_plant import ModelArm
 from testing.hide import hide
-from testing.world import World
+from testing.world import COARSE, World
 
 
 @contextmanager
@@ -38,7 +38,7 @@ def let_go_once() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def weighted():
     """Return the arm as its model knows it, with a weight that it does not know, diagnosed."""
-    known = World.draw(5)
+    known = World.draw(5, step=COARSE)
     world, _ = hide(known, "payload", np.random.default_rng(5))
     recording = world.record(1, 2, 15.0, 100.0)
     with let_go_once():
@@ -68,7 +68,7 @@ def test_the_arm_itself_drifts_less_under_the_extended_model(weighted):
 
 
 def test_the_plant_of_identified_parameters_has_the_arm_s_mass_matrix():
-    world = World.draw(6)
+    world = World.draw(6, step=COARSE)
     model = world.model()
     links = model.term(LinkInertia.NAME)
     # Identified parameters are right in what acts only: links may weigh less than nothing.
@@ -135,7 +135,7 @@ def test_the_completed_inertia_is_the_model_s_but_for_what_cannot_be():
 @pytest.fixture(scope="module")
 def recorded():
     """Return a model and a short motion of its arm."""
-    world = World.draw(6)
+    world = World.draw(6, step=COARSE)
     model = world.model()
     return model, load([world.record(1, 2, 9.0, 100.0)], model).motion
 

@@ -23,9 +23,9 @@ from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.excitation import record_motion
 from dvrk_gravity.simulate.simulated_arm import SimulatedArm
 from testing.hide import hide
-from testing.world import World
+from testing.world import COARSE, World
 
-KNOWN = World.draw(5)
+KNOWN = World.draw(5, step=COARSE)
 PERIOD = 10.0
 MOTION = "mtm_dynamic_30s_200hz.csv"
 
@@ -35,7 +35,9 @@ def periodic() -> Recording:
     """25 s of an arm that repeats a motion of 10 s."""
     drawn = Multisine.draw(KNOWN.arm, 3)
     motion = replace(drawn, frequency=np.round(drawn.frequency * PERIOD) / PERIOD)
-    return record_motion(SimulatedArm(KNOWN.plant(), KNOWN.sensors, 4), motion, 25.0, 100.0)
+    return record_motion(
+        SimulatedArm(KNOWN.plant(), KNOWN.sensors, 4, dt=COARSE), motion, 25.0, 100.0
+    )
 
 
 def test_what_differs_between_periods_is_the_noise_whatever_repeats():

@@ -24,7 +24,7 @@ from dvrk_gravity.recording import Recording
 from dvrk_gravity.recording.data import Coordinates
 from dvrk_gravity.simulate.excitation import record_motion
 from dvrk_gravity.simulate.simulated_arm import SimulatedArm
-from testing.world import World
+from testing.world import COARSE, World
 
 RATE, PERIOD = 45.0, 11.67
 MOTION = "mtm_dynamic_30s_200hz.csv"
@@ -173,7 +173,7 @@ def test_finding_a_common_time_is_quick(duration, rate, count, most):
     assert clock_of_day.process_time() - begin < most
 
 
-KNOWN = World.draw(5)
+KNOWN = World.draw(5, step=COARSE)
 
 
 @pytest.fixture(scope="module")
@@ -181,7 +181,9 @@ def periodic() -> Recording:
     """30 s of an arm that repeats a motion of 11.67 s."""
     drawn = Multisine.draw(KNOWN.arm, 3)
     motion = replace(drawn, frequency=np.round(drawn.frequency * PERIOD) / PERIOD)
-    return record_motion(SimulatedArm(KNOWN.plant(), KNOWN.sensors, 4), motion, 30.0, 200.0)
+    return record_motion(
+        SimulatedArm(KNOWN.plant(), KNOWN.sensors, 4, dt=COARSE), motion, 30.0, 200.0
+    )
 
 
 def halves(recording: Recording) -> list[Recording]:

@@ -22,7 +22,7 @@ from dvrk_gravity.effects.contact import PushHypothesis, WallHypothesis
 from dvrk_gravity.effects.elastic_cable import CableHypothesis
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import PlantFile
-from testing.world import World
+from testing.world import COARSE, World
 
 CARRIED = {
     "coulomb_friction": [0.02, 0.03],
@@ -51,7 +51,7 @@ NOT_CARRIED = {
 
 @lru_cache(maxsize=1)
 def motion() -> MeasuredMotion:
-    world = World.draw(5)
+    world = World.draw(5, step=COARSE)
     return load([world.record(1, 2, duration=10.0)], world.model()).motion
 
 

@@ -16,7 +16,7 @@ import pytest
 from conftest import CONFIG, REPOSITORY, executables
 from test_console import synthetic, write
 
-from testing.world import World
+from testing.world import COARSE, World
 
 EXECUTABLES = executables()
 NODES = sorted(verb for verb, module in EXECUTABLES.items() if module.startswith("ros."))
@@ -92,7 +92,7 @@ def installed(tmp_path_factory) -> Installed:
     assert built.returncode == 0, built.stderr
     folder = workspace / "work"
     folder.mkdir()
-    world = World.draw(5)
+    world = World.draw(5, step=COARSE)
     for name, seed in (("my_bag", 3), ("another_bag", 4)):
         world.record(seed, 1, duration=9.0).save(folder / name)
     (folder / "out" / "why").mkdir(parents=True)

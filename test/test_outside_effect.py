@@ -28,7 +28,7 @@ from dvrk_gravity.recording import Recording
 from dvrk_gravity.report.diagnosis import render
 from dvrk_gravity.simulate import PlantFile
 from testing.hidden_parts import on_joint
-from testing.world import World
+from testing.world import COARSE, World
 
 ARM = Arm.load("mtmr")
 DRAG = [0.01 * (j + 1) for j in range(ARM.n)]
@@ -103,7 +103,7 @@ def test_it_is_identified_beside_the_others():
 @pytest.fixture(scope="module")
 def world() -> tuple[TorqueModel, Recording]:
     """A model that has it not, and a recording of an arm that has."""
-    plain = World.draw(7)
+    plain = World.draw(7, step=COARSE)
     drag = on_joint(1, lambda time, q, v: 0.4 * abs(v) * v)
     return plain.model(), replace(plain, extra=(drag,)).record(3, 4, 12.0, 100.0)
 

@@ -9,7 +9,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.identification import identify
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.model_uncertainty import held_by_terms
-from testing.world import World
+from testing.world import COARSE, World
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +45,6 @@ def test_friction_that_is_zero_is_a_parameter_all_the_same(columns):
 
 
 def test_a_recording_of_two_seconds_is_identified_with_a_posterior():
-    world = World.draw(5)
+    world = World.draw(5, step=COARSE)
     fit = identify(world.record(1, 1, 3.0).between(0.0, 2.0), world.arm)
     assert fit.model.uncertainty is not None

@@ -15,12 +15,12 @@ from dvrk_gravity.identification import static_fit
 from dvrk_gravity.recording import DataWarning, Recording, RecordingFile
 from dvrk_gravity.recording.pieces import parts_of
 from dvrk_gravity.recording.read_before import ReadBefore, counted_once
-from testing.world import World
+from testing.world import COARSE, World
 
 pytestmark = pytest.mark.usefixtures("four_folds")
 
 FEW = ["coulomb_friction", "viscous_friction"]
-KNOWN = World.draw(5)
+KNOWN = World.draw(5, step=COARSE)
 
 
 @pytest.fixture(scope="module")

@@ -15,14 +15,14 @@ from dvrk_gravity.identification.table import evaluation_text
 from dvrk_gravity.model import TorqueModel, uncertainty_file
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.uncertainty import ModelUncertainty
-from testing.world import World
+from testing.world import COARSE, World
 
 STEP = 0.1  # of a standard deviation; torque is linear in coefficients
 
 
 def recorded(seed: int) -> Recording:
     """Return 15 s of an arm by its seed."""
-    return World.draw(seed).record(3, 4, 15.0, 100.0)
+    return World.draw(seed, step=COARSE).record(3, 4, 15.0, 100.0)
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +148,7 @@ def test_its_torques_are_those_of_models_whose_coefficients_are_changed(model):
 
 def test_friction_that_a_motion_cannot_place_is_uncertain_at_joint_and_motor_alike():
     """The fit has one of them; where shoulder and elbow go to and fro together either would do."""
-    world = World.draw(5)
+    world = World.draw(5, step=COARSE)
     time = np.arange(0.0, 25.0, 0.01)
     shares = 2.0 * np.pi * np.array([0.13, 0.17, 0.17, 0.23, 0.29, 0.31, 0.37])
     middle, way = np.array([0.0, 0.3, 0.1, 0.5, 1.0, 0.0, 1.0]), 0.2
@@ -173,7 +173,7 @@ def test_friction_that_a_motion_cannot_place_is_uncertain_at_joint_and_motor_ali
 def test_another_motion_lies_within_what_the_model_expects_of_itself(model):
     """Its prediction's error, in units of its own standard deviation, is about one."""
     ratios = []
-    other = World.draw(6)
+    other = World.draw(6, step=COARSE)
     for seed, fitted in ((5, model), (6, identify(recorded(6), other.arm).model)):
         exact = World.draw(seed).model()
         random = np.random.default_rng(seed)

@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from dvrk_gravity.arms.arm import gravity_in_base
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.planning import Multisine
 from testing.hidden_parts import (
     INERTIA,
     LEVEL,
@@ -163,8 +164,10 @@ def _drift(world: World, random: Random) -> tuple[World, Hidden]:
     level = 2.0 * LEVEL[joint] * size(random) * sign(random)
     constant = float(random.uniform(6.0, 40.0))
     extra = on_joint(joint, lambda time, q, v: level * (1.0 - np.exp(-time / constant)))
+    # It begins with the ramp into the motion, before the recording does.
+    recorded = level * float(np.exp(-Multisine.ramp / constant))
     return replace(world, extra=(*world.extra, extra)), found(
-        world.arm, "thermal_drift", joint, torque=level, time_constant=constant
+        world.arm, "thermal_drift", joint, torque=recorded, time_constant=constant
     )
 
 

@@ -33,6 +33,9 @@ from testing.hidden_plant import HiddenPlant, Torque
 
 Array = NDArray[np.float64]
 
+# s: steps of a quarter of the servo's time constant do where many arms are recorded.
+COARSE = 2.5e-3
+
 Reading = Callable[[Recording], Recording]
 """What a wrong reading makes of a recording."""
 
@@ -55,6 +58,7 @@ class World:
         extra: Further torques.
         sensors: The sensors.
         readings: What is done to a recording afterwards, in order.
+        step: Length of the plant's steps, s.
     """
 
     arm: Arm
@@ -69,14 +73,16 @@ class World:
     sensors: Sensors
     extra: tuple[Torque, ...] = ()
     readings: tuple[Reading, ...] = field(default=())
+    step: float = 1e-3
 
     @classmethod
-    def draw(cls, seed: int, plant: str = "mtmr_28002") -> World:
+    def draw(cls, seed: int, plant: str = "mtmr_28002", step: float = 1e-3) -> World:
         """Draw a plausible arm around a plant file's inertia and sensors.
 
         Args:
             seed: Seed of everything that varies from arm to arm.
             plant: Plant file whose links, rotors and sensors are the middle.
+            step: Length of the plant's steps, s.
         """
         random = np.random.default_rng(seed)
         content = PlantFile.load(plant)
@@ -110,6 +116,7 @@ class World:
             stribeck=np.zeros((2, n)),
             rotors=content.rotor_inertia * random.uniform(0.8, 1.2, n),
             sensors=content.sensors,
+            step=step,
         )
 
     @property
@@ -163,13 +170,13 @@ class World:
             duration: s.
             rate: Hz.
         """
-        arm = SimulatedArm(self.plant(), self.sensors, noise)
+        arm = SimulatedArm(self.plant(), self.sensors, noise, dt=self.step)
         recording = record_motion(arm, Multisine.draw(self.arm, motion), duration, rate)
         return self._read(recording)
 
     def record_poses(self, poses: int, noise: int, count: int = 150) -> Recording:
         """Record drawn static poses; the seeds are as in :meth:`record`."""
-        arm = SimulatedArm(self.plant(), self.sensors, noise)
+        arm = SimulatedArm(self.plant(), self.sensors, noise, dt=self.step)
         return self._read(record_poses(arm, poses, count))
 
     def _weight(self) -> Gravity:
