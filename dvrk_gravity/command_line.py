@@ -84,15 +84,24 @@ def run(module_name: str, argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _INTERRUPTED
     except Exception as error:
-        if not _of_interrupt(error):
+        ended = _status_of_signal(error)
+        if ended is None:
             raise
-        return _INTERRUPTED
+        return ended
 
 
-def _of_interrupt(error: BaseException) -> bool:
-    """Tell whether an error is what compiled code made of Ctrl-C, which is its cause then."""
+def _status_of_signal(error: BaseException) -> int | None:
+    """Return the exit status if an error is what compiled code made of a signal, its cause then.
+
+    Ctrl-C is a ``KeyboardInterrupt``; :func:`dvrk_gravity.processes.end_on_sigterm` raises
+    ``SystemExit``.
+    """
     cause = error.__cause__
-    return cause is not None and (isinstance(cause, KeyboardInterrupt) or _of_interrupt(cause))
+    if isinstance(cause, KeyboardInterrupt):
+        return _INTERRUPTED
+    if isinstance(cause, SystemExit) and isinstance(cause.code, int):
+        return cause.code
+    return None if cause is None else _status_of_signal(cause)
 
 
 def one_line(error: Exception) -> str:

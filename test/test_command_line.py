@@ -89,7 +89,12 @@ def test_an_output_that_nobody_reads_any_more_ends_quietly(tmp_path):
         assert process.wait(timeout=60) == 128 + signal.SIGPIPE
 
 
-def test_ctrl_c_within_compiled_code_ends_as_ctrl_c_and_an_error_of_its_own_does_not(monkeypatch):
+@pytest.mark.parametrize(
+    ("signalled", "status"), [(KeyboardInterrupt(), 130), (SystemExit(143), 143)]
+)
+def test_a_signal_within_compiled_code_ends_as_that_and_an_error_of_its_own_does_not(
+    monkeypatch, signalled, status
+):
     """rclpy makes a TypeError of an interrupt that comes while it builds a message."""
 
     def verb(cause: BaseException) -> SimpleNamespace:
@@ -102,8 +107,8 @@ def test_ctrl_c_within_compiled_code_ends_as_ctrl_c_and_an_error_of_its_own_does
 
     before = signal.getsignal(signal.SIGINT)
     try:
-        monkeypatch.setitem(sys.modules, "interrupted", verb(KeyboardInterrupt()))
-        assert command_line.run("interrupted", []) == 130
+        monkeypatch.setitem(sys.modules, "interrupted", verb(signalled))
+        assert command_line.run("interrupted", []) == status
         monkeypatch.setitem(sys.modules, "broken", verb(ValueError()))
         with pytest.raises(TypeError):
             command_line.run("broken", [])
