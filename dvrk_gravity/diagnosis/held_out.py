@@ -20,8 +20,6 @@ from dvrk_gravity.estimation.covariance import NORMAL_95
 
 Array = NDArray[np.float64]
 
-_WIDEST = 100.0  # times a positive setting: an interval as wide says that nothing is known of it
-
 
 @dataclass(frozen=True)
 class JudgementSettings:
@@ -37,6 +35,7 @@ class JudgementSettings:
         active: Part of the energy in the block where an effect acts most, held out or not, from
             which on it acts in a block. Chosen.
         notable: Part of what is removed at the joint that gains most. Chosen.
+        widest: Times a positive setting: as wide an interval says that nothing is known. Chosen.
         draws: Of parameters, for intervals of what is derived from them: ten lie beyond either end.
     """
 
@@ -45,6 +44,7 @@ class JudgementSettings:
     whole_block: float = 0.8
     active: float = 0.03
     notable: float = 0.5
+    widest: float = 100.0
     draws: int = 400
 
 
@@ -300,7 +300,7 @@ def _interval(value: float, spread: float, positive: bool) -> tuple[float, float
     for Reliability Data, chapter 7): no time constant is below zero.
     """
     if positive and value > 0.0:
-        factor = math.exp(min(NORMAL_95 * spread / value, math.log(_WIDEST)))
+        factor = math.exp(min(NORMAL_95 * spread / value, math.log(JudgementSettings().widest)))
         return value / factor, value * factor
     return value - NORMAL_95 * spread, value + NORMAL_95 * spread
 
