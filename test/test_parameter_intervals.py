@@ -45,7 +45,9 @@ def first(data: FilteredData, effect: str, joint: int) -> Candidate:
 
 @pytest.mark.parametrize("sure", [True, False])
 @pytest.mark.parametrize(("effect", "joint"), [
-    ("torque_offset", 0), ("coulomb_friction", 3), ("elastic_cable", 4), ("payload", 2),
+    ("torque_offset", 0), ("payload", 2),
+    pytest.param("coulomb_friction", 3, marks=pytest.mark.slow),
+    pytest.param("elastic_cable", 4, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_they_are_as_wide_as_estimates_scatter_when_the_known_error_looks_like_the_cause(
     data, effect, joint, sure

@@ -82,7 +82,7 @@ def bound(excess, delay, frequency, mass):
 
 
 @pytest.mark.parametrize("delay", [pytest.param(0.0, marks=pytest.mark.slow), 0.03])
-@pytest.mark.parametrize("excess", [0.5, 1.0])
+@pytest.mark.parametrize("excess", [pytest.param(0.5, marks=pytest.mark.slow), 1.0])
 @pytest.mark.parametrize(("frequency", "mass"), [(0.7, 0.0), (3.0, 0.0), (1.5, 10.0), (0.0, 0.0)])
 def test_in_a_passive_hand_or_in_none_no_joint_gets_beyond_the_bound(
     frequency, mass, excess, delay

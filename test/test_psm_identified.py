@@ -17,6 +17,7 @@ from dvrk_gravity.planning.multisine import Multisine
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 from dvrk_gravity.simulate.excitation import record_motion
+from testing.world import COARSE
 
 # Of a PSM on another trajectory than the fit's, |e|/|tau| by motor: the physically consistent model
 # of the authors of WPI-AIM/dvrk_dynamics_identification.
@@ -24,7 +25,7 @@ PUBLISHED = (0.093, 0.178, 0.191, 0.134, 0.239, 0.213, 0.264)
 
 
 def recorded(plant: PlantFile, seed: int, duration: float = 30.0) -> Recording:
-    arm = SimulatedArm(plant.plant(), plant.sensors, seed)
+    arm = SimulatedArm(plant.plant(), plant.sensors, seed, dt=COARSE)
     return record_motion(arm, Multisine.draw(plant.model.arm, seed), duration)
 
 
