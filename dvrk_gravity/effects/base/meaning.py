@@ -73,7 +73,8 @@ class Meaning:
         neutral: Value at which the effect is not there; ``None`` if it has none.
         senses: What a positive value means, and a negative one.
         label: What it is called in a table; by default its name.
-        least: Smallest plausible value: beyond, the effect is a name for something else.
+        least: Smallest plausible value: beyond, the effect is a name for something else. From zero
+            on, the interval of a setting that is searched for is even in its logarithm.
         greatest: Largest plausible value.
         percent: It is a factor, and told as a change in percent.
         reported: It is told at all, and not only used.
