@@ -63,6 +63,7 @@ def _parsed(text: str) -> Any:
         yaml.YAMLError: Not YAML, or with aliases (anchor bombs) or endless nesting.
     """
     depth = 0
+    # Before the nodes are built, which recurses into any nesting.
     for event in yaml.parse(text, Loader=_Loader):
         if isinstance(event, yaml.AliasEvent):
             raise yaml.YAMLError("anchors and aliases are not used in these files")
