@@ -77,7 +77,7 @@ def test_a_model_that_is_changed_during_the_start_throws_no_joint(part):
     assert largest_motion(1, 200, models=(part, 1.0)) < 2.0
 
 
-@pytest.mark.parametrize("rate", [1000, 200])
+@pytest.mark.parametrize("rate", [pytest.param(1000, marks=pytest.mark.slow), 200])
 def test_no_start_moves_a_joint_by_two_degrees(rate):
     assert max(largest_motion(seed, rate) for seed in range(6)) < 2.0
 

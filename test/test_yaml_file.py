@@ -94,14 +94,17 @@ def test_a_device_that_never_ends_is_refused_at_once():
 
 def test_many_keys_take_no_more_than_their_share_of_time(tmp_path):
     """Ten times the keys may take ten times as long, not a hundred times."""
-    seconds = []
-    for count in (1_000, 10_000):
+
+    def seconds(count: int) -> float:
         file = tmp_path / f"{count}.yaml"
         file.write_text("".join(f"k{i}: 1\n" for i in range(count)))
         begin = time.process_time()
         assert len(yaml_file.load(file)) == count
-        seconds.append(time.process_time() - begin)
-    assert seconds[1] < 20 * seconds[0]
+        return time.process_time() - begin
+
+    # The least of a few: a collection of garbage takes longer than a thousand keys.
+    few, many = (min(seconds(count) for _ in range(3)) for count in (1_000, 10_000))
+    assert many < 20 * few
 
 
 @pytest.mark.parametrize("text", ["1e-05", "1E5", "-2e+3", "+1e3", "1.5e-3", ".5", "-0.0"])

@@ -223,13 +223,12 @@ class CrossValidation:
         theta = solve(whole.gram[0] + ridge, whole.cross[0], self.settings.trace)
         return self._unweighted(error), self._improbable(theta)
 
-    def _improbable(self, theta: Array) -> float:
-        """Return minus the log-density of the model's (d, …) parameters, but for a constant.
+    def _improbable(self, theta: Array) -> Any:
+        """Return (…,) minus the log-density of the model's (d, …) parameters, but for a constant.
 
         Each is in units of its standard deviation.
         """
-        own_parameters = theta[: self.model_size]
-        return 0.5 * float(own_parameters @ own_parameters)
+        return 0.5 * np.square(theta[: self.model_size]).sum(axis=0)
 
     def score(self, candidates: Sequence[Candidate]) -> Score:
         """Return the out-of-fold score of a set."""
@@ -246,14 +245,14 @@ class CrossValidation:
         samples = np.where(self.weight > 0.0, self.samples, 0.0)
         return self.significance.log_likelihood(mean, samples)
 
-    def _likelihood_of(self, error: Array) -> float:
-        """Return the log-likelihood of (R n,) weighted errors."""
-        return float(self._log_likelihood(self._rms(error) ** 2).sum())
+    def _likelihood_of(self, error: Array) -> Any:
+        """Return (…,) log-likelihoods of (R n, …) weighted errors."""
+        return self._log_likelihood(self._rms(error) ** 2).sum(axis=-1)
 
     def _rms(self, weighted: Array) -> Array:
-        """Return (n,) RMS over the usable samples, N·m, of (R n,) weighted values."""
-        values = weighted.reshape(-1, self.joints)
-        square = np.einsum("rn,rn->n", values, values) / self._counts
+        """Return (…, n) RMS over the usable samples, N·m, of (R n, …) weighted values."""
+        values = weighted.reshape(-1, self.joints, *weighted.shape[1:])
+        square = np.einsum("rn...,rn...->...n", values, values) / self._counts
         return np.asarray(np.sqrt(square) / np.where(self.weight > 0.0, self.weight, 1.0))
 
     def p_value(
@@ -308,18 +307,21 @@ class CrossValidation:
             raws = self.design(batch)
             besides = base.coefficients(raws)
             all_columns = raws - base.design @ besides if len(theta) else raws
-            edges = np.cumsum([0, *(candidate.size for candidate in batch)])
-            for candidate, span in zip(batch, map(slice, edges, edges[1:]), strict=True):
-                raw, columns = raws[:, span], all_columns[:, span]
-                gram = raw.T @ columns + self._ridge([candidate])
-                coefficients = solve(gram, raw.T @ target, self.settings.trace)
-                if not np.any(self._rms(raw @ coefficients) > least):
-                    continue
-                error = target - columns @ coefficients
-                adjusted = theta - besides[:, span] @ coefficients
-                spared = self._improbable(theta) - self._improbable(adjusted)
-                gain = self._likelihood_of(error) - before
-                found.append((gain + spared - candidate.cost, candidate))
+            cross, edges = raws.T @ target, np.cumsum([0, *(each.size for each in batch)])
+            coefficients = np.zeros((len(cross), len(batch)))  # of each candidate alone
+            for index, span in enumerate(map(slice, edges, edges[1:])):
+                gram = raws[:, span].T @ all_columns[:, span] + self._ridge([batch[index]])
+                coefficients[span, index] = solve(gram, cross[span], self.settings.trace)
+            error = target[:, None] - all_columns @ coefficients
+            adjusted = theta[:, None] - besides @ coefficients
+            spared = self._improbable(theta) - self._improbable(adjusted)
+            gains = self._likelihood_of(error) - before + spared
+            large = np.any(self._rms(raws @ coefficients) > least, axis=1)
+            found += [
+                (gain - candidate.cost, candidate)
+                for gain, candidate, enough in zip(gains.tolist(), batch, large, strict=True)
+                if enough
+            ]
         found.sort(key=lambda pair: -pair[0])
         return [candidate for gain, candidate in found[:keep] if gain > 0.0]
 

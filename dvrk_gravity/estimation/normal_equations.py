@@ -157,10 +157,11 @@ def solve(gram: Array, right: Array, trace: float = 0.0) -> Array:
     """
     if not len(gram):
         return np.zeros((0, *right.shape[1:]))
-    size = np.diag(gram)
-    scale = np.where(size > NULL, np.sqrt(np.maximum(size, NULL)), np.inf)
-    scaled = gram / np.outer(scale, scale)
-    scaled[np.diag_indices_from(scaled)] += np.where(np.isinf(scale), 1.0, trace)
+    size = gram.diagonal()
+    known = size > NULL
+    scale = np.sqrt(np.where(known, size, np.inf))
+    scaled = gram / (scale[:, None] * scale)
+    scaled.flat[:: len(gram) + 1] += np.where(known, trace, 1.0)
     units = scale if right.ndim == 1 else scale[:, None]
     return np.asarray(np.linalg.solve(scaled, right / units) / units)
 
