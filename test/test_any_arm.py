@@ -37,6 +37,7 @@ from dvrk_gravity.simulate import PlantFile
 from testing.mujoco_arms import KINOVA
 from testing.plain_world import NOISE, PlainWorld
 
+pytestmark = pytest.mark.usefixtures("four_folds")
 MASS, COM = 0.3, (0.02, -0.01, 0.05)  # kg, m in the last link's frame
 
 
