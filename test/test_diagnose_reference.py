@@ -172,8 +172,14 @@ def test_a_model_beside_a_reference_takes_the_change_in(bare, loaded):
 
 
 def test_another_motion_is_refused(world, bare):
-    with pytest.raises(RecordingError, match="expected the same motion"):
+    with pytest.raises(RecordingError, match=r"expected the same motion, 8 s of it at least$"):
         diagnose(record(world, 2, 12), arm=UR5, reference=bare)
+
+
+def test_a_motion_that_is_the_same_but_for_a_joint_s_place_is_refused_with_that_joint(world, bare):
+    elsewhere = replace(bare, position=bare.position + np.radians([0, 0, 0, 12.0, 0, 0]))
+    with pytest.raises(RecordingError, match=r"it does where wrist_1_joint is 12\.0 deg further$"):
+        diagnose(elsewhere, arm=UR5, reference=bare)
 
 
 def test_what_is_diagnosed_is_no_reference_of_itself(bare):
@@ -206,6 +212,8 @@ def files(bare, loaded, tmp_path_factory) -> Path:
          "--arm: got 'mtmr', expected that of the model"),
         (["--reference", "bare.csv", "--arm", "mtmr"], "expected time, direction or"),
         (["--reference", "none.csv", "--arm", UR5], "no such file"),
+        (["--reference", "bare.csv", "--arm", UR5, "--at", "others=0, elbow_joint=2deg"],
+         "expected no joint that is recorded, as elbow_joint is"),
     ],
 )  # fmt: skip
 def test_contradictions_are_refused_in_a_line(files, tmp_path, capsys, words, said):

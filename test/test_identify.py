@@ -24,6 +24,8 @@ from dvrk_gravity.identification.problem import pose
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 
+pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
+
 ARM = Arm.load("mtmr")
 COULOMB = np.array([0.03, 0.04, 0.05, 0.02, 0.004, 0.003, 0.001])
 VISCOUS = np.array([0.02, 0.03, 0.02, 0.003, 0.0008, 0.0005, 0.0001])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
 from dvrk_gravity.cli import arm_options
-from dvrk_gravity.cli.still_joints import add_at, still_joints
+from dvrk_gravity.cli.still_joints import add_at, require_unrecorded, still_joints
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
@@ -80,6 +80,7 @@ def run(args: argparse.Namespace) -> int:
     recordings = [
         RecordingFile(path, args.topic, coordinates=args.coordinates, arm=arm) for path in files
     ]
+    require_unrecorded(args.at, recordings)
     reference = None if args.reference is None else recordings.pop()
     shown = sys.stderr.isatty()
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, get_args
 
 from dvrk_gravity import command_line
 from dvrk_gravity.cli import arm_options
-from dvrk_gravity.cli.still_joints import add_at, still_joints
+from dvrk_gravity.cli.still_joints import add_at, require_unrecorded, still_joints
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
@@ -92,6 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
     coordinates = _coordinates(arguments.coordinates)
     still = still_joints(arguments.at, arm)
     recordings = [RecordingFile(path, arguments.topic, arm=arm) for path in arguments.recordings]
+    require_unrecorded(arguments.at, recordings)
     validate = [RecordingFile(path, arguments.topic, arm=arm) for path in arguments.validate]
     progress = command_line.Progress("identify", 100)
     fit = identify(

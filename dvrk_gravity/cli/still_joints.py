@@ -11,6 +11,7 @@ from dvrk_gravity.errors import ConfigError
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
+    from dvrk_gravity.recording import RecordingFile
 
 # By kind of joint; the longer names first, of which the shorter are endings.
 _UNITS = {
@@ -27,6 +28,19 @@ def add_at(parser: argparse.ArgumentParser) -> None:
         help="where joints stood that a recording does not hold, joint coordinates: "
         "shoulder_pitch=2.5deg,others=0deg; or in mm or m where a joint slides",
     )  # fmt: skip
+
+
+def require_unrecorded(texts: Sequence[str], recordings: Sequence[RecordingFile]) -> None:
+    """Refuse to be told where a joint stood that every recording holds.
+
+    Raises:
+        ConfigError: Naming it.
+        RecordingError: A recording that cannot be read.
+    """
+    for entry in ",".join(texts).split(",") if texts else ():
+        name = entry.partition("=")[0].strip()
+        if all(name in recording.head.joints for recording in recordings):
+            raise ConfigError("--at", entry, f"no joint that is recorded, as {name} is")
 
 
 def still_joints(texts: Sequence[str], arm: Arm) -> dict[str, float]:

@@ -21,7 +21,7 @@ from dvrk_gravity.diagnosis.load import Loaded, LoadSettings
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.estimation.same_motion import Track, same_motion
+from dvrk_gravity.estimation.same_motion import SameMotionSettings, Track, same_motion
 from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.recording import DataWarning, Recording, RecordingFile
 from dvrk_gravity.recording.data import Array
@@ -97,7 +97,7 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
         raise RecordingError(
             names[0],
             f"shows {length:.3g} s of the motion of {names[1]}: expected the same motion, "
-            f"{shortest:g} s of it at least",
+            f"{shortest:g} s of it at least{_elsewhere(motion, other)}",
         )
     both = _cut(replace(motion, reference=measured), pieces)
     _require_signs(both, names)
@@ -114,6 +114,20 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
         # Both are noisy.
         floor=np.hypot(loaded.floor, reference.floor),
     )
+
+
+def _elsewhere(motion: MeasuredMotion, other: MeasuredMotion) -> str:
+    """Say which joints are elsewhere, if the motions are the same but for that."""
+    off = np.median(motion.q, axis=0) - np.median(other.q, axis=0)
+    track = Track([other.time[p] for p in other.parts], [other.q[p] + off for p in other.parts])
+    told = np.concatenate([_times(motion, group, track) for group in _by_clock(motion)])
+    assert motion.rate is not None
+    if np.isfinite(told).sum() < LoadSettings().shortest * motion.rate:
+        return ""
+    large = np.abs(off) > SameMotionSettings().near * np.std(other.q, axis=0)
+    joints = zip(motion.arm.joints, off, large, strict=True)
+    moved = [f"{joint.name} is {joint.shown(by, 1)} further" for joint, by, yes in joints if yes]
+    return f"; it does where {', '.join(moved)}"
 
 
 def _require_signs(motion: MeasuredMotion, names: Sequence[str]) -> None:
