@@ -276,7 +276,11 @@ class Mover:
             self._catch_up()
             silent = time.monotonic() - self._heard_arm
             if silent > self._timeout:
-                raise MotionError(f"{self.topic}: nothing valid for {1e3 * silent:.0f} ms")
+                raise MotionError(
+                    f"{self.topic}: nothing valid for {1e3 * silent:.0f} ms, at most "
+                    f"{1e3 * self._timeout:.0f} allowed (more with --timeout, where it is this "
+                    "computer that is busy)"
+                )
 
     def _check_following(self) -> None:
         told = np.array([position for _, position in self._told])

@@ -210,8 +210,11 @@ class LinearTerm(Term):
         """
         for index in table.select(effect=cls.NAME):
             column = table.columns[index]
-            where = f"{cls.NAME} {column.site.words(table.arm)}"
-            text = where + f", {column.index}" * (column.index > 0)
+            if column.joint < 0:
+                text = cls.coefficient_name(table.arm, column)
+            else:
+                text = f"{cls.NAME} {column.site.words(table.arm)}"
+                text += f", {column.index}" * (column.index > 0)
             if index in inside:
                 yield ModelChange((), (index,), f"without {text}")
             else:
