@@ -194,7 +194,18 @@ def test_a_tilt_and_the_shoulders_zero_are_alike_in_a_plane_and_apart_in_space()
     (sentence,) = _tilt_and_shoulder(flat)
     assert "mN·m" in sentence
     assert "held still at" in sentence
+    assert "there is no sign of either" in sentence
     assert not _tilt_and_shoulder(full)
+
+
+def test_of_two_that_are_alike_sizes_are_told_where_there_is_a_sign_of_them():
+    poses = _poses((1, 2, 4))
+    off = poses.position + np.radians([0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+    (sentence,) = _tilt_and_shoulder(diagnose(replace(poses, position=off), KNOWN.model()))
+
+    assert "offset 0.1" in sentence
+    assert "no sign" not in sentence
 
 
 @pytest.mark.parametrize(

@@ -99,13 +99,17 @@ def _ambiguity(
             )
         )  # fmt: skip
     pair = f"{zero.hypothesis.subject} and {other.hypothesis.subject}"
+    ambiguity = Ambiguity(contenders[0], contenders[1], share, pair, "")
+    if ambiguity.suspected:
+        sizes = " against ".join(_numbers(contender) for contender in contenders)
+    else:
+        gains = " and ".join(f"{contender.gain:+.0f}" for contender in contenders)
+        sizes = f"there is no sign of either (log-likelihood {gains} on unseen blocks)"
     sentence = (
-        f"{pair} cannot be told apart here: {100 * share:.0f} % of the "
-        "torque of the first is the second's as well; "
-        + " against ".join(_numbers(contender) for contender in contenders)
-        + f"; {_pose(validation, zero, other, theta, poses)}"
+        f"{pair} cannot be told apart here: {100 * share:.0f} % of the torque of the first is the "
+        f"second's as well; {sizes}; {_pose(validation, zero, other, theta, poses)}"
     )
-    return Ambiguity(contenders[0], contenders[1], share, pair, sentence)
+    return replace(ambiguity, sentence=sentence)
 
 
 def _numbers(contender: Contender) -> str:
