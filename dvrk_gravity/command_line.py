@@ -12,13 +12,14 @@ import importlib
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Sequence
 
 # Matrices here are small: threads of one product wait for each other for longer than they work, the
 # more so on a busy machine. NumPy reads it when it is loaded, which every import below does.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from dvrk_gravity.errors import DvrkGravityError
+from dvrk_gravity.errors import DvrkGravityError, EffectError
 
 # Verb -> (module, one line for the overview). A module is imported only when
 # its verb is called: rclpy, Pinocchio and matplotlib are slow to load.
@@ -85,9 +86,13 @@ def run(module_name: str, argv: Sequence[str] | None = None) -> int:
         return _INTERRUPTED
     except Exception as error:
         ended = _status_of_signal(error)
-        if ended is None:
+        if ended is not None:
+            return ended
+        slip = _slip_of_an_effect(error)
+        if slip is None:
             raise
-        return ended
+        print(f"dvrk_gravity {module.NAME}: {slip}", file=sys.stderr)
+        return 2
 
 
 def _status_of_signal(error: BaseException) -> int | None:
@@ -102,6 +107,19 @@ def _status_of_signal(error: BaseException) -> int | None:
     if isinstance(cause, SystemExit) and isinstance(cause.code, int):
         return cause.code
     return None if cause is None else _status_of_signal(cause)
+
+
+def _slip_of_an_effect(error: Exception) -> EffectError | None:
+    """Return an error that arose in the code of an effect of another package, by its name."""
+    from dvrk_gravity.effects.base.registry import of_others
+
+    named = of_others()
+    for frame, line in reversed(list(traceback.walk_tb(error.__traceback__))):
+        effect = named.get(frame.f_globals.get("__name__", ""))
+        if effect is not None:
+            where = f"{frame.f_code.co_filename}, line {line}, in {frame.f_code.co_name}"
+            return EffectError(effect, f"{type(error).__name__}: {error} ({where})")
+    return None
 
 
 def one_line(error: Exception) -> str:

@@ -18,6 +18,7 @@ from quadratic_drag import DragHypothesis, QuadraticDrag
 from test_identify import truth
 
 from dvrk_gravity import TorqueModel, diagnose, effects, identify
+from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.effects.base import registry
@@ -255,6 +256,42 @@ def test_a_slip_in_a_hypothesis_is_told_by_the_effect_s_name(
     model, recording = world
     with pytest.raises(EffectError, match=f"effect quadratic_drag: {why}"):
         diagnose(recording, model)
+
+
+def one_number_too_many(self, values, theta, motion):
+    return {**values, self.effect: (0.1,) * (self.arm.n + 1)}
+
+
+def test_a_finding_that_a_model_file_refuses_is_told_with_the_file_s_reason(world, monkeypatch):
+    monkeypatch.setattr(DragHypothesis, "merge", one_number_too_many)
+    model, recording = world
+    diagnosis = diagnose(recording, model)
+    (finding,) = diagnosis.findings
+    reason = "a model file refuses it: quadratic_drag: "
+    assert finding.left_out == f"{reason}got '8 numbers', expected 7 numbers"
+    assert f"no: {reason}" in render(diagnosis, ["run.csv"])
+
+
+def test_coefficients_without_a_column_are_told_by_the_effect_s_name(monkeypatch):
+    fewer = classmethod(lambda cls, arm, valid: cls(np.ones(arm.n - 1)))
+    monkeypatch.setattr(QuadraticDrag, "plausible", fewer)
+    with pytest.raises(EffectError, match=r"quadratic_drag: `regressor` .* has 6 coefficients"):
+        identify([truth(1, 12.0)], ARM, "joint", ["quadratic_drag"])
+
+
+def test_an_error_in_the_code_of_an_effect_is_a_line_that_names_both(
+    file, tmp_path, monkeypatch, capsys
+):
+    def stirred(self, state):
+        raise ZeroDivisionError("no fluid")
+
+    monkeypatch.setattr(QuadraticDrag, "regressor", stirred)
+    truth(1, 6.0).save(tmp_path / "run.csv")
+    words = ["evaluate", str(tmp_path / "run.csv"), "--model", str(file)]
+    assert main(words) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "effect quadratic_drag: ZeroDivisionError: no fluid (" in line
+    assert "quadratic_drag.py, line" in line
 
 
 def test_a_torque_of_another_shape_is_told_by_the_effect_s_name(monkeypatch):

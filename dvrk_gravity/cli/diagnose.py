@@ -135,7 +135,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
             for other in finding.alternatives
         ]
         if not finding.in_model and finding.effect != Unknown.NAME:
-            lines.append("   (not in the extended model: no term of a model file carries it)")
+            lines.append(f"   (not in the extended model: {finding.left_out})")
     if diagnosis.caveat:
         lines.append(f"note: {diagnosis.caveat}")
     known = [entry for entry in diagnosis.known if entry.effect != ERROR]

@@ -88,14 +88,14 @@ def assemble(
     found = [
         (candidate.hypothesis, theta[rows]) for candidate, rows in zip(named, slices, strict=True)
     ]
-    model, carried = extended(loaded.motion, found)
-    contradictory = [
-        i
+    model, left_out = extended(loaded.motion, found)
+    contradictory = {
+        i: _CONTRADICTED
         for i, (candidate, rows) in enumerate(zip(named, slices, strict=True))
-        if carried[i] and contradicted(data, candidate, theta[rows])
-    ]
+        if not left_out[i] and contradicted(data, candidate, theta[rows])
+    }
     if contradictory:
-        model, carried = extended(loaded.motion, found, contradictory)
+        model, left_out = extended(loaded.motion, found, contradictory)
     if found:
         model = updated(model, validation, named, held_out, contradictory)
     first = read_rightly = held_out.as_read()
@@ -111,7 +111,7 @@ def assemble(
             effect.trial.candidate.hypothesis, theta[rows],
             covariance[rows, rows] + scale**2 * np.outer(theta[rows], theta[rows]), spreads[i],
         )  # fmt: skip
-        finding = _finding(held_out, validation, selected, i, parameters, theta[rows], carried[i])
+        finding = _finding(held_out, validation, selected, i, parameters, theta[rows], left_out[i])
         effect_findings.append(finding)
     findings += ordered(effect_findings)
     for trial in unknown:
@@ -224,7 +224,7 @@ def _finding(
     i: int,
     parameters: dict[str, Estimate],
     theta: Array,
-    carried: bool,
+    left_out: str,
 ) -> Finding:
     effect, motion = selected[i], validation.data.motion
     hypothesis = effect.trial.candidate.hypothesis
@@ -257,9 +257,9 @@ def _finding(
             hypothesis, parameters, gain, [hypothesis.arm.joint_names[joint] for joint in joints]
         ),
         picture=picture_of(validation.data, held_out, hypothesis, joints[0], before, after),
-        in_model=carried,
+        left_out=left_out,
         # What changed against a reference holds no arm.
-        remedy=hypothesis.remedy(carried and bool(motion.model.terms)),
+        remedy=hypothesis.remedy(not left_out and bool(motion.model.terms)),
     )
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.findings import NO_TERM
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.effects import LinearTerm, Term
@@ -23,6 +25,7 @@ from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # of a term's largest coefficient
+NONE_LEFT_OUT: Mapping[int, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -61,9 +64,9 @@ def contradicted(data: FilteredData, candidate: Candidate, theta: Array) -> bool
 def extended(
     motion: MeasuredMotion,
     found: Sequence[tuple[Hypothesis, Array]],
-    left_out: Collection[int] = (),
-) -> tuple[TorqueModel, tuple[bool, ...]]:
-    """Return the model with what was found, and which findings it carries.
+    left_out: Mapping[int, str] = NONE_LEFT_OUT,
+) -> tuple[TorqueModel, tuple[str, ...]]:
+    """Return the model with what was found, and of each finding why not; ``""``: it carries it.
 
     What the arm does as a function of its state, its encoders' zeros and its efforts' bias go
     into the file. Wrong readings (scale, delay, clipping, coupling, coordinates) are to be put
@@ -77,11 +80,11 @@ def extended(
     Args:
         motion: The motion, for its model and for the range on which cables were fitted.
         found: Hypotheses and their (k,) parameters, in order.
-        left_out: Indices of those that are not merged.
+        left_out: Why some are not merged, by their indices.
     """
     values: Values = dict(motion.model.parameters())
     model = TorqueModel.from_parameters(values, motion.arm)
-    carried = [False] * len(found)
+    reasons = [left_out.get(i, NO_TERM) for i in range(len(found))]
     order = sorted(range(len(found)), key=lambda i: not found[i][0].shifts_positions)
     for i in order:
         hypothesis, theta = found[i]
@@ -90,12 +93,13 @@ def extended(
             continue
         try:
             model = TorqueModel.from_parameters(changed, motion.arm)
-        except ConfigError:  # of two offsets, say, the sum may be too large for a file
+        except ConfigError as error:  # of two offsets, say, the sum may be too large for a file
+            reasons[i] = f"a model file refuses it: {error}"
             continue
-        values, carried[i] = changed, True
+        values, reasons[i] = changed, ""
     names = {term.NAME for term in effects.terms()}
     other_terms = tuple(term for term in motion.model.terms if term.NAME not in names)
-    return replace(model, terms=(*model.terms, *other_terms)), tuple(carried)
+    return replace(model, terms=(*model.terms, *other_terms)), tuple(reasons)
 
 
 def updated(
@@ -103,7 +107,7 @@ def updated(
     validation: CrossValidation,
     named: Sequence[Candidate],
     held_out: HeldOut,
-    left_out: Collection[int] = (),
+    left_out: Mapping[int, str] = NONE_LEFT_OUT,
 ) -> TorqueModel:
     """Return an extended model with what the recording tells of its own parameters.
 
@@ -115,7 +119,7 @@ def updated(
         validation: The validation.
         named: What was found.
         held_out: The held-out samples, for the error that is known from now on.
-        left_out: Indices of what was found and not merged.
+        left_out: Why some of what was found is not merged, by its index.
     """
     motion = validation.data.motion
     before = motion.model.uncertainty

@@ -17,6 +17,9 @@ FloorFrom = Literal["repetition", "high_frequencies", "nothing"]
 
 
 # What the floor is, in words.
+NO_TERM = "no term of a model file carries it"
+"""Why most of what is left out of the extended model is left out."""
+
 FLOORS: Mapping[FloorFrom, str] = {
     "repetition": "what differs between one period of the motion and the next",
     "high_frequencies": "the noise that high frequencies show",
@@ -172,7 +175,7 @@ class Finding:
         rejected: Explanations that are worse.
         sentence: The finding in words, with figures.
         picture: Where it shows.
-        in_model: Whether the extended model carries it.
+        left_out: Why the extended model does not carry it; ``""`` where it does.
         remedy: What to do about it.
     """
 
@@ -185,8 +188,13 @@ class Finding:
     rejected: tuple[Rejected, ...]
     sentence: str
     picture: Picture | None
-    in_model: bool
+    left_out: str
     remedy: str = ""
+
+    @property
+    def in_model(self) -> bool:
+        """Whether the extended model carries it."""
+        return not self.left_out
 
     def __repr__(self) -> str:
         """Name effect and joints."""

@@ -13,6 +13,7 @@ from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import (
     FLOORS,
+    NO_TERM,
     Alternative,
     Finding,
     FloorFrom,
@@ -60,7 +61,7 @@ def unknown_finding(
         rejected=(),
         sentence=hypothesis.claim(parameters),
         picture=picture_of(validation.data, held_out, hypothesis, joint, before, after),
-        in_model=False,
+        left_out=NO_TERM,
         remedy=hypothesis.remedy(carried=False),
     )
 
@@ -116,7 +117,7 @@ def reading_finding(
             f"{100 * gain.relative:.0f} % of the error at {joint_names[joints[0]]} is gone"
         ),
         picture=None,
-        in_model=False,
+        left_out=NO_TERM,
         remedy=WrongCoordinates.REMEDY,
     )
 
@@ -174,6 +175,6 @@ def shapeless_finding(
             f"{words}, and it depends on nothing that was tried"
         ),
         picture=None,
-        in_model=False,
+        left_out=NO_TERM,
         remedy=Unknown.REMEDY,
     )

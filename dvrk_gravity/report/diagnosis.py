@@ -124,7 +124,8 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
         )
     )
     rows.append(("form", finding.place))
-    rows.append(("in the extended model", "yes" if finding.in_model else "no"))
+    carried = f"no: {finding.left_out}" if finding.left_out else "yes"
+    rows.append(("in the extended model", carried))
     parts.append(html.table((), rows))
     if finding.picture is not None:
         picture = html.data_url(png(finding.picture, milli(arm, finding.picture.joint)))

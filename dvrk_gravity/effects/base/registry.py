@@ -62,6 +62,16 @@ def named(name: str) -> type[Effect]:
     return _effects[name]
 
 
+def of_others() -> dict[str, str]:
+    """Return the names of registered effects of other packages by the modules that define them."""
+    package = __name__.partition(".")[0]
+    return {
+        effect.__module__: name
+        for name, effect in _effects.items()
+        if effect.__module__.partition(".")[0] != package
+    }
+
+
 def rank(name: str) -> int:
     """Return how readily an effect is believed: the lower, the more readily."""
     return effects().index(named(name))

@@ -17,6 +17,7 @@ from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.effects.base.site import THE_ARM, Kind
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.unknowns import Column, ColumnTable, ModelChange, site_columns
+from dvrk_gravity.errors import EffectError
 from dvrk_gravity.parameter import Parameter, Value
 
 Evaluator = Callable[[Array, "Array | None"], Array]
@@ -287,8 +288,19 @@ class Unknowns:
     basis: Array | None = None
 
     def regressor(self, state: State, memory: Array) -> Array:
-        """Return (N, n, p) torques of all columns at (N, n) states with (N, m) memory."""
+        """Return (N, n, p) torques of all columns at (N, n) states with (N, m) memory.
+
+        Raises:
+            EffectError: The term's columns are not one for each of its coefficients.
+        """
         columns = self.term.columns(state, memory)
+        count = len(self.columns) if self.basis is None else len(self.basis)
+        if np.shape(columns) != (*state.q.shape, count):
+            raise EffectError(
+                self.term.NAME,
+                f"`regressor` returns shape {np.shape(columns)}, expected "
+                f"{(*state.q.shape, count)}: `plausible` has {count} coefficients",
+            )
         return columns if self.basis is None else columns @ self.basis
 
     def found(self, coefficients: Array) -> LinearTerm | None:
