@@ -6,6 +6,7 @@ For sentences, tables and reports; files that programs read keep SI numbers.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 
 # Of each SI unit, from small to large: the size from which a unit is used, its factor, its name.
@@ -106,5 +107,8 @@ def _decimals(number: float, width: float) -> int | None:
 
 
 def _superscript(unit: str) -> str:
-    base, _, exponent = unit.partition("^")
-    return base + ("" if exponent == "1" else exponent.translate(_POWERS))
+    return re.sub(r"\^(\d+)", lambda power: _power(power[1]), unit)
+
+
+def _power(exponent: str) -> str:
+    return "" if exponent == "1" else exponent.translate(_POWERS)

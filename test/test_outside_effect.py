@@ -9,11 +9,13 @@ import json
 import os
 import subprocess
 import sys
+import textwrap
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import quadratic_drag
 from quadratic_drag import DragHypothesis, QuadraticDrag
 from test_identify import truth
 
@@ -21,8 +23,11 @@ from dvrk_gravity import TorqueModel, diagnose, effects, identify
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.effects.base import registry
 from dvrk_gravity.effects.base.merging import added
+from dvrk_gravity.effects.base.polynomial import Range
+from dvrk_gravity.effects.base.unknowns import Column
 from dvrk_gravity.errors import ConfigError, EffectError
 from dvrk_gravity.identification.columns import identified
 from dvrk_gravity.recording import Recording
@@ -292,6 +297,51 @@ def test_an_error_in_the_code_of_an_effect_is_a_line_that_names_both(
     (line,) = capsys.readouterr().err.splitlines()
     assert "effect quadratic_drag: ZeroDivisionError: no fluid (" in line
     assert "quadratic_drag.py, line" in line
+
+
+BELT = """
+@dataclass(frozen=True, eq=False)
+class Belt(LinearTerm):
+    NAME = "belt"
+    stiffness: Array
+
+    def parameters(self): return {{self.NAME: as_value(self.stiffness)}}
+    def torque(self, state): return self.regressor(state) @ self.stiffness
+    theta = property(lambda self: self.stiffness)
+    def with_theta(self, theta): return Belt(theta)
+    @classmethod
+    def hypotheses(cls, motion):
+        for k in range(motion.arm.n - 1):
+            yield BeltHypothesis(arm=motion.arm, site=site.joint(k), joints=(k, k + 1))
+{term}
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BeltHypothesis(Hypothesis):
+    EFFECT = Belt
+    CLAIM = "a belt ties {{joint}} to {{other}}: {{stiffness}} pull than {{model}}"
+    def describe(self, theta, setting): return {{"stiffness": float(theta[0])}}
+{hypothesis}
+"""
+
+
+def test_the_belt_of_the_page_has_one_torque_in_all_its_methods(world):
+    page = (REPOSITORY / "docs" / "adding_an_effect.md").read_text(encoding="utf-8")
+    block = page.split("```python\n")[-1].split("```")[0]
+    parts = block.split("# and of its hypothesis, with joints=(k, k + 1)\n")
+    term, hypothesis = (textwrap.indent(part, "    ") for part in parts)
+    names = {**vars(effects), **vars(quadratic_drag), "Column": Column}
+    exec(BELT.format(term=term, hypothesis=hypothesis), names)
+    effects.register(names["Belt"])
+    model, recording = world
+    motion = load([recording], model).motion
+    belt = list(names["Belt"].hypotheses(motion))[2]
+    columns = names["Belt"].unknowns(ARM, Range(ARM.lower, ARM.upper)).columns
+    merged = TorqueModel.from_parameters(belt.merge(model.parameters(), np.array([0.3]), motion))
+    torque = 0.3 * belt.build(motion, belt.setting)[:, :, 0]
+
+    np.testing.assert_allclose(merged.torque(motion.q) - model.torque(motion.q), torque, atol=1e-12)
+    np.testing.assert_array_equal(np.flatnonzero(np.abs(torque).max(axis=0)), belt.joints)
+    assert names["Belt"].coefficient_name(ARM, columns[2]) == f"belt[{ARM.joint_names[2]}]"
 
 
 def test_a_torque_of_another_shape_is_told_by_the_effect_s_name(monkeypatch):

@@ -56,6 +56,7 @@ PLACES = ("roll", "pitch", "position", "lowest", "highest", "phase", "first_mome
         (1.2, "N·m/rad", 0.22, "1.20 ± 0.22 N·m/rad"),
         (0.31, "N·m/rad^3", 0.0, "0.310 N·m/rad³"),
         (0.5, "N·m/rad^1", 0.0, "0.500 N·m/rad"),
+        (0.4048, "N·m·s^2/rad^2", 0.0034, "0.4048 ± 0.0034 N·m·s²/rad²"),
         (1.0, "N·m", 1e-12, "1.00000 N·m"),
         (-1e-6, "rad", 0.01, "0.00 ± 0.57 deg"),
         (0.0, "N·m", 0.0, "0 N·m"),
