@@ -110,7 +110,10 @@ def test_an_evaluation_tells_which_joints_are_outside_what_was_identified(model,
     )
     assert len(faster.outside) == 7
     assert faster.outside[4].startswith(f"{name} is faster than the identified {speed:.0f} deg/s")
-    assert f"{outside.outside[0]}: extrapolated there" in list(evaluation_text(outside, model))
+    told = list(evaluation_text(outside, model))
+    assert f"{outside.outside[0]}: extrapolated there" in told
+    assert told[-1].startswith("outside its range errors say little")
+    assert not any("range" in line for line in evaluation_text(inside, model))
 
 
 def test_of_joints_that_slide_it_tells_millimetres_and_of_poses_no_speed():

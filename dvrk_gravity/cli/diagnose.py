@@ -152,7 +152,8 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         )
     from dvrk_gravity.report.units import effort_in_table
 
-    values = [value for column in diagnosis.errors for value in column.values()]
+    # What the model expects of itself may be beyond all bounds outside its range.
+    values = [value for column in diagnosis.errors[:3] for value in column.values()]
     unit, factor, decimals = effort_in_table(diagnosis.model.arm, values)
 
     def shown(value: float) -> str:
@@ -165,6 +166,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     told = f"floor: {FLOORS[diagnosis.floor_from]}"
     if np.isfinite(list(diagnosis.expected.values())).any():
         told += "; expected: of the model, by its own uncertainty"
+        told += ", which grows where it is extrapolated" if diagnosis.outside else ""
     else:
         del columns["expected"]
     lines.append(f"{head:<{width}}" + "".join(f" {word:>9}" for word in columns))

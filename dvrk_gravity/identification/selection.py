@@ -121,9 +121,13 @@ class ColumnSelection:
         Every motor's error counts relative to what it was, so that small wrist torques weigh
         as much as the shoulder's.
         """
-        power = before.sum(axis=0)
-        gain = ((before - after) / np.where(power > 0.0, power, 1.0)).mean(axis=1)
+        gain = self._by_motor(before, after).mean(axis=1)
         return float(gain.sum()), float(np.std(gain, ddof=1) * np.sqrt(len(gain)))
+
+    def _by_motor(self, before: Array, after: Array) -> Array:
+        """Return (folds, m) what of each motor's error is removed, relative to what it was."""
+        power = before.sum(axis=0)
+        return np.asarray((before - after) / np.where(power > 0.0, power, 1.0))
 
     def improves(self, before: Array, after: Array, more: int) -> bool:
         """Tell whether so many further columns improve the cross-validated error."""
@@ -214,14 +218,14 @@ class ColumnSelection:
 
     def _choice(self, trial: MoveTrial, before: Array, kept: bool) -> Choice:
         after = trial.errors
-        power = np.array([test.power for test in self.test]).sum(axis=0)
-        change = np.abs(after.sum(axis=0) - before.sum(axis=0)) / power
-        joint = int(np.argmax(change))
-        old, new = (float(np.sqrt(e.sum(0)[joint] / power[joint])) for e in (before, after))
         gain, uncertainty = self.compare(before, after)
+        removed = self._by_motor(before, after).sum(axis=0)
+        joint = int(np.argmax(removed if gain > 0.0 else -removed))
+        power = np.array([test.power[joint] for test in self.test]).sum()
+        old, new = (float(np.sqrt(e.sum(0)[joint] / power)) for e in (before, after))
         name = self.columns.arm.joint_names[joint]
         reason = improvement("cross-validated error", gain, uncertainty, kept)
-        reason += f", {name} |e|/|tau| {old:.3f} -> {new:.3f}"
+        reason += f", most at {name}: |e|/|tau| {old:.3f} -> {new:.3f}"
         return Choice(trial.move.text, kept, old, new, reason)
 
 

@@ -85,3 +85,5 @@ def evaluation_text(result: Evaluation, model: TorqueModel) -> Iterator[str]:
     yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
     yield from error_table(result.joints, model.arm)
     yield compared(model, result.joints, result.coordinates, result.with_friction)
+    if result.outside:
+        yield "outside its range errors say little of a model: identify from recordings there, too"
