@@ -152,9 +152,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         )
     from dvrk_gravity.report.units import effort_in_table
 
-    # What the model expects of itself may be beyond all bounds outside its range.
-    values = [value for column in diagnosis.errors[:3] for value in column.values()]
-    unit, factor, decimals = effort_in_table(diagnosis.model.arm, values)
+    unit, factor, decimals = effort_in_table(diagnosis.model.arm, diagnosis.sizes)
 
     def shown(value: float) -> str:
         return f"{factor * value:9.{decimals}f}" if np.isfinite(value) else "  unknown"

@@ -128,6 +128,14 @@ class Diagnosis:
         return self.before, self.after, self.floor, self.expected
 
     @property
+    def sizes(self) -> tuple[float, ...]:
+        """What the unit of a table of errors fits: all but those expected.
+
+        Outside the range that it was identified on, a model's own expectation has no bounds.
+        """
+        return *self.before.values(), *self.after.values(), *self.floor.values()
+
+    @property
     def compared(self) -> str:
         """What the errors are of, in words."""
         below = "" if self.band is None else f" below {self.band:g} Hz,"

@@ -172,8 +172,7 @@ def _p_value(value: float) -> str:
 
 
 def _errors(diagnosis: Diagnosis) -> str:
-    values = [value for column in diagnosis.errors for value in column.values()]
-    unit, factor, decimals = effort_in_table(diagnosis.model.arm, values)
+    unit, factor, decimals = effort_in_table(diagnosis.model.arm, diagnosis.sizes)
     rows = []
 
     def shown(value: float) -> str:
