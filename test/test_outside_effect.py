@@ -284,6 +284,24 @@ def test_coefficients_without_a_column_are_told_by_the_effect_s_name(monkeypatch
         identify([truth(1, 12.0)], ARM, "joint", ["quadratic_drag"])
 
 
+@pytest.mark.parametrize(
+    ("method", "wrong", "why"),
+    [
+        ("torque", lambda self, state: -self.regressor(state) @ self.drag, "`torque` is not `reg"),
+        ("parameters", lambda self: {}, "`from_parameters` does not give again what"),
+        ("with_theta", lambda self, theta: QuadraticDrag(-theta), "`theta` is not what"),
+    ],
+    ids=["torque", "parameters", "with_theta"],
+)
+def test_a_model_with_another_torque_than_was_fitted_is_not_made(method, wrong, why, monkeypatch):
+    monkeypatch.setattr(QuadraticDrag, method, wrong)
+    recording = truth(1, 12.0)
+    drag = np.array([0.0, 0.1, 0.0, 0.0, 0.004, 0.0, 0.0])
+    effort = recording.effort + drag * np.abs(recording.velocity) * recording.velocity
+    with pytest.raises(EffectError, match=f"effect quadratic_drag: {why}"):
+        identify([replace(recording, effort=effort)], ARM, "joint", ["quadratic_drag"])
+
+
 def test_an_error_in_the_code_of_an_effect_is_a_line_that_names_both(
     file, tmp_path, monkeypatch, capsys
 ):

@@ -6,10 +6,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.effects import terms
-from dvrk_gravity.errors import ArgumentError, ConfigError, RecordingError
+from dvrk_gravity.effects import LinearTerm, State, terms
+from dvrk_gravity.effects.base.registry import of_others
+from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError, RecordingError
 from dvrk_gravity.identification.columns import Columns, identified
 from dvrk_gravity.identification.console_columns import (
     CONSOLE_EFFECTS,
@@ -32,6 +35,7 @@ from dvrk_gravity.identification.motion import (
 )
 from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.identification.verdict import judge
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     Given,
     Recording,
@@ -43,6 +47,7 @@ from dvrk_gravity.recording.data import Coordinates, known_coordinates
 from dvrk_gravity.recording.read_before import ReadBefore, counted_once
 
 Report = Callable[[str, float], None]
+_SAME_TORQUE = 1e-9  # of the largest: two sums of the same products
 
 
 _FOR_CONSOLE = (
@@ -125,7 +130,38 @@ def identify(
     if for_console:
         fit = replace(fit, handling=(*fit.handling, _FOR_CONSOLE))
     fit = replace(fit, handling=(*said, *fit.handling))
+    _require_one_torque(fit.model)
     return _validated(fit, validate) if validate else fit
+
+
+def _require_one_torque(model: TorqueModel) -> None:
+    """Refuse effects of other packages whose methods do not agree on their torque.
+
+    What is fitted are the columns; what is compensated is the torque of the term, that a model
+    file gives again. Of the package's own effects the contract test requires that.
+
+    Raises:
+        EffectError: Naming the effect and the methods.
+    """
+    arm = model.arm
+    state = State(*np.random.default_rng(0).uniform(-1.0, 1.0, (3, 20, arm.n)))
+    others = set(of_others().values())
+    for term in model.terms:
+        if term.NAME not in others or not isinstance(term, LinearTerm):
+            continue
+        fitted = term.columns(state, term.memory(state)) @ term.theta
+        again = type(term).from_parameters(arm, term.parameters())
+        read = np.zeros_like(fitted) if again is None else again.torque(state)
+        largest = np.abs(fitted).max()
+        turned = term.columns(state, term.memory(state)) @ term.with_theta(term.theta).theta
+        pairs = (
+            (turned, "`theta` is not what `with_theta` was given"),
+            (term.torque(state), "`torque` is not `regressor` times `theta`"),
+            (read, "`from_parameters` does not give again what `parameters` has written"),
+        )
+        for torque, problem in pairs:
+            if not np.allclose(torque, fitted, rtol=0.0, atol=_SAME_TORQUE * largest):
+                raise EffectError(term.NAME, problem)
 
 
 def _none_read_before(

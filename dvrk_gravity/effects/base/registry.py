@@ -90,7 +90,7 @@ def _load_entry_points() -> None:
         package = entry.dist.name if entry.dist else "a package"
         try:
             effect = entry.load()
-        except Exception as error:  # a module of others may raise anything
+        except (Exception, SystemExit) as error:  # a module of others may raise anything
             raise EffectError(
                 f"{entry.value!r} of {package}",
                 f"cannot be imported: {type(error).__name__}: {error}",
