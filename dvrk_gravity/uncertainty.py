@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 SUFFIX = ".uncertainty.npz"
 _SAME = 1e-6  # relative, by which a number that went through a text file may differ
 _BY_JOINT = ("error", "together", "lower", "upper", "speed")
+_MAY_BE_UNKNOWN = ("error", "together", "speed")  # of what was not measured, or of poses
 _TURN = 1e-4  # m/s^2, of differences by the direction of gravity, in which weight is linear
 
 
@@ -185,22 +186,30 @@ class ModelUncertainty:
         return found
 
     def _check(self, path: Path) -> None:
+        if self.offset.ndim != 2:
+            raise _unusable(path, "offset of shape (joints, directions)")
         shapes = {
             **{f"deviations of {n}": (len(t), self.size) for n, t in self.coefficients.items()},
             "gravity": (3, self.size),
+            "offset": self.offset.shape,
             **{name: (len(self.offset),) for name in _BY_JOINT},
         }
         arrays = {
             **{f"deviations of {n}": self.deviations.get(n) for n in self.coefficients},
             "gravity": self.gravity,
+            "offset": self.offset,
             **{name: getattr(self, name) for name in _BY_JOINT},
         }
         for name, shape in shapes.items():
             array = arrays[name]
             if array is None or array.shape != shape:
                 raise _unusable(path, f"{name} of shape {shape}")
-            if name not in _BY_JOINT and not np.isfinite(array).all():
+            if name not in _MAY_BE_UNKNOWN and not np.isfinite(array).all():
                 raise _unusable(path, f"finite {name}")
+            if name in _MAY_BE_UNKNOWN and (array < 0.0).any():
+                raise _unusable(path, f"{name} of at least 0")
+        if (self.lower > self.upper).any():
+            raise _unusable(path, "lower no greater than upper")
 
 
 def coefficients_of(terms: Iterable[Term]) -> dict[str, Array]:

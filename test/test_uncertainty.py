@@ -92,6 +92,28 @@ def test_arrays_of_another_arm_are_refused(saved, model):
         TorqueModel.load(saved)
 
 
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (
+            lambda known: {"offset": known.offset.ravel()[1:]},
+            r"offset of shape \(joints, directions\)",
+        ),
+        (lambda known: {"offset": np.nan * known.offset}, "finite offset"),
+        (lambda known: {"lower": np.nan * known.lower}, "finite lower"),
+        (lambda known: {"lower": known.upper, "upper": known.lower}, "lower no greater than upper"),
+        (lambda known: {"error": -known.error}, "error of at least 0"),
+        (lambda known: {"speed": -known.speed}, "speed of at least 0"),
+    ],
+)
+def test_an_array_that_cannot_be_is_refused_by_its_name(saved, model, change, expected):
+    known = model.uncertainty
+    replace(known, **change(known)).save(uncertainty_file(saved))
+
+    with pytest.raises(ConfigError, match=f"{uncertainty_file(saved).name}.*expected {expected}"):
+        TorqueModel.load(saved)
+
+
 def test_an_evaluation_tells_which_joints_are_outside_what_was_identified(model, recording):
     inside = evaluate(model, recording, "joint")
     low, high = (
