@@ -10,7 +10,7 @@ import pytest
 from recording_samples import shared_data
 from test_identify import ARM, truth
 
-from dvrk_gravity import diagnose, identify
+from dvrk_gravity import TorqueModel, diagnose, identify
 from dvrk_gravity.identification import static_fit
 from dvrk_gravity.recording import DataWarning, Recording, RecordingFile
 from dvrk_gravity.recording.pieces import parts_of
@@ -215,10 +215,14 @@ def test_poses_that_repeat_exactly_count_once(monkeypatch):
     assert remaining([poses.rows([0, 1, 1, 2, 0])], 60_000) == [3]
 
 
+EMPTY = TorqueModel(ARM, ())
+
+
 @dataclass(frozen=True)
 class Stub:
     """What identification says beside a fit."""
 
+    model: TorqueModel = EMPTY
     handling: tuple[str, ...] = ()
     warnings: tuple[DataWarning, ...] = (DataWarning("other_hand", None, {}, "known already"),)
 
