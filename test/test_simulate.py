@@ -593,9 +593,11 @@ def test_noise_has_its_size_and_perfect_sensors_tell_the_truth(truth: PlantFile)
     mtm = arm_at(truth)
     mtm.move_jp(np.zeros(7))
     steps(mtm, 100)
-    measured, plant = mtm.measure(), mtm.plant
-    np.testing.assert_allclose(measured.position, plant.q - 0.5 * DT * plant.v, atol=1e-15)
-    np.testing.assert_array_equal(measured.velocity, plant.v)
+    before = mtm.plant.q, mtm.plant.v
+    steps(mtm, 1)
+    measured = mtm.measure()
+    np.testing.assert_allclose(measured.position, before[0], atol=1e-15)
+    np.testing.assert_allclose(measured.velocity, 0.5 * (before[1] + mtm.plant.v), atol=1e-15)
     np.testing.assert_allclose(measured.effort, mtm.effort, atol=1e-15)
 
 
@@ -610,8 +612,8 @@ def test_efforts_can_come_late(truth: PlantFile) -> None:
     assert (runs[0].effort[20:] != runs[1].effort[20:]).any()
 
 
-def test_the_model_explains_what_perfect_sensors_record(truth: PlantFile) -> None:
-    """Inverse dynamics of MuJoCo-checked accelerations: no delay between motion and effort."""
+def test_perfect_sensors_tell_no_delay_between_motion_and_effort(truth: PlantFile) -> None:
+    """MuJoCo's accelerations at what is read: an arm without friction shows no viscosity."""
     plant = Plant(
         TorqueModel(truth.model.arm, (weight_of(truth.model.arm, dict(truth.links)),)),
         truth.links,
@@ -627,11 +629,12 @@ def test_the_model_explains_what_perfect_sensors_record(truth: PlantFile) -> Non
     recording = simulate(mtm, swing, 2.0)
     oracle = Oracle(truth.model.arm, dict(truth.links))
     acceleration = np.gradient(recording.velocity, DT, axis=0)
-    worst = 0.0
+    off = []
     for row in range(500, 1990, 10):
         q, v, tau = (getattr(recording, name)[row] for name in ("position", "velocity", "effort"))
-        worst = max(worst, np.abs(oracle.acceleration(q, v, tau) - acceleration[row]).max())
-    assert worst < 0.02 * np.abs(acceleration[500:]).max()
+        off.append(oracle.acceleration(q, v, tau) - acceleration[row])
+    # Read half a step later they are off by 0.02, with Coriolis torques of the step before 0.005.
+    assert np.abs(off).max() < 1e-4 * np.abs(acceleration[500:]).max()
 
 
 @pytest.mark.parametrize(("rate", "duration"), [(300.0, 1.0), (0.0, 1.0), (2000.0, 1.0), (100, 0)])

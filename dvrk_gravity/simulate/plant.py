@@ -27,20 +27,26 @@ class Plant:
     A step is semi-implicit Euler: the acceleration from the forces at (q, v), viscous and dry
     friction at the end of the step, and the position from the new velocity,
 
-        (M + h D + h^2 K) v+ = M v + h (tau - tau_smooth(q, v) - c(q, v)) + J^T lambda,
+        (M + h D + h^2 K) v+ = M v + h (tau - tau_smooth(q, v) - c(q, v~)) + J^T lambda,
         q+ = q + h v+,
 
-    with the damping D and the stiffness K of friction with a memory. What each term has a part
-    in, its :meth:`dvrk_gravity.effects.Term.plant` says. M and c come from the inertia of links,
-    of what they carry and of rotors, with zero gravity: gravity is a term of the model, so that a
-    beta identified on a real arm can meet inertia from CAD. Position limits are stops without
-    rebound.
+    with the damping D and the stiffness K of friction with a memory. The forces act at q, while the
+    velocity goes from v to v+: seen at (q, (v + v+) / 2) this is the leapfrog method, of second
+    order (Hairer, Lubich and Wanner 2003), if Coriolis torques are those of the velocity there,
+    which is extrapolated: v~ = v + (v - v-) / 2. Friction is half a step ahead, so that what sticks
+    stands still: a viscosity D seems to be D and an inertia of D h / 2.
+
+    What each term has a part in, its :meth:`dvrk_gravity.effects.Term.plant` says. M and c come
+    from the inertia of links, of what they carry and of rotors, with zero gravity: gravity is a
+    term of the model, so that a beta identified on a real arm can meet inertia from CAD. Position
+    limits are stops without rebound.
 
     Attributes:
         model: The true terms; their torques are those that the actuators apply.
         parts: What each of them does to the arm and to what its sensors read.
         q: (n,) position, rad.
         v: (n,) velocity, rad/s.
+        acted: Position and velocity, (n,) each, at which the last step's forces acted.
         time: Since the beginning, s.
     """
 
@@ -93,6 +99,8 @@ class Plant:
         self._evaluated: tuple[Array, Array, Array, Array] | None = None
         self.q = np.clip(np.zeros(arm.n), self._lower, self._upper)
         self.v = np.zeros(arm.n)
+        self.acted = self.q, self.v
+        self._v_before = self.v
         self._at_stops = self._reaches_stops()
         least = np.linalg.eigvalsh(self.mass_matrix()).min()
         if not least > 0:
@@ -124,7 +132,8 @@ class Plant:
                     value,
                     f"{joint.lower:.4g} to {joint.upper:.4g} {joint.unit}",
                 )
-        self.q, self.v = position, velocity
+        self.q, self.v = self.acted = position, velocity
+        self._v_before = velocity
         self._at_stops = self._reaches_stops()
         self._friction.reset()
         self._effects.reset()
@@ -157,7 +166,8 @@ class Plant:
         force *= dt
         if np.count_nonzero(v):
             tree = self._tree
-            bias = pin.nonLinearEffects(tree.model, tree.data, tree_q, self._expand.dot(v))
+            ahead = 1.5 * v - 0.5 * self._v_before
+            bias = pin.nonLinearEffects(tree.model, tree.data, tree_q, self._expand.dot(ahead))
             force += mass.dot(v) - dt * self._gather.dot(bias)
         if self._damping is not None:
             if dt != self._dt:
@@ -170,6 +180,7 @@ class Plant:
             impulse[0, : len(q)][q >= self._upper] = -_STOP
             impulse[1, : len(q)][q <= self._lower] = _STOP
         self.v = self._friction.solve(mass, force, impulse)
+        self.acted, self._v_before = (q, 0.5 * (v + self.v)), v
         self.q = dt * self.v
         self.q += q
         self._at_stops = self._reaches_stops()

@@ -226,16 +226,16 @@ class SimulatedArm:
     def measure(self) -> Measurement:
         """Read the sensors; once a step, since noise and delay go on with every reading.
 
-        The reading is that of the middle of the last step: a step's effort and velocity are
-        its mean ones, and with the position at its end they would seem to be delayed.
+        The reading is of where the last step's effort acted: later, the arm's weight would seem to
+        be delayed, which looks like viscosity.
         """
         plant = self.plant
-        position = plant.q - (0.5 * self.dt) * plant.v
+        position, velocity = plant.acted
         effort = self.effort
         for reading in self._readings:
-            effort = effort + reading(position, plant.v)
-        position += self._offset
-        return Measurement(plant.time, *self._reader.read(position, plant.v, effort))
+            effort = effort + reading(position, velocity)
+        position = position + self._offset
+        return Measurement(plant.time, *self._reader.read(position, velocity, effort))
 
     def _servo_effort(self, target: Array) -> Array:
         """Return M (w^2 (target - q) + 2 w (velocity - v)), alike stiff in every pose."""
