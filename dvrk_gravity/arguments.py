@@ -25,6 +25,12 @@ def path_of(name: str, value: Any, expected: str = "the path of a file") -> Path
     return Path(value)
 
 
+def split_link(text: str) -> tuple[str, str]:
+    """Return path and link of ``robot.urdf#LINK``; of another path ``""`` for the link."""
+    at = text.lower().rfind(".urdf#")
+    return (text, "") if at < 0 else (text[: at + 5], text[at + 6 :])
+
+
 def floats(name: str, value: Any) -> NDArray[np.float64]:
     """Return an argument as an array of float64; one that is such an array as it is.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -15,25 +14,26 @@ from numpy.typing import ArrayLike, NDArray
 from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State, Term, terms
-from dvrk_gravity.effects.base.arrays import as_array, as_value
+from dvrk_gravity.effects.base.arrays import as_array
 from dvrk_gravity.effects.base.registry import ENTRY_POINTS
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError
 from dvrk_gravity.files import json_file, text_file, yaml_file
+from dvrk_gravity.named_arm import (
+    arm_beside,
+    arm_of,
+    arm_parameters,
+    is_urdf,
+    seen_from,
+    values_of,
+)
 from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.parameter import Parameter, Value, check_all, flatten, unflatten
+from dvrk_gravity.stated import stated_uncertainty
 from dvrk_gravity.uncertainty import SUFFIX, ModelUncertainty
 
 Array = NDArray[np.float64]
 
 LARGEST_TORQUE = 1e12  # N·m; no arm's, and sums of squares stay finite
-ARM_PARAMETER = Parameter(
-    "arm",
-    "mtmr",
-    "",
-    "arm: mtml, mtmr, psm, ecm, or the path of an arm's .yaml or .urdf file, from the model file's "
-    "folder",
-    read_only=True,
-)
 # What a console file holds beyond the model, so that converting it back loses nothing.
 CONSOLE_PARAMETER = Parameter(
     "console.document", "", "", "the dVRK console's file that the model came from, as JSON text",
@@ -41,7 +41,7 @@ CONSOLE_PARAMETER = Parameter(
 )  # fmt: skip
 VERDICTS = ("good", "usable", "do_not_compensate")  # best first
 NO_VERDICT = "unknown"
-A_MODEL = "a TorqueModel, or the path of a model's .yaml file"
+A_MODEL = "a TorqueModel, or the path of a model's .yaml or an arm's .urdf file"
 VERDICT_PARAMETER = Parameter(
     "identification.verdict", NO_VERDICT, "",
     "what identify says of the model; the compensator refuses do_not_compensate",
@@ -52,17 +52,6 @@ UNCERTAINTY_PARAMETER = Parameter(
     "identification.uncertainty", "", "",
     "file beside the model's that says how sure it is: the parameters' covariance, the known error",
     read_only=True,
-)  # fmt: skip
-GAINS, GAIN_ERROR, EFFORT_SIZE = "drive_gains", "drive_gain_error", "effort_size"
-UNIT_PARAMETER = Parameter(
-    "effort_unit", "", "",
-    "unit of efforts, and of the model's torques, where that is not N·m: as the arm reads them",
-    read_only=True,
-)  # fmt: skip
-HELD_PARAMETER = Parameter(
-    "held_joints", "", "",
-    "joints of the arm's file that are held still, and none of the model's: JOINT=POSITION,… (rad, "
-    "m)", read_only=True,
 )  # fmt: skip
 OFFSET = "joint_offset"
 # What declares the groups of parameters of models.
@@ -85,26 +74,8 @@ def _declared(arm: Arm, effects: tuple[type[Term], ...]) -> Mapping[str, Paramet
         OFFSET, (), "rad", "measured minus true position: what the encoders read too much",
         lower=-1.0, upper=1.0, lengths=(arm.n,), units=arm.units,
     )  # fmt: skip
-    gains = Parameter(
-        GAINS, (), "N·m/A", "N·m (or N) of each A in which the arm reads and takes efforts",
-        lower=0.0, lengths=(arm.n,), read_only=True,
-    )  # fmt: skip
-    gain_error = Parameter(
-        GAIN_ERROR, (), "1", "relative standard errors of drive_gains",
-        lower=0.0, lengths=(arm.n,), read_only=True,
-    )  # fmt: skip
-    size = Parameter(
-        EFFORT_SIZE, 1.0, "1/(N·m)",
-        "how much an effort of 1 N·m is in effort_unit, about, for the arm's limits",
-        lower=0.0, read_only=True,
-    )  # fmt: skip
     declared = (
-        ARM_PARAMETER,
-        gains,
-        gain_error,
-        UNIT_PARAMETER,
-        HELD_PARAMETER,
-        size,
+        *arm_parameters(arm),
         offset,
         CONSOLE_PARAMETER,
         VERDICT_PARAMETER,
@@ -113,68 +84,6 @@ def _declared(arm: Arm, effects: tuple[type[Term], ...]) -> Mapping[str, Paramet
         *(entry for effect in effects for entry in effect.schema(arm)),
     )
     return {entry.name: entry for entry in declared}
-
-
-def arm_of(values: Mapping[str, Any]) -> Arm:
-    """Return the arm that a model's parameters name.
-
-    Raises:
-        ConfigError: An arm that there is not, or something else than a name.
-    """
-    arm = Arm.load(str(ARM_PARAMETER.check(values.get(ARM_PARAMETER.name, ARM_PARAMETER.default))))
-    arm = arm.holding(_held(values.get(HELD_PARAMETER.name, "")))
-    names = (GAINS, GAIN_ERROR, UNIT_PARAMETER.name, EFFORT_SIZE)
-    given = {name: values[name] for name in names if values.get(name)}
-    checked = check_all(_declared(arm, ()), given, BY_EFFECTS)
-    if gains := checked.get(GAINS):
-        error = checked.get(GAIN_ERROR)
-        spread = as_array(error, arm.n, 0.0) if error else None
-        return arm.with_drive_gains(as_array(gains, arm.n, 0.0), spread)
-    if unit := checked.get(UNIT_PARAMETER.name):
-        size = checked.get(EFFORT_SIZE, 1.0)
-        assert isinstance(size, float)
-        return arm.told_in(str(unit), size)
-    return arm
-
-
-def _held(text: Any) -> dict[str, float]:
-    """Return positions by joint from ``JOINT=POSITION,…``."""
-    found = {}
-    for entry in filter(None, str(HELD_PARAMETER.check(text)).split(",")):
-        name, _, position = entry.rpartition("=")
-        try:
-            found[name.strip()] = float(position)
-        except ValueError as error:
-            raise ConfigError(HELD_PARAMETER.name, entry, "JOINT=POSITION, rad or m") from error
-    return found
-
-
-def arm_beside(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return a model's parameters with the path of its arm's file as seen from here.
-
-    A relative path is meant from the folder of the model's file; if there is no such file, from
-    the working directory.
-    """
-    arm = values.get("arm")
-    if isinstance(arm, str) and _is_relative(arm):
-        there = str(folder / arm)
-        if Arm.file(there).is_file():
-            return {**values, "arm": there}
-    return dict(values)
-
-
-def _seen_from(arm: str, folder: Path) -> str:
-    """Return what :func:`arm_beside` turns back into an arm's name or the path of its file."""
-    if not _is_relative(arm) or not Arm.file(arm).is_file():
-        return arm
-    file, tip = Arm.file(arm), arm.partition("#")[1:]
-    return os.path.relpath(file.resolve(), folder.resolve()) + "".join(tip)
-
-
-def _is_relative(arm: str) -> bool:
-    """Tell whether an arm is given by a path that depends on where it is looked at from."""
-    suffixes = (".yaml", ".yml", ".urdf")
-    return arm.partition("#")[0].lower().endswith(suffixes) and not Path(arm).is_absolute()
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +101,7 @@ class TorqueModel:
         reason: Why it said so.
         uncertainty: How sure it is; ``None`` if it was not identified, or does not tell.
         unsure: Why it does not tell though its file names an uncertainty.
+        of_file: Whether it is what the arm's own file states.
     """
 
     arm: Arm
@@ -203,6 +113,7 @@ class TorqueModel:
     reason: str = ""
     uncertainty: ModelUncertainty | None = None
     unsure: str = ""
+    of_file: bool = False
 
     def __post_init__(self) -> None:
         """Put zeros where no offset is given."""
@@ -216,10 +127,18 @@ class TorqueModel:
         Beside it may lie the file of its uncertainty. Without that, or after coefficients were
         changed by hand, it is a model that does not tell how sure it is, and ``unsure`` says why.
 
+        The file of an arm (a URDF, ``robot.urdf#LINK``, or a YAML that names one) is the model that
+        it states; see :meth:`stated`.
+
         Raises:
             ConfigError: Naming the file, the parameter, the value and what was expected.
         """
-        content = yaml_file.load(path_of("model", path, A_MODEL))
+        file = path_of("model", path, A_MODEL)
+        if is_urdf(file):
+            return cls.stated(Arm.load(file))
+        content = yaml_file.load(file)
+        if "urdf" in content:
+            return cls.stated(Arm.load(file))
         try:
             values = flatten(_ros_parameters(content))
             model = cls.from_parameters(arm_beside(values, Path(path).parent))
@@ -235,6 +154,27 @@ class TorqueModel:
         if not uncertainty.fits(model.terms):
             return replace(model, unsure=f"{beside.name} is of other coefficients than {path} has")
         return replace(model, uncertainty=uncertainty)
+
+    @classmethod
+    def stated(cls, arm: Arm | str | Path) -> TorqueModel:
+        """Return what an arm's own file says of its torques: masses, damping and friction.
+
+        Args:
+            arm: The arm, its name, or its file.
+
+        Raises:
+            ConfigError: A file that says nothing of them, or efforts that are not in N·m.
+            ArgumentError: No arm.
+        """
+        arm = Arm.of(arm)
+        if arm.read_in:
+            raise ConfigError(
+                "model", arm.source, f"drive_gains in it: masses tell N·m, and not {arm.read_in}"
+            )
+        if arm.inertial_parameters is None:
+            raise ConfigError("model", arm.source or arm.name, "an arm's file that states masses")
+        found = tuple(term for effect in terms() if (term := effect.stated(arm)) is not None)
+        return cls(arm, found, uncertainty=stated_uncertainty(arm, found), of_file=True)
 
     @classmethod
     def of(cls, given: TorqueModel | str | Path) -> TorqueModel:
@@ -283,15 +223,7 @@ class TorqueModel:
 
     def parameters(self) -> dict[str, Value]:
         """Return the values that :meth:`from_parameters` takes."""
-        values: dict[str, Value] = {"arm": self.arm.source or self.arm.name}
-        if self.arm.drive_gains is not None and self.arm.drive_gain_error is not None:
-            values[GAINS] = as_value(self.arm.drive_gains)
-            values[GAIN_ERROR] = as_value(self.arm.drive_gain_error)
-        if self.arm.held:
-            held = ",".join(f"{name}={position:.17g}" for name, position in self.arm.held.items())
-            values[HELD_PARAMETER.name] = held
-        if self.arm.read_in:
-            values |= {UNIT_PARAMETER.name: self.arm.read_in, EFFORT_SIZE: self.arm.effort_size}
+        values = values_of(self.arm)
         if self.joint_offset.any():
             values[OFFSET] = tuple(self.joint_offset.tolist())
         for term in self.terms:
@@ -324,7 +256,7 @@ class TorqueModel:
             beside = uncertainty_file(path)
             self.uncertainty.save(beside)
             values[UNCERTAINTY_PARAMETER.name] = beside.name
-        values["arm"] = _seen_from(str(values["arm"]), Path(path).parent)
+        values["arm"] = seen_from(str(values["arm"]), Path(path).parent)
         body = yaml_file.dump({"/**": {"ros__parameters": unflatten(values)}})
         text_file.write(path, head + body)
 
@@ -409,6 +341,9 @@ def uncertainty_file(path: str | Path) -> Path:
 
 def _ros_parameters(content: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the parameters of the one node, or of all nodes, in a ROS 2 parameter file."""
+    for key, what in (("joints", "an arm's file"), ("rotor_inertia", "a plant's file")):
+        if key in content:
+            raise ConfigError("", what, "a model's parameters, under `/**:` or a node's name")
     if len(content) != 1:
         raise ConfigError("", sorted(map(str, content)), "one entry, `/**:` or a node's name")
     ((name, node),) = content.items()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -56,6 +57,19 @@ def test_another_motion_is_no_news_and_the_error_is_what_the_model_expects(name)
     for joint, after in diagnosis.after.items():
         assert after < 2.5 * diagnosis.expected[joint], joint
     assert {known.joints for known in diagnosis.known} >= {(joint,) for joint in diagnosis.after}
+
+
+def test_more_than_a_model_expects_of_itself_is_told_though_nothing_is_named():
+    _, diagnosis, _ = run_trial("chain", "nothing", 1)
+    joint = next(iter(diagnosis.after))
+    left = {**diagnosis.after, joint: 3.0 * diagnosis.expected[joint]}
+
+    more = replace(diagnosis, after=left, known=()).sentence
+
+    advice = f"a longer recording in which {joint} moves more would tell"
+    assert f"at most 3 times what it expects of itself ({joint}). That is more than" in more
+    assert advice in more
+    assert advice not in diagnosis.sentence
 
 
 TOO_LITTLE = pytest.mark.xfail(

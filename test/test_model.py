@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import yaml
 from conftest import CONFIG, MODEL_FILE, examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from test_arms_dynamics import UR5
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms.mtm import JOINT_NAMES
@@ -338,3 +340,22 @@ def test_what_was_given_as_an_empty_list_is_left_out_of_the_file():
     """ROS cannot read an empty list."""
     model = TorqueModel.from_parameters({"beta": [1.0] * 10, "effort_limit": []})
     assert "effort_limit" not in model.parameters()
+
+
+def test_a_file_whose_geometry_changed_under_a_model_is_no_longer_its_arm(tmp_path):
+    """Another mesh, limit or mass is no matter: what was identified is in the model."""
+    arm_file, model_file = tmp_path / "robot.urdf", tmp_path / "model.yaml"
+    text = Path(UR5).read_text()
+    arm_file.write_text(text)
+    model = TorqueModel.load(arm_file)
+    model.save(model_file)
+
+    arm_file.write_text(text.replace('mass value="8.393"', 'mass value="9.0"'))
+    np.testing.assert_array_equal(
+        TorqueModel.load(model_file).torque(np.ones(6)), model.torque(np.ones(6))
+    )
+    longer = text.replace('xyz="0.0 0.0 0.39225"', 'xyz="0.0 0.0 0.3932"')
+    assert longer != text
+    arm_file.write_text(longer)
+    with pytest.raises(ConfigError, match=r"geometry is another one now.*identify again"):
+        TorqueModel.load(model_file)

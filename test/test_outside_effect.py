@@ -287,6 +287,24 @@ def test_coefficients_without_a_column_are_told_by_the_effect_s_name(monkeypatch
 @pytest.mark.parametrize(
     ("method", "wrong", "why"),
     [
+        ("regressor", lambda self, state: np.full((*state.q.shape, ARM.n), np.nan), "is not fin"),
+        (
+            "plausible",
+            classmethod(lambda cls, arm, valid: cls(np.zeros(arm.n))),
+            "scale is 0.0, expected above 0",
+        ),
+    ],
+    ids=["columns", "prior"],
+)
+def test_columns_that_no_fit_can_use_are_told_by_the_effect_s_name(method, wrong, why, monkeypatch):
+    monkeypatch.setattr(QuadraticDrag, method, wrong)
+    with pytest.raises(EffectError, match=f"effect quadratic_drag: .*{why}"):
+        identify([truth(1, 12.0)], ARM, "joint", ["quadratic_drag"])
+
+
+@pytest.mark.parametrize(
+    ("method", "wrong", "why"),
+    [
         ("torque", lambda self, state: -self.regressor(state) @ self.drag, "`torque` is not `reg"),
         ("parameters", lambda self: {}, "`from_parameters` does not give again what"),
         ("with_theta", lambda self, theta: QuadraticDrag(-theta), "`theta` is not what"),
@@ -375,16 +393,24 @@ def test_the_docs_show_this_very_effect():
     assert code == Path(__file__).with_name("quadratic_drag.py").read_text()
 
 
-def test_a_package_whose_effect_cannot_be_imported_is_told_in_a_line(file, tmp_path):
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("bad = no_such_module:Bad", "'no_such_module:Bad' of typo: cannot be imported"),
+        ("bad = :::", "'bad' of typo: is ':::', no module:Class"),
+        ("garbage", "of an installed package: its entry_points.txt has a line that is not"),
+    ],
+)
+def test_a_package_whose_effect_cannot_be_imported_is_told_in_a_line(file, tmp_path, line, why):
     info = tmp_path / "typo-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: typo\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[dvrk_gravity.effects]\nbad = no_such_module:Bad\n")
+    (info / "entry_points.txt").write_text(f"[dvrk_gravity.effects]\n{line}\n")
     paths = os.pathsep.join([str(tmp_path), str(REPOSITORY)])
     result = subprocess.run(
         [sys.executable, "-m", "dvrk_gravity", "evaluate", "any.csv", "--model", str(file)],
         capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": paths},
     )  # fmt: skip
     assert result.returncode == 2
-    assert "effect 'no_such_module:Bad' of typo: cannot be imported" in result.stderr
+    assert f"effect {why}" in result.stderr
     assert len(result.stderr.splitlines()) == 1

@@ -284,7 +284,7 @@ def test_only_an_mtm_s_wrist_pitch_has_a_spring():
 def test_too_few_poses_are_refused(name, expected):
     arm = mujoco_arms.arm_of(name)
     q = np.random.default_rng(0).uniform(*arm.range, (expected - 1, arm.n))
-    recording = Recording(arm.joint_names, None, q, effort=np.ones(q.shape), source="few.csv")
+    recording = Recording(arm.joint_names, None, q, effort=np.sin(q), source="few.csv")
     with pytest.raises(
         RecordingError,
         match=f"^few.csv: holds {expected - 1} static poses, expected at least {expected}$",

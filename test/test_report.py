@@ -98,13 +98,24 @@ def test_the_headline_tells_the_measure_of_the_table():
     assert "R² 0.90 to 0.90 on torque that it had not seen" in headline
 
 
-@pytest.mark.parametrize(("kind", "word"), [("revolute", "torque [mN·m]"), ("prismatic", "force")])
-def test_an_axis_is_of_force_where_a_joint_slides(kind, word, monkeypatch):
+@pytest.mark.parametrize(
+    ("kind", "size", "label"),
+    [
+        ("revolute", 0.1, "torque [mN·m]"),
+        ("revolute", 30.0, "torque [N·m]"),
+        ("prismatic", 0.1, "force [mN]"),
+    ],
+)
+def test_an_axis_is_of_force_where_a_joint_slides_and_of_its_size(kind, size, label, monkeypatch):
     labels = []
     monkeypatch.setattr("matplotlib.axes.Axes.set_ylabel", lambda _, text: labels.append(text))
     joint = replace(Arm.load("mtmr").joints[0], kind=kind)
-    torque_picture(fit_of(TIME).traces[0], 0, joint)
-    assert labels[0].startswith(word)
+    trace = fit_of(TIME).traces[0]
+    scale = size / np.abs(trace.measured).max()
+    torque_picture(
+        replace(trace, measured=scale * trace.measured, predicted=scale * trace.predicted), 0, joint
+    )
+    assert labels == [label]
 
 
 def test_a_gain_that_is_too_small_is_not_called_none():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.identification import identify
 from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 
 PUBLISHED = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)  # N·m/A, of the UR10e's measurements
@@ -58,3 +60,19 @@ def test_a_real_load_is_found_without_a_model_from_the_same_motion_without_it(ur
     assert mass.value == pytest.approx(2.805, rel=0.1)
     assert mass.low < 2.805 < mass.high
     assert "the torque scale agrees" in found.weighed.sentence
+
+
+@pytest.mark.slow
+def test_friction_that_a_urdf_does_not_state_is_found_at_every_real_joint(ur10e, tmp_path):
+    stated = TorqueModel.load(ur10e / "ur10e.urdf")
+    arm = stated.arm.with_drive_gains(PUBLISHED)
+
+    found = diagnose(ur10e / "ur10e_bare.csv", replace(stated, arm=arm))
+
+    for joint in arm.joint_names:
+        dry = {finding.effect for finding in found.findings if finding.joints == (joint,)}
+        assert dry & {"coulomb_friction", "presliding_hysteresis"}, joint
+        assert found.after[joint] < 0.2 * found.before[joint], joint
+    assert all(finding.in_model for finding in found.findings)
+    (lacks,) = (finding for finding in found.findings if finding.effect == "payload")
+    assert lacks.parameters["mass"].value == pytest.approx(2.2, rel=0.1)  # as the page tells

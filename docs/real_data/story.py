@@ -149,7 +149,7 @@ def _step(
         found = next((f for f in findings if f.effect == effect and f.joints == (joint,)), None)
         if found is not None and found.picture is not None:
             path = FOLDER / f"{name}_{number}.png"
-            path.write_bytes(png(found.picture))
+            path.write_bytes(png(found.picture, diagnosis.model.arm))
             title = f"{found.effect} at {joint}: error without and with it"
             yield f"\n![{title}](real_data/{path.name})"
     if shown is not None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity.arguments import PATH
+from dvrk_gravity.arguments import PATH, split_link
 from dvrk_gravity.arms import held, urdf_arm, yaml_arm
 from dvrk_gravity.arms.description import (
     GRAVITY,
@@ -45,8 +45,8 @@ class Arm(Description):
         """
         path = cls.file(name_or_path)
         if path.suffix.lower() == ".urdf":
-            _, _, tip = str(name_or_path).partition("#")
-            return cls._of_file(urdf_arm.read(path, tip or None, str(name_or_path)))
+            _, link = split_link(str(name_or_path))
+            return cls._of_file(urdf_arm.read(path, link or None, str(name_or_path)))
         return cls._of_file(yaml_arm.read(path, str(name_or_path)))
 
     @classmethod
@@ -90,11 +90,9 @@ class Arm(Description):
         if not isinstance(name_or_path, PATH):
             raise ArgumentError("arm", name_or_path, SUPPORTED)
         text = str(name_or_path)
-        urdf = text.partition("#")[0]
-        if urdf.lower().endswith(".urdf"):
-            return Path(urdf)
-        if text.endswith((".yaml", ".yml")):
-            return Path(text)
+        file, _ = split_link(text)
+        if file.lower().endswith((".urdf", ".yaml", ".yml")):
+            return Path(file)
         try:
             return config_path(f"arms/{text}.yaml")
         except (OSError, ValueError) as error:  # not there, or nothing a path can be
@@ -180,7 +178,13 @@ class Arm(Description):
             return self.with_drive_gains(np.ones(self.n), np.zeros(self.n))
         nominal, factor = self.inertial_parameters, size / self.effort_size
         joints = (
-            replace(joint, read_in=unit, effort_limit=factor * joint.effort_limit)
+            replace(
+                joint,
+                read_in=unit,
+                effort_limit=factor * joint.effort_limit,
+                damping=factor * joint.damping,
+                friction=factor * joint.friction,
+            )
             for joint in self.joints
         )
         return replace(

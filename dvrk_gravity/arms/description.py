@@ -78,6 +78,8 @@ class Joint:
         effort_limit: Largest effort in joint space, N·m or N.
         kind: ``revolute`` or ``prismatic``.
         read_in: Unit of its effort where that is not N·m or N: ``A``, or :data:`ANY_UNIT`.
+        damping: Viscous friction that the arm's file states, N·m·s/rad or N·s/m.
+        friction: Dry friction that it states, N·m or N.
         published_error: Error of careful fits of this joint on a motion that they had not seen, as
             a part of its torque; ``None`` where nobody has published one.
     """
@@ -88,6 +90,8 @@ class Joint:
     effort_limit: float
     kind: JointKind = "revolute"
     read_in: str = ""
+    damping: float = 0.0
+    friction: float = 0.0
     published_error: float | None = None
 
     @property
@@ -184,6 +188,10 @@ class Description:
     def __post_init__(self) -> None:
         """Freeze the arrays."""
         rows = (body.row for body in self.bodies)
+        names = [*(joint.name for joint in self.joints), *(body.name for body in self.bodies)]
+        for name in names:
+            if "." in name:  # a parameter is called link_weight.NAME
+                raise ConfigError("name", name, "one without dots, which group parameters")
         self._check_readings()
         given = (self.inertial_parameters, self.drive_gains, self.drive_gain_error)
         for array in (self.actuator_to_joint, self.actuator_effort_limit, *rows, *given):

@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.description import Array, Body, Description, Joint
+from dvrk_gravity.arms.description import Array, Body, Description, Joint, JointKind
 from dvrk_gravity.arms.urdf_file import (
     KINDS,
     attribute,
@@ -28,7 +28,7 @@ from dvrk_gravity.files import text_file
 
 _Z = np.array([0.0, 0.0, 1.0])
 # kg: links of a file for pictures alone weigh nothing, or what a reader wants at least.
-_PLACEHOLDER = 1e-3
+PLACEHOLDER = 1e-3
 
 
 def read(path: Path, tip: str | None, source: str) -> Description:
@@ -63,7 +63,7 @@ def _parse(text: str, tip: str | None, source: str) -> Description:
     joints = tuple(_joint(name, moving[name]) for name in names)
     bodies, parameters = _bodies(model, moving, rows)
     limits = np.array([joint.effort_limit for joint in joints])
-    weighs = bool(parameters[:, 0].max() > _PLACEHOLDER)
+    weighs = bool(parameters[:, 0].max() > PLACEHOLDER)
     return Description(
         str(robot.get("name")), joints, bodies, np.eye(len(joints)), limits,
         inertial_parameters=parameters if weighs else None, source=source,
@@ -84,10 +84,15 @@ def _chain(joints: Mapping[str, ElementTree.Element], root: str, tip: str) -> se
 
 def _joint(name: str, joint: ElementTree.Element) -> Joint:
     effort = read_number(name, joint, "limit", "effort")
-    if joint.get("type") == "continuous":
-        return Joint(name, -np.inf, np.inf, effort)
-    lower, upper = (read_number(name, joint, "limit", key, 0.0) for key in ("lower", "upper"))
-    return Joint(name, lower, upper, effort, KINDS[str(joint.get("type"))])
+    damping, friction = (
+        read_number(name, joint, "dynamics", key, 0.0) for key in ("damping", "friction")
+    )
+    kind: JointKind = "revolute"
+    lower, upper = -np.inf, np.inf
+    if joint.get("type") != "continuous":
+        kind = KINDS[str(joint.get("type"))]
+        lower, upper = (read_number(name, joint, "limit", key, 0.0) for key in ("lower", "upper"))
+    return Joint(name, lower, upper, effort, kind, damping=damping, friction=friction)
 
 
 def _held(model: pin.Model, names: set[str]) -> pin.Model:

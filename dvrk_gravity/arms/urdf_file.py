@@ -187,7 +187,9 @@ def _check_joint(where: str, joint: ElementTree.Element) -> None:
         for key in keys:
             text = attribute(joint, tag, key)
             if text is not None:
-                _finite(f"{where}: {tag} {key}", text, 1)
+                (value,) = _finite(f"{where}: {tag} {key}", text, 1)
+                if tag == "dynamics" and value < 0.0:
+                    raise ConfigError(f"{where}: {tag} {key}", value, "0 or more")
     mimic = joint.find("mimic")
     if mimic is not None and not mimic.get("joint"):
         raise ConfigError(f"{where}: mimic joint", mimic.get("joint"), "the joint that it follows")

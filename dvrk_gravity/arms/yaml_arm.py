@@ -78,6 +78,8 @@ def read(path: Path, source: str) -> Description:
         ConfigError: Naming the file and the field.
     """
     content = yaml_file.load(path)
+    if "/**" in content:
+        raise ConfigError("arm", "a model's parameters", "an arm's file", path)
     try:
         return _on_urdf(content, path, source) if "urdf" in content else _parse(content, source)
     except ConfigError as error:

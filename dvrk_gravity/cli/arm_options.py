@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvrk_gravity.errors import ConfigError
@@ -42,10 +43,6 @@ def with_drive_gains(arm: Arm, arguments: argparse.Namespace) -> Arm:
     """
     text, unit = arguments.drive_gains, arguments.effort_unit
     if text is not None:
-        if arm.read_in:
-            raise ConfigError(
-                "--drive-gains", text, f"none: the model is in {arm.read_in}; identify it with them"
-            )
         gains = numbers("--drive-gains", text, arm.n, ", ".join(arm.joint_names))
         if arm.drive_gains is not None and gains != arm.drive_gains.tolist():
             shown = ",".join(f"{gain:g}" for gain in arm.drive_gains)
@@ -57,8 +54,39 @@ def with_drive_gains(arm: Arm, arguments: argparse.Namespace) -> Arm:
 
 
 def of_model(model: TorqueModel, arguments: argparse.Namespace) -> TorqueModel:
-    """Return a model whose arm's efforts are read as a command line says."""
-    return replace(model, arm=with_drive_gains(model.arm, arguments))
+    """Return a model whose arm's efforts are read as a command line says.
+
+    Raises:
+        ConfigError: Another unit than the model's, or see :func:`with_drive_gains`.
+    """
+    # Here and not above, as Pinocchio is slow to load.
+    from dvrk_gravity.arms.description import in_newtons
+
+    given, arm, gains = arguments.effort_unit, model.arm, arguments.drive_gains
+    if gains is not None and arm.read_in:
+        why = f"none: the model is in {arm.read_in}; identify it with them"
+        raise ConfigError("--drive-gains", gains, why)
+    if given is None:
+        return replace(model, arm=with_drive_gains(arm, arguments))
+    expected = f"{arm.read_in or 'N·m'}, as the model's torques"
+    if arm.drive_gains is not None and (arm.drive_gains != 1.0).any():
+        expected = "none: the model has drive gains, which efforts in A are taken to N·m by"
+    elif given == arm.read_in:
+        return model
+    elif in_newtons(given) and not arm.read_in:
+        return replace(model, arm=arm.told_in(given))
+    raise ConfigError("--effort-unit", given, expected)
+
+
+def require_parameters(model: TorqueModel, path: Path) -> None:
+    """Refuse the file of an arm, where a node is to read the model's as its parameters.
+
+    Raises:
+        ConfigError: Naming it.
+    """
+    if model.of_file:
+        written = "a model file, as `convert robot.urdf model.yaml` writes one"
+        raise ConfigError("--model", "an arm's file", written, path)
 
 
 def numbers(option: str, text: str, count: int, of: str = "") -> list[float]:

@@ -1,4 +1,4 @@
-"""Convert a recording (CSV, rosbag2) or a dVRK console file (gc-*.json) from or to a model."""
+"""Convert a recording (CSV, rosbag2), a dVRK console file (gc-*.json) or a URDF's masses."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from dvrk_gravity import command_line
+from dvrk_gravity.arguments import split_link
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import outputs
 from dvrk_gravity.recording import Recording, iterate_recording, save_recording
@@ -15,7 +16,7 @@ NAME = "convert"
 EXAMPLE = "python -m dvrk_gravity convert sweep.csv sweep_bag --topic /MTMR/measured_js"
 
 RECORDING_SUFFIXES = (".csv", ".db3", ".mcap")
-CONSOLE_SUFFIXES = (".json", ".yaml", ".yml")
+_YAML = (".yaml", ".yml")
 DEFAULT_TOPIC = "/measured_js"
 
 
@@ -26,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="IN",
         type=Path,
         nargs="?",
-        help="CSV file, rosbag2 folder or file; the console's gc-<ARM>-<SN>.json; model .yaml",
+        help="CSV file, rosbag2 folder or file; the console's gc-<ARM>-<SN>.json; model .yaml; "
+        "an arm's .urdf",
     )
     parser.add_argument(
         "output",
@@ -72,14 +74,21 @@ def run(arguments: argparse.Namespace) -> int:
         return convert_console.check(arguments.check, arguments.json)
     if arguments.output is None:
         raise ConfigError("OUT", None, "IN and OUT, or --check FILE…")
-    return _converter(arguments.input)(arguments)
+    return _converter(arguments.input, arguments.output)(arguments)
 
 
-def _converter(path: Path) -> Callable[[argparse.Namespace], int]:
+def _converter(path: Path, target: Path) -> Callable[[argparse.Namespace], int]:
     if path.is_dir() or path.suffix.lower() in RECORDING_SUFFIXES:
         return _convert_recording
-    if path.suffix.lower() in CONSOLE_SUFFIXES:
-        from dvrk_gravity.cli import convert_console  # with Pinocchio: not for --help
+    of_arm = path.suffix.lower() in _YAML and target.suffix.lower() in _YAML
+    if of_arm or split_link(str(path))[0].lower().endswith(".urdf"):
+        from dvrk_gravity.cli import convert_urdf  # with Pinocchio: not for --help
+
+        return lambda arguments: convert_urdf.convert(
+            arguments.input, arguments.output, arguments.json
+        )
+    if path.suffix.lower() in (".json", *_YAML):
+        from dvrk_gravity.cli import convert_console
 
         return lambda arguments: convert_console.convert(
             arguments.input, arguments.output, arguments.json
@@ -87,7 +96,7 @@ def _converter(path: Path) -> Callable[[argparse.Namespace], int]:
     raise RecordingError(
         path,
         "expected a recording (a .csv file, a rosbag2 folder, a .db3 or .mcap file), "
-        "a console's .json or a model's .yaml",
+        "a console's .json, a model's .yaml or an arm's .urdf",
     )
 
 

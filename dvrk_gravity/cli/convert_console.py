@@ -41,7 +41,7 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
     """
     outputs.check({"OUT": target}, [source])
     if source.suffix.lower() == JSON_SUFFIX:
-        _expect_suffix(target, MODEL_SUFFIXES)
+        expect_suffix(target, MODEL_SUFFIXES)
         if report is not None:
             raise ConfigError("--json", str(report), "a model to convert to a console file")
         console = ConsoleFile.load(source)
@@ -52,7 +52,7 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
         model.save(target, _COMMENT.format(name=source.name, version=console.version))
         print(f"{target}: {model.arm.name}, {' + '.join(term.NAME for term in model.terms)}")
     else:
-        _expect_suffix(target, (JSON_SUFFIX,))
+        expect_suffix(target, (JSON_SUFFIX,))
         model = TorqueModel.load(source)
         match = FILE_NAME.fullmatch(target.name)
         try:
@@ -139,6 +139,11 @@ def _summary(found: Sequence[ConsoleFinding]) -> str:
     )
 
 
-def _expect_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
+def expect_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
+    """Refuse another kind of file.
+
+    Raises:
+        ConfigError: Naming it.
+    """
     if path.suffix.lower() not in suffixes:
         raise ConfigError("OUT", str(path), f"a file ending in {' or '.join(suffixes)}")

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
+from dvrk_gravity.cli import arm_options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs
 
@@ -98,7 +99,9 @@ def _arm(arguments: argparse.Namespace) -> Arm:
 
     if arguments.arm or arguments.model is None:
         return Arm.load(arguments.arm or _ARM)
-    return TorqueModel.load(arguments.model).arm
+    model = TorqueModel.load(arguments.model)
+    arm_options.require_parameters(model, arguments.model)
+    return model.arm
 
 
 def _play(scenario: Scenario, arm: Arm) -> tuple:

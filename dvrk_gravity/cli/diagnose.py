@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 NAME = "diagnose"
 EXAMPLE = (
     "python -m dvrk_gravity diagnose my_bag --model config/mtmr_28002.yaml --out out/diagnosis\n"
+    "         python -m dvrk_gravity diagnose my_bag --model robot.urdf --out out/urdf\n"
     "         python -m dvrk_gravity diagnose loaded.csv --arm mtmr --reference bare.csv "
     "--out out/load"
 )
@@ -31,7 +32,9 @@ FINDINGS, EXTENDED, REPORT = WRITTEN = ("findings.json", "extended_model.yaml", 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="rosbag2 or CSV")
-    parser.add_argument("--model", type=Path, help="model file that is on trial")
+    parser.add_argument(
+        "--model", type=Path, help="model file that is on trial; or a .urdf: its masses are"
+    )
     parser.add_argument("--reference", metavar="RECORDING",
                         help="the same motion when all was well: what changed since is told, with "
                         "--arm and no model, too")  # fmt: skip
@@ -182,6 +185,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     if diagnosis.weighed is not None:
         lines.append(f"known payload: {diagnosis.weighed.sentence}")
     lines += [f"extrapolated: {line}" for line in diagnosis.outside]
+    lines += [note for note in diagnosis.notes if note.startswith(("warning: ", "not recorded"))]
     lines += [f"warning: {warning}" for warning in diagnosis.warnings]
     lines.append(f"written: {out}/findings.json, extended_model.yaml, report.html")
     return "\n".join(lines)

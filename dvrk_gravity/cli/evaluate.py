@@ -22,7 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recordings", metavar="RECORDING", type=Path, nargs="+",
         help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
     )  # fmt: skip
-    parser.add_argument("--model", type=Path, required=True, help="model: a parameter file")
+    parser.add_argument(
+        "--model", type=Path, required=True, help="model: a parameter file; or a .urdf: its masses"
+    )
     parser.add_argument("--json", type=Path, help="file to write the result to")
     parser.add_argument("--coordinates", choices=("joint", "actuator"),
                         help="of the recordings (default: where the model fits)")  # fmt: skip

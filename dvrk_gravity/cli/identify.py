@@ -73,9 +73,12 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.identification import identify
     from dvrk_gravity.identification.table import fit_text
     from dvrk_gravity.model import VERDICTS, uncertainty_file
+    from dvrk_gravity.named_arm import is_urdf
     from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report.identification import render
 
+    if is_urdf(arguments.out):
+        raise ConfigError("--out", str(arguments.out), "a .yaml file for the model")
     report = arguments.report or arguments.out.with_suffix(".html")
     uncertainty = uncertainty_file(arguments.out)
     outputs.check(

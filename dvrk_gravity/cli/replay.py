@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dvrk_gravity import command_line
+from dvrk_gravity.cli import arm_options
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample, SampleReader
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import outputs, text_file
@@ -102,6 +103,7 @@ def replay(
     from dvrk_gravity.ros.namespace import namespace_of
 
     model = TorqueModel.load(model_file)
+    arm_options.require_parameters(model, model_file)
     expected = _expected(bag, topic, model)
     with BagReader(bag) as reader:
         name = reader.joint_state_topic(topic)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from dvrk_gravity.errors import ConfigError
@@ -37,18 +37,23 @@ def require_unrecorded(texts: Sequence[str], recordings: Sequence[RecordingFile]
         ConfigError: Naming it.
         RecordingError: A recording that cannot be read.
     """
-    for entry in ",".join(texts).split(",") if texts else ():
-        name = entry.partition("=")[0].strip()
+    for entry, name, _ in _entries(texts):
         if all(name in recording.head.joints for recording in recordings):
             raise ConfigError("--at", entry, f"no joint that is recorded, as {name} is")
+
+
+def _entries(texts: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """Yield each entry, the joint that it names, and the position."""
+    for entry in ",".join(texts).split(",") if texts else ():
+        name, _, position = entry.strip().partition("=")
+        yield entry, name, position
 
 
 def still_joints(texts: Sequence[str], arm: Arm) -> dict[str, float]:
     """Return joint positions, rad or m, from ``JOINT=POSITION,...``; ``others``: all not named."""
     joints = {joint.name: joint for joint in arm.joints}
     named: dict[str, float] = {}
-    for entry in ",".join(texts).split(",") if texts else ():
-        name, _, position = entry.strip().partition("=")
+    for entry, name, position in _entries(texts):
         if name not in (*joints, "others"):
             raise ConfigError("--at", entry, f"JOINT=ANGLE of {', '.join(joints)} or others")
         if name in named:

@@ -21,9 +21,9 @@ from dvrk_gravity.model import (
     VERDICTS,
     TorqueModel,
     all_parameters,
-    arm_of,
     model_parameters,
 )
+from dvrk_gravity.named_arm import arm_of
 from dvrk_gravity.parameter import Value, check_all
 
 Array = NDArray[np.float64]

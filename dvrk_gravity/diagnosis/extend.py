@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,6 @@ from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # of a term's largest coefficient
-NONE_LEFT_OUT: Mapping[int, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ def contradicted(data: FilteredData, candidate: Candidate, theta: Array) -> bool
 def extended(
     motion: MeasuredMotion,
     found: Sequence[tuple[Hypothesis, Array]],
-    left_out: Mapping[int, str] = NONE_LEFT_OUT,
+    left_out: Mapping[int, str] | None = None,
 ) -> tuple[TorqueModel, tuple[str, ...]]:
     """Return the model with what was found, and of each finding why not; ``""``: it carries it.
 
@@ -84,6 +82,7 @@ def extended(
     """
     values: Values = dict(motion.model.parameters())
     model = TorqueModel.from_parameters(values, motion.arm)
+    left_out = left_out or {}
     reasons = [left_out.get(i, NO_TERM) for i in range(len(found))]
     order = sorted(range(len(found)), key=lambda i: not found[i][0].shifts_positions)
     for i in order:
@@ -107,7 +106,7 @@ def updated(
     validation: CrossValidation,
     named: Sequence[Candidate],
     held_out: HeldOut,
-    left_out: Mapping[int, str] = NONE_LEFT_OUT,
+    left_out: Mapping[int, str],
 ) -> TorqueModel:
     """Return an extended model with what the recording tells of its own parameters.
 

@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 FloorFrom = Literal["repetition", "high_frequencies", "nothing"]
 
 
-# What the floor is, in words.
 NO_TERM = "no term of a model file carries it"
 """Why most of what is left out of the extended model is left out."""
 
+# What the floor is, in words.
 FLOORS: Mapping[FloorFrom, str] = {
     "repetition": "what differs between one period of the motion and the next",
     "high_frequencies": "the noise that high frequencies show",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import SimulatedArm, simulate
 from dvrk_gravity.simulate.model_plant import ModelArm
@@ -154,7 +154,7 @@ def _drifts(
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             drifts = tuple(_drift(arm, given, extended, poses, part) for part in FRICTION)
-    except ConfigError:  # the simulated arm takes no effort that is not finite
+    except (ConfigError, RecordingError):  # no effort, and no sample, beyond all numbers
         return (), _AWAY
     if not all(np.isfinite([drift.before, drift.after]).all() for drift in drifts):
         return (), _AWAY

@@ -54,6 +54,7 @@ def known(
     if motion.model.uncertainty is None:
         return ()
     arm = motion.arm
+    source = "file" if motion.model.of_file else "identification"
     told = [_minor(validation, trial, named) for trial in minor]
     moved = validation.moved(named)[held_out.rows]
     residual_rmse = held_out.rmse(held_out.error(named))
@@ -68,7 +69,7 @@ def known(
                 Known(
                     PARAMETERS, (name,), {"rms": rms},
                     f"{quantity(float(size[joint]), unit)} RMS at {name} are the model's own "
-                    "parameters, moved within what its identification left open (expected: "
+                    f"parameters, moved within what its {source} left open (expected: "
                     f"{quantity(reach, unit)})",
                 )
             )  # fmt: skip

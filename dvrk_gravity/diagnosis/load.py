@@ -14,7 +14,12 @@ from dvrk_gravity.diagnosis.filtered_data import BAND
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
-from dvrk_gravity.identification.motion import completed, held_beyond, require_all
+from dvrk_gravity.identification.motion import (
+    completed,
+    held_beyond,
+    require_all,
+    require_measured,
+)
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     DataWarning,
@@ -149,6 +154,11 @@ def load(
             heads[0].source, f"has too many gaps: {handling[len(held) + len(left_out)]}"
         )
     motion = _join(pieces)
+    names = [
+        name for name, there in zip(model.arm.joint_names, motion.present, strict=True) if there
+    ]
+    if model.arm.direct_drive and not static:
+        require_measured(heads[0].source, names, motion.effort[:, motion.present])
     if static and len(motion.q) < settings.fewest:
         raise RecordingError(
             heads[0].source,

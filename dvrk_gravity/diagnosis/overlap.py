@@ -35,6 +35,13 @@ def contains(
     return more and overlap(validation, smaller, larger, rest) > 1.0 - OverlapSettings().contained
 
 
+def spanned(validation: CrossValidation, candidate: Candidate, rest: Sequence[Candidate]) -> bool:
+    """Tell whether all torques of a hypothesis are such as those of others together."""
+    columns = validation.design([candidate])
+    left = validation.regression(rest).residual(columns)
+    return float(np.sum(left**2)) <= OverlapSettings().contained * float(np.sum(columns**2))
+
+
 def overlap(
     validation: CrossValidation, candidate: Candidate, other: Candidate, rest: Sequence[Candidate]
 ) -> float:

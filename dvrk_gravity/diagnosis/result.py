@@ -17,6 +17,7 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
 
 Array = NDArray[np.float64]
+_MORE = 2.0  # times what a model expects of itself: more than it should be. Chosen.
 Verdict = Literal["nothing_to_explain", "explained", "partly_explained", "ambiguous", "unexplained"]
 
 
@@ -97,9 +98,15 @@ class Diagnosis:
         most = max(ratio, key=lambda name: ratio[name])
         told = any(most in entry.joints for entry in self.known if entry.of_effect)
         beside = ", friction of another day and other known causes included" if told else ""
+        more = (
+            f" That is more than it should be, and too little to be named with certainty: a longer "
+            f"recording in which {most} moves more would tell."
+            if expects and not told and ratio[most] > _MORE
+            else ""
+        )
         return (
             f"Nothing was found that {against} lacks: what it leaves is at most "
-            f"{ratio[most]:.2g} times {words} ({most}{beside})."
+            f"{ratio[most]:.2g} times {words} ({most}{beside}).{more}"
         )
 
     @property

@@ -18,6 +18,7 @@ from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed
 from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.nameless import with_nameless
+from dvrk_gravity.diagnosis.overlap import spanned
 from dvrk_gravity.diagnosis.read_rightly import read_rightly
 from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
@@ -33,9 +34,10 @@ from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation.selection import eliminate_backward
+from dvrk_gravity.identification.beyond import with_held
 from dvrk_gravity.identification.coordinates import doubt
 from dvrk_gravity.identification.drive_gains import check_mass
-from dvrk_gravity.identification.effort_unit import in_their_unit
+from dvrk_gravity.identification.effort_unit import in_their_unit, require_newtons
 from dvrk_gravity.identification.motion import known_still
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Given, Recording, RecordingFile, opened
@@ -137,6 +139,11 @@ def diagnose(
     if model is None:
         arm, said = in_their_unit(arm, whole)
         whole, model = [recording.of(arm) for recording in whole], model_of(arm)
+    else:
+        said = require_newtons(model, whole)
+        if model.of_file:
+            arm, whole, held = with_held(whole, arm, known_still(still))
+            model, said = TorqueModel.stated(arm), (*said, *held)
     say = progress or _silent
     say("reading")
     loaded = load(whole, model, known_still(still))
@@ -270,11 +277,14 @@ def _with_model_moving(
     """
     say("weighing hypotheses with the model's own parameters moving along")
     always = [candidate for candidate in pool if candidate.hypothesis.of_model]
-    # What links weigh is theirs to say now.
+    # What links weigh is theirs to say now, and so is the scale of all that they take.
     pool = [
         candidate
         for candidate in pool
-        if candidate in always or candidate.hypothesis.site.kind is not Kind.LINK
+        if candidate in always
+        or not (
+            candidate.hypothesis.site.kind is Kind.LINK or spanned(validation, candidate, always)
+        )
     ]
     moving = Selection(validation, pool, say, always)
     other = moving.run()

@@ -30,7 +30,8 @@ class SelectionSettings:
             hypotheses. A convention; a tenth of it would need longer recordings.
         least_gain: Part of a joint's error that a finding must remove. Chosen: what is worth a
             finding; see `make sensitivity`.
-        most_effects: Selected at most: a bound on time.
+        most_effects: Selected at most, times the joints: a bound on time. Chosen: a model without
+            any friction or rotor lacks three or four of each joint.
         few: Up to so many effects one is looked for that takes the places of two: a bound on time.
         screened: Hypotheses that are cross-validated at each step: a bound on time.
         refined: ... and whose settings are searched for.
@@ -47,7 +48,7 @@ class SelectionSettings:
 
     alpha: float = 0.01
     least_gain: float = 0.06
-    most_effects: int = 18
+    most_effects: int = 5
     few: int = 4
     screened: int = 24
     refined: int = 6
@@ -160,7 +161,8 @@ class Selection:
             start: What is selected to begin with; by default what always moves along.
         """
         selected = list(self._always if start is None else start)
-        most = self.settings.most_effects + len(self._always) - len(selected)
+        joints = self.validation.weight.shape[-1]
+        most = self.settings.most_effects * joints + len(self._always) - len(selected)
         return select(self, selected, SearchSettings(max(most, 0)))[0]
 
     def explained(self, selected: Sequence[Candidate]) -> list[SelectedEffect]:
@@ -250,7 +252,7 @@ class Selection:
 
     def _trial(
         self, candidate: Candidate, beside: Sequence[Candidate], before: Score, after: Score,
-        theta: Array, possible: bool = True,
+        theta: Array, possible: bool,
     ) -> EffectTrial:  # fmt: skip
         """Return how a candidate does, whether it comes or stays: by the same measure.
 
@@ -290,7 +292,8 @@ class Selection:
             rest = [other for other in selected if other is not candidate]
             before = self.validation.score(rest)
             fitted = parameters[id(candidate)]
-            trials.append(self._trial(candidate, rest, before, whole, fitted))
+            possible = candidate.hypothesis.plausible(fitted)
+            trials.append(self._trial(candidate, rest, before, whole, fitted, possible))
         return trials
 
     def _searched(self, selected: Sequence[Candidate]) -> list[Candidate]:
@@ -353,11 +356,13 @@ class Selection:
                 continue
             alternatives = [trial for trial in self.best(rest, without) if trial.passes]
             if alternatives:
-                preferred = self._preferred([current, *alternatives])
+                # Beside those that came later, what was plausible may be so no more.
+                standing = [current] if current.plausible else []
+                preferred = self._preferred([*standing, *alternatives])
                 new, old = preferred.candidate, current.candidate
                 simpler = new.parameters < old.parameters or preferred.other_day
                 better = simpler or preferred.gain > current.gain + settings.equal_least
-                if better and preferred is not current:
+                if (better or not current.plausible) and preferred is not current:
                     self._report(f"{new.hypothesis} instead of {old.hypothesis}")
                     selected[i] = new
         return selected

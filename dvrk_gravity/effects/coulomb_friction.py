@@ -116,6 +116,12 @@ class CoulombFriction(LinearTerm):
         level, nothing = SUPPOSED.coulomb * arm.effort_limit, np.zeros(arm.n)
         return cls(arm, level, level, nothing, nothing, 0.02 * arm.scale)
 
+    @classmethod
+    def stated(cls, arm: Arm) -> CoulombFriction | None:
+        """See :meth:`Term.stated`: the friction of a URDF's joints."""
+        level, nothing = np.array([joint.friction for joint in arm.joints]), np.zeros(arm.n)
+        return cls(arm, level, level, nothing, nothing, 0.02 * arm.scale) if level.any() else None
+
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
         values: dict[str, Value] = {}

@@ -77,6 +77,12 @@ class LinkInertia(LinearTerm):
         nothing = np.zeros(rigid_body.PER_LINK)
         return cls(arm, np.array([np.array(row) if row else nothing for row in given]))
 
+    @classmethod
+    def stated(cls, arm: Arm) -> LinkInertia | None:
+        """See :meth:`Term.stated`: of the bodies in a URDF."""
+        rows = arm.inertial_parameters
+        return None if rows is None else cls(arm, rows)
+
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
         return {

@@ -89,6 +89,13 @@ class LinkWeight(LinearTerm):
         ]
         return cls(arm, np.array(rows), arm.gravity)
 
+    @classmethod
+    def stated(cls, arm: Arm) -> LinkWeight | None:
+        """See :meth:`Term.stated`: the weight of the masses in a URDF."""
+        if arm.inertial_parameters is None:
+            return None
+        return cls(arm, arm.inertial_parameters[:, :OF_WEIGHT], arm.gravity)
+
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
         rows = zip(self.arm.body_names, self.links, strict=True)

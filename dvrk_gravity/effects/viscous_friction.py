@@ -79,6 +79,12 @@ class ViscousFriction(Friction):
         """See :meth:`Term.nominal`: at the joints."""
         return cls(arm, SUPPOSED.viscous * arm.effort_limit / arm.scale, np.zeros(arm.n))
 
+    @classmethod
+    def stated(cls, arm: Arm) -> ViscousFriction | None:
+        """See :meth:`Term.stated`: the damping of a URDF's joints."""
+        damping = np.array([joint.damping for joint in arm.joints])
+        return cls(arm, damping, np.zeros(arm.n)) if damping.any() else None
+
     def parameters(self) -> dict[str, Value]:
         """See :meth:`Term.parameters`."""
         levels = {"joint": self.joint, "motor": self.motor}

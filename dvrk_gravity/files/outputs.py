@@ -7,12 +7,16 @@ is written over its own recording loses the recording.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
+from dvrk_gravity.arguments import split_link
 from dvrk_gravity.errors import ConfigError
 
+_NAMED = re.compile(r"""^\s*(?:urdf|arm)\s*:\s*['"]?(.+?)['"]?\s*(?:\s#.*)?$""", re.MULTILINE)
 _Kind = Literal["file", "folder", "new"]
 _BAG_FILES = (".db3", ".mcap")
 
@@ -79,7 +83,7 @@ def _check(
     holds: bool = False,
 ) -> None:
     """Check outputs but for the folders that they are in; one that ``holds`` others may be full."""
-    read = [Path(path) for path in inputs if path is not None]
+    read = [named for path in inputs if path is not None for named in _with_named(str(path), set())]
     # A bag's file is read without what else is known of the bag: that is not to be lost either.
     read += [path.with_name("metadata.yaml") for path in read if path.suffix in _BAG_FILES]
     before: list[tuple[str, Path]] = []
@@ -101,6 +105,20 @@ def _check(
                 option, f"a link to {os.readlink(path)}", f"a {kind}, not a link", path
             )
         _check_kind(option, path, kind)
+
+
+def _with_named(path: str, seen: set[Path]) -> Iterator[Path]:
+    """Yield a file, and those that it names: a model its arm's, that the URDF."""
+    file = Path(split_link(path)[0])
+    yield file
+    if file in seen or file.suffix.lower() not in (".yaml", ".yml") or not file.is_file():
+        return
+    seen.add(file)
+    with suppress(OSError):
+        for name in _NAMED.findall(file.read_text(encoding="utf-8", errors="replace")):
+            for folder in (file.parent, Path()):
+                if Path(split_link(str(folder / name))[0]).is_file():
+                    yield from _with_named(str(folder / name), seen)
 
 
 def _check_kind(option: str, path: Path, kind: _Kind) -> None:

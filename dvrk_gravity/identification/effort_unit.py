@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import ANY_UNIT
+from dvrk_gravity.arms.urdf_arm import PLACEHOLDER
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.identification.motion import head
+from dvrk_gravity.model import NO_VERDICT, TorqueModel
 from dvrk_gravity.recording import Recording, RecordingFile
 from dvrk_gravity.recording.data import Array
 
@@ -28,39 +32,62 @@ class UnitSettings:
             than the least, a hundred, and more than any masses of an arm's file were seen to be
             off. Chosen.
         samples: Samples that are looked at, at most.
+        fewest: ... and at least: of two, effort and weight always correlate. Chosen.
     """
 
     follows: float = 0.7
     off: float = 4.0
     slip: float = 30.0
     samples: int = 5000
+    fewest: int = 10
 
 
-def _parts(recording: Recording, arm: Arm, settings: UnitSettings) -> dict[str, float]:
-    """Return, by joint that tells, what part of its nominal weight its effort is, signed.
+class _Part(NamedTuple):
+    """What a joint tells of the unit: products of effort and nominal weight, and of the latter."""
+
+    shared: float
+    needed: float
+
+
+def _parts(given: Recording | RecordingFile, arm: Arm, settings: UnitSettings) -> dict[str, _Part]:
+    """Return, by joint that tells, how its effort goes with its nominal weight.
 
     None of an arm of which no masses are known.
     """
+    recording = given.of(arm)
+    recording = recording.head if isinstance(recording, RecordingFile) else recording
     nominal, effort = arm.inertial_parameters, recording.effort
     if nominal is None or effort is None or recording.joints != arm.joint_names:
+        return {}
+    if len(recording) < settings.fewest:
         return {}
     rows = slice(None, None, max(1, len(recording) // settings.samples))
     # By joints' coordinates; what a transmission mixes is of one size.
     weight = rigid_body.torque(
         arm, nominal.ravel(), recording.position[rows], None, None, arm.gravity
     )
-    found = {}
+    parts = {}
     for name, needed, read in zip(arm.joint_names, weight.T, effort[rows].T, strict=True):
         needed, read = needed - needed.mean(), read - read.mean()
         size = float(np.linalg.norm(needed) * np.linalg.norm(read))
         if size > 0.0 and abs(needed @ read) > settings.follows * size:
-            found[name] = float(needed @ read) / float(needed @ needed)
-    return found
+            parts[name] = _Part(float(needed @ read), float(needed @ needed))
+    return parts
 
 
-def _turned_round(parts: Mapping[str, float]) -> tuple[str, ...]:
+def _size(parts: Mapping[str, _Part]) -> float | None:
+    """Return what part efforts are of those that nominal masses need, if any joint tells.
+
+    Of all joints together, for a load is many times what the links of a wrist weigh.
+    """
+    if not parts:
+        return None
+    return sum(abs(part.shared) for part in parts.values()) / sum(p.needed for p in parts.values())
+
+
+def _turned_round(parts: Mapping[str, _Part]) -> tuple[str, ...]:
     """Say which efforts are against what nominal masses need."""
-    against = ", ".join(name for name, part in parts.items() if part < 0.0)
+    against = ", ".join(name for name, part in parts.items() if part.shared < 0.0)
     if not against:
         return ()
     return (
@@ -80,13 +107,46 @@ def in_their_unit(
         ConfigError: Drive gains by which no arm of such masses moves.
     """
     settings = settings or UnitSettings()
-    first = recordings[0].of(arm)
-    first = first.head if isinstance(first, RecordingFile) else first
-    parts = _parts(first, arm, settings)
-    size = float(np.median(np.abs(list(parts.values())))) if parts else None
-    told, said = _unit(arm, size, settings)
+    parts = _parts(recordings[0], arm, settings)
+    told, said = _unit(arm, _size(parts), settings)
     # Of motors that share joints no sign is known.
     return told, (*said, *(_turned_round(parts) if arm.direct_drive else ()))
+
+
+def require_newtons(
+    model: TorqueModel, recordings: Sequence[Recording | RecordingFile]
+) -> tuple[str, ...]:
+    """Refuse efforts that are not in N·m, where a model has its masses from the arm's file.
+
+    An identified model is in the unit of the efforts that it was identified from.
+
+    Returns:
+        What is odd about efforts that may be, in lines.
+
+    Raises:
+        RecordingError: Efforts that no such masses need.
+        ConfigError: Drive gains by which no arm of such masses moves.
+    """
+    arm, settings, odd = model.arm, UnitSettings(), list[str]()
+    if model.verdict != NO_VERDICT or arm.read_in:
+        return ()
+    if model.of_file and arm.inertial_parameters is not None:
+        rows = zip(arm.body_names, arm.inertial_parameters, strict=True)
+        if empty := ", ".join(name for name, row in rows if row[0] <= PLACEHOLDER):
+            odd.append(f"warning: the arm's file states no mass of {empty}")
+    for recording in recordings:
+        parts = _parts(recording, arm, settings)
+        size = _size(parts)
+        told, said = _unit(arm, size, settings)
+        if told.read_in:
+            raise RecordingError(
+                head(recording).source,
+                f"efforts are {size:.2g} times what the masses in {arm.source} need: not in N·m "
+                "(--drive-gains takes currents to it), or other masses; --effort-unit N·m insists",
+            )
+        said = (*said, *(_turned_round(parts) if arm.direct_drive else ()))
+        odd += [line for line in said if line.startswith("warning: ") and line not in odd]
+    return tuple(odd)
 
 
 def _unit(arm: Arm, size: float | None, settings: UnitSettings) -> tuple[Arm, tuple[str, ...]]:

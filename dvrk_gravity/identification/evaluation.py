@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.identification.effort_unit import require_newtons
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.identification.motion import (
@@ -110,6 +111,7 @@ def evaluate(
     coordinates = known_coordinates(coordinates)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
+    odd = require_newtons(model, recordings)
     still, held = held_beyond(recordings, model.arm, {})
     for recording in recordings:
         require_all(head(recording), model.arm, still or None)
@@ -128,7 +130,7 @@ def evaluate(
     if coordinates is None and model.arm.direct_drive:
         coordinates = "joint"  # the same either way
     evaluated = _in_coordinates(coordinates, run)
-    return replace(evaluated, handling=(*held, *evaluated.handling))
+    return replace(evaluated, handling=(*odd, *held, *evaluated.handling))
 
 
 def _in_coordinates(

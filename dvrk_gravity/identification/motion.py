@@ -33,6 +33,8 @@ from dvrk_gravity.recording.read_before import ReadBefore
 Source = Recording | RecordingFile | Trajectory
 PART = 60_000  # samples of a recording in memory that are worked on at a time
 
+_SAME = 1e-9  # of an effort: what filters make of one number
+
 
 @dataclass(frozen=True)
 class RateSettings:
@@ -257,28 +259,24 @@ def require_all(
 
 
 def _require_torque(trajectory: Trajectory) -> None:
-    """Refuse efforts that were not measured: none but zeros on a joint."""
-    zero = [
-        joint
-        for column, joint in enumerate(trajectory.joints)
-        if not any(
-            stretch.effort is not None and stretch.effort[:, column].any()
-            for stretch in trajectory.stretches
-        )
-    ]
-    require_none_unmeasured(trajectory.source, zero)
+    """Refuse efforts that were not measured."""
+    efforts = [s.effort for s in trajectory.stretches if s.effort is not None]
+    require_measured(trajectory.source, trajectory.joints, np.concatenate(efforts))
 
 
-def require_none_unmeasured(source: str, zero: Sequence[str]) -> None:
-    """Refuse joints whose efforts are all zero.
+def require_measured(source: str, joints: Sequence[str], effort: Array) -> None:
+    """Refuse (N, n) efforts that one number stands for on a joint: zeros, or what a sensor died at.
 
     Raises:
-        RecordingError: There are any.
+        RecordingError: Naming the joints.
     """
-    if zero:
-        raise RecordingError(
-            source, f"efforts of {', '.join(zero)} are all zero, expected measured ones"
-        )
+    least, greatest = effort.min(axis=0), effort.max(axis=0)
+    same = greatest - least <= _SAME * np.abs(effort).max(axis=0)
+    if same.any():
+        named = ", ".join(joint for joint, never in zip(joints, same, strict=True) if never)
+        values = ", ".join(f"{value:g}" for value in dict.fromkeys(least[same].tolist()))
+        what = "zero" if not least[same].any() else f"the same ({values})"
+        raise RecordingError(source, f"efforts of {named} are all {what}, expected measured ones")
 
 
 def _at_rate(stretch: Stretch, rate: float) -> Stretch:

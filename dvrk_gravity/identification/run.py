@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.effects import LinearTerm, State, terms
 from dvrk_gravity.effects.base.registry import of_others
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError, RecordingError
+from dvrk_gravity.identification.beyond import with_held
 from dvrk_gravity.identification.columns import Columns, identified
 from dvrk_gravity.identification.console_columns import (
     CONSOLE_EFFECTS,
@@ -27,7 +27,6 @@ from dvrk_gravity.identification.evaluation import all_static, evaluate
 from dvrk_gravity.identification.hand import by_weight
 from dvrk_gravity.identification.motion import (
     head,
-    held_beyond,
     known_still,
     read_once,
     require_all,
@@ -100,7 +99,7 @@ def identify(
     still = known_still(still)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
-    arm, recordings, missing = _with_held(recordings, arm, still or {})
+    arm, recordings, missing = with_held(recordings, arm, still or {})
     validate = opened(validate, arm=arm)
     given = _each(coordinates, len(recordings))
     said: tuple[str, ...] = ()
@@ -149,11 +148,12 @@ def _require_one_torque(model: TorqueModel) -> None:
     for term in model.terms:
         if term.NAME not in others or not isinstance(term, LinearTerm):
             continue
-        fitted = term.columns(state, term.memory(state)) @ term.theta
+        columns = term.columns(state, term.memory(state))
+        fitted = columns @ term.theta
         again = type(term).from_parameters(arm, term.parameters())
         read = np.zeros_like(fitted) if again is None else again.torque(state)
         largest = np.abs(fitted).max()
-        turned = term.columns(state, term.memory(state)) @ term.with_theta(term.theta).theta
+        turned = columns @ term.with_theta(term.theta).theta
         pairs = (
             (turned, "`theta` is not what `with_theta` was given"),
             (term.torque(state), "`torque` is not `regressor` times `theta`"),
@@ -179,28 +179,6 @@ def _none_read_before(
                 f"{before.number} of {before.samples} samples are those of a recording that was "
                 "fitted, or validated before: expected recordings that nothing was fitted to",
             )
-
-
-def _with_held(
-    recordings: Sequence[Recording | RecordingFile], arm: Arm, still: Mapping[str, float]
-) -> tuple[Arm, list[Recording | RecordingFile], tuple[str, ...]]:
-    """Return the arm without the joints that lie beyond all that was recorded, and who they are.
-
-    Of poses, neither has it those of which only is known where they stood: nothing of them moved.
-    """
-    stood, lines = held_beyond(recordings, arm, still)
-    held = {name: at for name, at in stood.items() if name not in still}
-    if still and all_static(recordings) and not is_mtm(arm):
-        seen = {joint for recording in recordings for joint in head(recording).joints}
-        said = {name: at for name, at in still.items() if name not in seen}
-        shown = ", ".join(f"{name} at {at:g}" for name, at in said.items())
-        held |= said
-        lines += (f"held where it was said (rad, m): {shown}",) if said else ()
-    if not held:
-        return arm, list(recordings), ()
-    arm = arm.holding(held)
-    told = tuple(f"{line}: no joints of the model" for line in lines)
-    return arm, opened(recordings, arm=arm), told
 
 
 def _with_gains(

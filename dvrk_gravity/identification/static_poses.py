@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
-from dvrk_gravity.identification.motion import require_all, require_none_unmeasured
+from dvrk_gravity.identification.motion import require_all, require_measured
 from dvrk_gravity.identification.static_gravity import gravity_of
 from dvrk_gravity.recording import DataWarning, Recording, prepare
 from dvrk_gravity.recording.data import Array, Coordinates
@@ -106,15 +106,11 @@ class Poses:
 
 
 def _require_measured(poses: Recording) -> None:
-    """Refuse efforts that were not measured: none but zeros on a joint that was posed."""
+    """Refuse efforts that were not measured: of a joint that was posed."""
     assert poses.effort is not None
     posed = np.ptp(poses.position, axis=0) > PosedSettings().posed * poses.scale
-    zero = [
-        joint
-        for joint, moves, effort in zip(poses.joints, posed, poses.effort.T, strict=True)
-        if moves and not effort.any()
-    ]
-    require_none_unmeasured(poses.source, zero)
+    moved = [joint for joint, moves in zip(poses.joints, posed, strict=True) if moves]
+    require_measured(poses.source, moved, poses.effort[:, posed])
 
 
 def read_poses(

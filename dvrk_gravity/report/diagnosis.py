@@ -24,7 +24,7 @@ from dvrk_gravity.diagnosis.words import title as effect_title
 from dvrk_gravity.diagnosis.words import told
 from dvrk_gravity.report import html
 from dvrk_gravity.report.in_simulation import section
-from dvrk_gravity.report.units import effort_in_table, milli
+from dvrk_gravity.report.units import effort_in_picture, effort_in_table
 
 Array = NDArray[np.float64]
 
@@ -128,7 +128,7 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
     rows.append(("in the extended model", carried))
     parts.append(html.table((), rows))
     if finding.picture is not None:
-        picture = html.data_url(png(finding.picture, milli(arm, finding.picture.joint)))
+        picture = html.data_url(png(finding.picture, arm))
         parts.append(f'<img alt="error before and after" src="{picture}">')
     if finding.alternatives:
         parts.append("<p>This data cannot tell it from:</p>")
@@ -236,15 +236,17 @@ def _list(title: str, items: Sequence[str], nothing: str) -> str:
     return f"<h2>{escape(title)}</h2><ul>{inside}</ul>"
 
 
-def png(picture: Picture, unit: str = "mN·m") -> bytes:
+def png(picture: Picture, arm: Arm) -> bytes:
     """Return the error of a joint before and after, against what it depends on, as a PNG.
 
     Args:
         picture: Errors, N·m or N, and what they depend on.
-        unit: A thousandth of theirs.
+        arm: The arm.
     """
     from matplotlib.figure import Figure
 
+    joint = arm.joints[arm.joint_names.index(picture.joint)]
+    unit, factor = effort_in_picture(joint, picture.before, picture.after)
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     for ax, error, title in (
@@ -252,7 +254,7 @@ def png(picture: Picture, unit: str = "mN·m") -> bytes:
         (axes[1], picture.after, "after"),
     ):
         known = np.isfinite(error)
-        x, y = picture.x[known], 1e3 * error[known]
+        x, y = picture.x[known], factor * error[known]
         ax.axhline(0.0, color="#888888", linewidth=0.6)
         if picture.forward is None:
             groups = [(np.ones(len(x), dtype=bool), "#99aabb", "#bb3322", "mean")]

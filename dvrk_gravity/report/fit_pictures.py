@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.arms import Joint
-from dvrk_gravity.arms.description import thousandth
 from dvrk_gravity.identification.result import Trace
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.report.html import data_url, png
+from dvrk_gravity.report.units import effort_in_picture
 
 SHOWN = 15.0  # s of a trajectory
 DOTS = 4000
@@ -35,12 +35,15 @@ def torque_picture(trace: Trace, column: int, joint: Joint) -> str:
         x = x[shown]
         axes.set_xlabel("time [s]")
     measured, predicted = trace.measured[shown, column], trace.predicted[shown, column]
-    axes.plot(x, 1e3 * measured, color=MEASURED, linewidth=1.6, label="measured")
+    unit, factor = effort_in_picture(joint, measured, predicted)
+    axes.plot(x, factor * measured, color=MEASURED, linewidth=1.6, label="measured")
     word = "predicted, held out" if trace.held_out else "predicted"
-    axes.plot(x, 1e3 * predicted, color=PREDICTED, linewidth=1.0, label=word)
-    axes.plot(x, 1e3 * (measured - predicted), color=DIFFERENCE, linewidth=0.7, label="difference")
+    axes.plot(x, factor * predicted, color=PREDICTED, linewidth=1.0, label=word)
+    axes.plot(
+        x, factor * (measured - predicted), color=DIFFERENCE, linewidth=0.7, label="difference"
+    )
     word = "force" if joint.kind == "prismatic" else "torque"
-    axes.set_ylabel(f"{word} [{thousandth(joint.effort_unit)}]")
+    axes.set_ylabel(f"{word} [{unit}]")
     figure.legend(loc="outside upper right", ncols=3, fontsize=8, frameon=False)
     axes.grid(alpha=0.25)
     return data_url(png(figure, dpi=100))
@@ -51,6 +54,7 @@ def residual_picture(traces: Sequence[Trace], column: int, joint: Joint) -> str:
     from matplotlib.figure import Figure
 
     residual = np.concatenate([t.measured[:, column] - t.predicted[:, column] for t in traces])
+    effort_unit, factor = effort_in_picture(joint, residual)
     unit = joint.unit
     panels = [(f"position [{unit}]", np.concatenate([t.position[:, column] for t in traces]))]
     velocities = [t.velocity[:, column] for t in traces if t.velocity is not None]
@@ -59,10 +63,10 @@ def residual_picture(traces: Sequence[Trace], column: int, joint: Joint) -> str:
     figure = Figure(figsize=(9.0, 2.8), layout="constrained")
     axes = np.atleast_1d(figure.subplots(1, len(panels), sharey=True))
     for ax, (label, x) in zip(axes, panels, strict=True):
-        _scatter(ax, x, 1e3 * residual)
+        _scatter(ax, x, factor * residual)
         ax.set_xlabel(label)
         ax.locator_params(axis="x", nbins=7)  # numbers that do not touch
-    axes[0].set_ylabel(f"difference [{thousandth(joint.effort_unit)}]")
+    axes[0].set_ylabel(f"difference [{effort_unit}]")
     return data_url(png(figure, dpi=100))
 
 

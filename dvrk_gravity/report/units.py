@@ -5,10 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.description import thousandth
+import numpy as np
+from numpy.typing import NDArray
 
-_MOST = 1.0  # N·m or N, from which a table is not in thousandths
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.description import Joint, thousandth
+
+Array = NDArray[np.float64]
+
+_MOST = 1.0  # N·m or N, from which a table or a picture is not in thousandths
 
 
 def milli_effort(arm: Arm) -> str:
@@ -31,9 +36,15 @@ def effort_in_table(arm: Arm, values: Iterable[float]) -> tuple[str, float, int]
     return _named(arm.effort_units, arm.joint_names), 1.0, 4
 
 
-def milli(arm: Arm, name: str) -> str:
-    """Return mN·m or mN, of a joint by its name."""
-    return thousandth(arm.effort_units[arm.joint_names.index(name)])
+def effort_in_picture(joint: Joint, *values: Array) -> tuple[str, float]:
+    """Return the unit of a joint's efforts in a picture, and its factor, as in a table.
+
+    Args:
+        joint: The joint.
+        values: What is shown, N·m or N; NaN where it is not known.
+    """
+    largest = max(float(np.nanmax(np.abs(array), initial=0.0)) for array in values)
+    return (thousandth(joint.effort_unit), 1e3) if largest < _MOST else (joint.effort_unit, 1.0)
 
 
 def milli_position(arm: Arm) -> str:

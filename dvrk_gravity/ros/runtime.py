@@ -22,7 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.model import arm_beside
+from dvrk_gravity.named_arm import arm_beside
 from dvrk_gravity.parameter import Parameter
 from dvrk_gravity.ros.executor import PromptExecutor, PromptNode
 

@@ -20,7 +20,8 @@ from dvrk_gravity.effects.base.supposed import supposed_inertias, supposed_rotor
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.files.resources import config_path, shipped
-from dvrk_gravity.model import TorqueModel, arm_beside
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.named_arm import arm_beside
 from dvrk_gravity.parameter import flatten
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import Sensors

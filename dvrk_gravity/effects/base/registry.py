@@ -84,10 +84,20 @@ def is_friction(name: str) -> bool:
 
 @cache
 def _load_entry_points() -> None:
-    from importlib.metadata import entry_points
+    from importlib.metadata import EntryPoint, entry_points
 
-    for entry in entry_points(group=ENTRY_POINTS):
+    try:
+        found = entry_points(group=ENTRY_POINTS)
+    except (TypeError, ValueError) as error:  # what importlib says of a line without `=`
+        raise EffectError(
+            "of an installed package", "its entry_points.txt has a line that is not name = value"
+        ) from error
+    for entry in found:
         package = entry.dist.name if entry.dist else "a package"
+        if not EntryPoint.pattern.match(entry.value):
+            raise EffectError(
+                f"{entry.name!r} of {package}", f"is {entry.value!r}, no module:Class"
+            )
         try:
             effect = entry.load()
         except (Exception, SystemExit) as error:  # a module of others may raise anything

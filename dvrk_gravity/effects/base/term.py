@@ -75,6 +75,12 @@ class Term(Effect):
         del arm
         return None
 
+    @classmethod
+    def stated(cls, arm: Arm) -> Term | None:
+        """Return what the arm's own file says of the effect, if anything."""
+        del arm
+        return None
+
     def scaled(self, part: Array) -> Term:
         """Return the friction of which (n,) parts are left at each joint and its motor.
 
@@ -291,7 +297,8 @@ class Unknowns:
         """Return (N, n, p) torques of all columns at (N, n) states with (N, m) memory.
 
         Raises:
-            EffectError: The term's columns are not one for each of its coefficients.
+            EffectError: The term's columns are not one for each of its coefficients, or no
+                numbers.
         """
         columns = self.term.columns(state, memory)
         count = len(self.columns) if self.basis is None else len(self.basis)
@@ -301,6 +308,8 @@ class Unknowns:
                 f"`regressor` returns shape {np.shape(columns)}, expected "
                 f"{(*state.q.shape, count)}: `plausible` has {count} coefficients",
             )
+        if not np.isfinite(np.sum(columns)):
+            raise EffectError(self.term.NAME, "`regressor` returns what is not finite")
         return columns if self.basis is None else columns @ self.basis
 
     def found(self, coefficients: Array) -> LinearTerm | None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base.site import Kind, Site
+from dvrk_gravity.errors import EffectError
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,15 @@ class Column:
     scale: float
     positive: bool = False
     unit: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse a prior that is none.
+
+        Raises:
+            EffectError: ``scale`` is not positive and finite.
+        """
+        if not 0.0 < self.scale < np.inf:
+            raise EffectError(self.effect, f"a column's scale is {self.scale}, expected above 0")
 
     @property
     def site_kind(self) -> str:

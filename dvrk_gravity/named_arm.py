@@ -1,0 +1,183 @@
+"""The arm that a model file names: its file, what its efforts are read in, and that it is the same.
+
+Identified parameters belong to the geometry that they were identified with. A file that says
+another one now is told by a few numbers: the torques that hold given masses on its links.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arguments import split_link
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.arrays import as_array, as_value
+from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameter import Parameter, Value, check_all
+
+Array = NDArray[np.float64]
+
+ARM_PARAMETER = Parameter(
+    "arm",
+    "mtmr",
+    "",
+    "arm: mtml, mtmr, psm, ecm, or the path of an arm's .yaml or .urdf file, from the model file's "
+    "folder",
+    read_only=True,
+)
+_UNIT = Parameter(
+    "effort_unit", "", "",
+    "unit of efforts, and of the model's torques, where that is not N·m: as the arm reads them",
+    read_only=True,
+)  # fmt: skip
+_HELD = Parameter(
+    "held_joints", "", "",
+    "joints of the arm's file that are held still, and none of the model's: JOINT=POSITION,… (rad, "
+    "m)", read_only=True,
+)  # fmt: skip
+_GAINS, _GAIN_ERROR, _EFFORT_SIZE = "drive_gains", "drive_gain_error", "effort_size"
+_GEOMETRY = "arm_geometry"
+
+_SAME = 1e-6  # of the largest number: a hundredth of a millimetre on an arm of a metre is 1e-5
+_GRAVITY = np.array([3.0, 2.0, -6.0])  # no axis of an arm, and no plane of one, is along it
+
+
+def arm_parameters(arm: Arm) -> tuple[Parameter, ...]:
+    """Return the declarations of what a model file says of its arm."""
+    gains = Parameter(
+        _GAINS, (), "N·m/A", "N·m (or N) of each A in which the arm reads and takes efforts",
+        lower=0.0, lengths=(arm.n,), read_only=True,
+    )  # fmt: skip
+    gain_error = Parameter(
+        _GAIN_ERROR, (), "1", "relative standard errors of drive_gains",
+        lower=0.0, lengths=(arm.n,), read_only=True,
+    )  # fmt: skip
+    size = Parameter(
+        _EFFORT_SIZE, 1.0, "1/(N·m)",
+        "how much an effort of 1 N·m is in effort_unit, about, for the arm's limits",
+        lower=0.0, read_only=True,
+    )  # fmt: skip
+    geometry = Parameter(
+        _GEOMETRY, (), "N·m",
+        "torques that hold given masses on the links of the arm's file: they tell another geometry",
+        lengths=(arm.n,), read_only=True,
+    )  # fmt: skip
+    return (ARM_PARAMETER, gains, gain_error, _UNIT, _HELD, size, geometry)
+
+
+def arm_of(values: Mapping[str, Any]) -> Arm:
+    """Return the arm that a model's parameters name.
+
+    Raises:
+        ConfigError: An arm that there is not, something else than a name, or a file whose geometry
+            is not the one that the model was made with.
+    """
+    arm = Arm.load(str(ARM_PARAMETER.check(values.get(ARM_PARAMETER.name, ARM_PARAMETER.default))))
+    arm = arm.holding(_held(values.get(_HELD.name, "")))
+    declared = {entry.name: entry for entry in arm_parameters(arm) if entry is not ARM_PARAMETER}
+    given = {name: values[name] for name in declared if values.get(name)}
+    checked = check_all(declared, given)
+    if known := checked.get(_GEOMETRY):
+        _require_geometry(arm, as_array(known, arm.n, 0.0))
+    if gains := checked.get(_GAINS):
+        error = checked.get(_GAIN_ERROR)
+        spread = as_array(error, arm.n, 0.0) if error else None
+        return arm.with_drive_gains(as_array(gains, arm.n, 0.0), spread)
+    if unit := checked.get(_UNIT.name):
+        size = checked.get(_EFFORT_SIZE, 1.0)
+        assert isinstance(size, float)
+        return arm.told_in(str(unit), size)
+    return arm
+
+
+def values_of(arm: Arm) -> dict[str, Value]:
+    """Return the values from which :func:`arm_of` makes the arm again."""
+    values: dict[str, Value] = {ARM_PARAMETER.name: arm.source or arm.name}
+    if arm.drive_gains is not None and arm.drive_gain_error is not None:
+        values[_GAINS] = as_value(arm.drive_gains)
+        values[_GAIN_ERROR] = as_value(arm.drive_gain_error)
+    if arm.held:
+        held = ",".join(f"{name}={position:.17g}" for name, position in arm.held.items())
+        values[_HELD.name] = held
+    if arm.read_in:
+        values |= {_UNIT.name: arm.read_in, _EFFORT_SIZE: arm.effort_size}
+    if _is_file(arm.source):
+        values[_GEOMETRY] = as_value(_geometry(arm))
+    return values
+
+
+def arm_beside(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return a model's parameters with the path of its arm's file as seen from here.
+
+    A relative path is meant from the folder of the model's file; if there is no such file, from
+    the working directory.
+    """
+    arm = values.get(ARM_PARAMETER.name)
+    if isinstance(arm, str) and _is_relative(arm):
+        there = str(folder / arm)
+        if Arm.file(there).is_file():
+            return {**values, ARM_PARAMETER.name: there}
+    return dict(values)
+
+
+def seen_from(arm: str, folder: Path) -> str:
+    """Return what :func:`arm_beside` turns back into an arm's name or the path of its file."""
+    if not _is_relative(arm) or not Arm.file(arm).is_file():
+        return arm
+    path = os.path.relpath(Arm.file(arm).resolve(), folder.resolve())
+    link = split_link(arm)[1]
+    return f"{path}#{link}" if link else path
+
+
+def is_urdf(path: str | Path) -> bool:
+    """Tell whether a path, or ``robot.urdf#LINK``, is that of a URDF."""
+    return split_link(str(path))[0].lower().endswith(".urdf")
+
+
+def _is_file(arm: str) -> bool:
+    return is_urdf(arm) or arm.lower().endswith((".yaml", ".yml"))
+
+
+def _is_relative(arm: str) -> bool:
+    """Tell whether an arm is given by a path that depends on where it is looked at from."""
+    return _is_file(arm) and not Path(arm).is_absolute()
+
+
+def _held(text: Any) -> dict[str, float]:
+    """Return positions by joint from ``JOINT=POSITION,…``."""
+    found = {}
+    for entry in filter(None, str(_HELD.check(text)).split(",")):
+        name, _, position = entry.rpartition("=")
+        try:
+            found[name.strip()] = float(position)
+        except ValueError as error:
+            raise ConfigError(_HELD.name, entry, "JOINT=POSITION, rad or m") from error
+    return found
+
+
+@lru_cache(maxsize=8)
+def _geometry(arm: Arm) -> Array:
+    """Return the (n,) torques of 1 kg on each link, off its frame, at a pose like no other."""
+    body = np.zeros(rigid_body.PER_LINK)
+    body[:4] = 1.0, 0.1, -0.2, 0.3
+    pose = arm.scale * np.linspace(0.3, 0.9, arm.n)
+    torque = rigid_body.torque(
+        arm, np.tile(body, len(arm.bodies)), pose[None], None, None, _GRAVITY
+    )
+    return np.asarray(torque[0])
+
+
+def _require_geometry(arm: Arm, known: Array) -> None:
+    now = _geometry(arm)
+    if np.abs(now - known).max() > _SAME * np.abs(known).max():
+        raise ConfigError(
+            ARM_PARAMETER.name, arm.source, "the file as it was when the model was made: its "
+            "geometry is another one now, and the parameters are not of it; identify again"
+        )  # fmt: skip

@@ -1,0 +1,53 @@
+"""How sure one may be of what an arm's own file states: masses from CAD, or from a scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.effects import LinkInertia, LinkWeight, Term
+from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.link_prior import base_directions
+from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StatedSettings:
+    """How far off what a file states may be, before that is news.
+
+    Attributes:
+        part: Of a link's plausible mass, and of its mass times its extents, as a standard
+            deviation. Chosen: cables, screws and covers that a CAD model does not have.
+    """
+
+    part: float = 0.03
+
+
+def stated_uncertainty(
+    arm: Arm, terms: Sequence[Term], settings: StatedSettings | None = None
+) -> ModelUncertainty:
+    """Return the uncertainty of a model whose masses an arm's file states.
+
+    Weight and inertia are of the same bodies, and are off together.
+    """
+    part = (settings or StatedSettings()).part
+    bodies = part * base_directions(arm).reshape(len(arm.bodies), rigid_body.PER_LINK, -1)
+    directions = {
+        LinkWeight.NAME: bodies[:, : rigid_body.OF_WEIGHT],
+        LinkInertia.NAME: bodies,
+    }
+    known = [term for term in terms if term.NAME in directions]
+    count, unknown = bodies.shape[-1], np.full(arm.n, np.nan)
+    lower, upper = arm.range
+    return ModelUncertainty(
+        coefficients_of(known),
+        {name: rows.reshape(-1, count) for name, rows in directions.items()},
+        np.zeros((arm.n, count)), np.zeros((3, count)), unknown, np.nan, unknown, lower, upper,
+        unknown,
+    )  # fmt: skip
