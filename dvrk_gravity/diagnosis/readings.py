@@ -30,6 +30,8 @@ class ReadingSettings:
         beyond: Part of the samples, in the mean over the joints, by which a reading may lie further
             outside the joints' limits, and where the model was identified, than the recording as
             it is: it is of one arm. Chosen.
+        driving: Standard errors below zero that the power of friction is at least, where no reading
+            has it so. Chosen: one chance in a thousand.
     """
 
     alpha: float = 0.001
@@ -38,6 +40,7 @@ class ReadingSettings:
     blocks: int = 24
     independent: float = 1.6
     beyond: float = 0.02
+    driving: float = 3.0
 
 
 _SETTINGS = ReadingSettings()
@@ -112,6 +115,7 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     usable = ~motion.stuck[rows]
     before = few.residual**2 * usable
     as_it_is = _expected(few)
+    pulling = tuple(term for term in motion.model.terms if not term.FRICTION)
     alternatives = list(readings(motion.arm, motion.moves))
     scores = []
     farthest = _beyond(few) + _SETTINGS.beyond
@@ -123,8 +127,12 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
         # identified on, a reading that does not may settle.
         expected = np.minimum(as_it_is, _expected(read))
         scale = np.maximum(before.mean(axis=0) + expected, 1e-12)
+        pull = read.torque_at(read.q, replace(read.model, terms=pulling))
         for reading in same_motion:
-            after = (few.effort @ reading.effort.T - read.modelled) ** 2 * usable
+            effort = few.effort @ reading.effort.T
+            if _driving((effort - pull) * read.qd, block):
+                continue
+            after = (effort - read.modelled) ** 2 * usable
             mean = np.maximum(after.mean(axis=0) + expected, 1e-12)
             # Log-likelihood of a sample.
             gain = 0.5 * float(np.log(scale / mean).sum())
@@ -172,6 +180,21 @@ def _beyond(motion: MeasuredMotion) -> float:
     if known is not None:
         ranges.append((known.lower, known.upper))
     return float(np.mean([np.mean((q < low) | (q > high)) for low, high in ranges]))
+
+
+def _driving(power: Array, block: NDArray[np.int_]) -> bool:
+    """Tell whether friction would drive the arm, beyond chance.
+
+    An arm that hangs from the ceiling weighs as one whose efforts have the wrong sign does; the
+    friction of the one takes work, that of the other would give it.
+
+    Args:
+        power: (N, n) that efforts have beside what weight, inertia and springs of the model take.
+        block: (N,) the block that each sample is in.
+    """
+    mean = np.bincount(block, power.sum(axis=1)) / np.bincount(block)
+    error = np.std(mean, ddof=1) / np.sqrt(len(mean))
+    return bool(mean.mean() < -_SETTINGS.driving * error)
 
 
 def _thinned(motion: MeasuredMotion, rows: NDArray[np.int_]) -> MeasuredMotion:

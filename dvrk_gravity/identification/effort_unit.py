@@ -14,6 +14,7 @@ from dvrk_gravity.arms.urdf_arm import PLACEHOLDER
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification.motion import head
+from dvrk_gravity.identification.mounting import mounting
 from dvrk_gravity.model import NO_VERDICT, TorqueModel
 from dvrk_gravity.recording import Recording, RecordingFile
 from dvrk_gravity.recording.data import Array
@@ -49,25 +50,30 @@ class _Part(NamedTuple):
     needed: float
 
 
-def _parts(given: Recording | RecordingFile, arm: Arm, settings: UnitSettings) -> dict[str, _Part]:
-    """Return, by joint that tells, how its effort goes with its nominal weight.
-
-    None of an arm of which no masses are known.
-    """
+def _samples(
+    given: Recording | RecordingFile, arm: Arm, settings: UnitSettings
+) -> Recording | None:
+    """Return samples to hold against the masses in an arm's file; ``None`` if there are none."""
     recording = given.of(arm)
     recording = recording.head if isinstance(recording, RecordingFile) else recording
-    nominal, effort = arm.inertial_parameters, recording.effort
-    if nominal is None or effort is None or recording.joints != arm.joint_names:
+    if recording.effort is None or recording.joints != arm.joint_names:
+        return None
+    if arm.inertial_parameters is None or len(recording) < settings.fewest:
+        return None
+    return recording.rows(slice(None, None, max(1, len(recording) // settings.samples)))
+
+
+def _parts(recording: Recording | None, arm: Arm, settings: UnitSettings) -> dict[str, _Part]:
+    """Return, by joint that tells, how its effort goes with its nominal weight."""
+    if recording is None:
         return {}
-    if len(recording) < settings.fewest:
-        return {}
-    rows = slice(None, None, max(1, len(recording) // settings.samples))
+    assert recording.effort is not None
+    assert arm.inertial_parameters is not None
+    parameters = arm.inertial_parameters.ravel()
     # By joints' coordinates; what a transmission mixes is of one size.
-    weight = rigid_body.torque(
-        arm, nominal.ravel(), recording.position[rows], None, None, arm.gravity
-    )
+    weight = rigid_body.torque(arm, parameters, recording.position, None, None, arm.gravity)
     parts = {}
-    for name, needed, read in zip(arm.joint_names, weight.T, effort[rows].T, strict=True):
+    for name, needed, read in zip(arm.joint_names, weight.T, recording.effort.T, strict=True):
         needed, read = needed - needed.mean(), read - read.mean()
         size = float(np.linalg.norm(needed) * np.linalg.norm(read))
         if size > 0.0 and abs(needed @ read) > settings.follows * size:
@@ -85,10 +91,29 @@ def _size(parts: Mapping[str, _Part]) -> float | None:
     return sum(abs(part.shared) for part in parts.values()) / sum(p.needed for p in parts.values())
 
 
-def _turned_round(parts: Mapping[str, _Part]) -> tuple[str, ...]:
+def _mounted(recording: Recording | None, arm: Arm) -> str:
+    """Return how an arm seems to be mounted; ``""`` if it is as its file says.
+
+    Of motors that share joints no sign is known.
+    """
+    if recording is None or not arm.direct_drive:
+        return ""
+    turned = mounting(recording, arm)
+    if turned is None:
+        return ""
+    roll, pitch = np.degrees(turned)
+    return (
+        "by the masses in the arm's file gravity acts as on a base with "
+        f"base_rpy: [{roll:.0f}, {pitch:.0f}, 0] (degrees): if it is mounted so, a .yaml that "
+        "names the URDF says it (docs/own_arm.md)"
+    )
+
+
+def _turned_round(parts: Mapping[str, _Part], arm: Arm) -> tuple[str, ...]:
     """Say which efforts are against what nominal masses need."""
     against = ", ".join(name for name, part in parts.items() if part.shared < 0.0)
-    if not against:
+    # Of motors that share joints no sign is known.
+    if not (against and arm.direct_drive):
         return ()
     return (
         f"warning: what the masses in the arm's file need is against the effort of {against}: "
@@ -107,16 +132,18 @@ def in_their_unit(
         ConfigError: Drive gains by which no arm of such masses moves.
     """
     settings = settings or UnitSettings()
-    parts = _parts(recordings[0], arm, settings)
+    recording = _samples(recordings[0], arm, settings)
+    parts = _parts(recording, arm, settings)
     told, said = _unit(arm, _size(parts), settings)
-    # Of motors that share joints no sign is known.
-    return told, (*said, *(_turned_round(parts) if arm.direct_drive else ()))
+    if mounted := _mounted(recording, arm):
+        return told, (*said, f"warning: {mounted}")
+    return told, (*said, *_turned_round(parts, arm))
 
 
 def require_newtons(
     model: TorqueModel, recordings: Sequence[Recording | RecordingFile]
 ) -> tuple[str, ...]:
-    """Refuse efforts that are not in N·m, where a model has its masses from the arm's file.
+    """Refuse efforts that are not in N·m, or of another mounting, where masses are of a file.
 
     An identified model is in the unit of the efforts that it was identified from.
 
@@ -124,7 +151,7 @@ def require_newtons(
         What is odd about efforts that may be, in lines.
 
     Raises:
-        RecordingError: Efforts that no such masses need.
+        RecordingError: Efforts that no such masses need, or only in another gravity.
         ConfigError: Drive gains by which no arm of such masses moves.
     """
     arm, settings, odd = model.arm, UnitSettings(), list[str]()
@@ -135,7 +162,8 @@ def require_newtons(
         if empty := ", ".join(name for name, row in rows if row[0] <= PLACEHOLDER):
             odd.append(f"warning: the arm's file states no mass of {empty}")
     for recording in recordings:
-        parts = _parts(recording, arm, settings)
+        samples = _samples(recording, arm, settings)
+        parts = _parts(samples, arm, settings)
         size = _size(parts)
         told, said = _unit(arm, size, settings)
         if told.read_in:
@@ -144,7 +172,9 @@ def require_newtons(
                 f"efforts are {size:.2g} times what the masses in {arm.source} need: not in N·m "
                 "(--drive-gains takes currents to it), or other masses; --effort-unit N·m insists",
             )
-        said = (*said, *(_turned_round(parts) if arm.direct_drive else ()))
+        if model.of_file and (mounted := _mounted(samples, arm)):
+            raise RecordingError(head(recording).source, mounted)
+        said = (*said, *_turned_round(parts, arm))
         odd += [line for line in said if line.startswith("warning: ") and line not in odd]
     return tuple(odd)
 
