@@ -98,6 +98,22 @@ def test_what_the_arm_has_and_the_file_does_not_is_found_at_every_joint(world, r
     assert len(found) == 13
 
 
+@pytest.mark.usefixtures("four_folds", "brief_simulation")
+def test_what_is_done_alike_at_several_joints_is_told_once(recording, tmp_path, capsys):
+    """Twelve findings of friction are no twelve things to do."""
+    recording.save(tmp_path / "motion.csv")
+    words = ["diagnose", tmp_path / "motion.csv", "--model", UR5, "--out", tmp_path / "out"]
+
+    assert main([str(word) for word in words]) == 0
+
+    told = capsys.readouterr().out
+    assert "(the first of 13 findings)" in told
+    assert told.count("removes") > 13  # each with its sizes
+    done = [line for line in told.splitlines() if "what to do: " in line]
+    assert len(done) < 7
+    assert "the model has no friction at all: use the extended model, which has it" in done[0]
+
+
 def test_convert_writes_it_as_a_model_file(tmp_path, capsys):
     out = tmp_path / "model.yaml"
 

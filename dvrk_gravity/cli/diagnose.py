@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from dvrk_gravity.files import outputs, text_file
 
 if TYPE_CHECKING:
     from dvrk_gravity.diagnosis import Diagnosis
+    from dvrk_gravity.diagnosis.findings import Finding
 
 NAME = "diagnose"
 EXAMPLE = (
@@ -120,25 +122,15 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     import numpy as np
 
     from dvrk_gravity.diagnosis.findings import ERROR, FLOORS, KNOWN
-    from dvrk_gravity.effects.unknown import Unknown
 
-    lines = [f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}"]
+    count = len(diagnosis.findings)
+    of_all = f" (the first of {count} findings)" if count > 1 else ""
+    lines = [f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}{of_all}"]
     if diagnosis.findings:
         lines.append(
             "what changed or was missed, the largest gain first, what is not certain last:"
         )
-    for number, finding in enumerate(diagnosis.findings, start=1):
-        where = ", ".join(finding.joints) or "the arm"
-        lines.append(f"{number}. {finding.effect} at {where} ({finding.place})")
-        lines.append(f"   {finding.sentence}")
-        if finding.remedy:
-            lines.append(f"   what to do: {finding.remedy}")
-        lines += [
-            f"   or {other.effect} at {', '.join(other.joints) or 'the arm'}: {other.why}"
-            for other in finding.alternatives
-        ]
-        if not finding.in_model and finding.effect != Unknown.NAME:
-            lines.append(f"   (not in the extended model: {finding.left_out})")
+    lines += _told(diagnosis.findings)
     if diagnosis.caveat:
         lines.append(f"note: {diagnosis.caveat}")
     known = [entry for entry in diagnosis.known if entry.effect != ERROR]
@@ -189,6 +181,34 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     lines += [f"warning: {warning}" for warning in diagnosis.warnings]
     lines.append(f"written: {out}/findings.json, extended_model.yaml, report.html")
     return "\n".join(lines)
+
+
+def _told(findings: Sequence[Finding]) -> list[str]:
+    """Return findings in lines; what is done alike about one effect at several joints, once."""
+    from dvrk_gravity.effects.unknown import Unknown
+
+    def alike(numbered: tuple[int, Finding]) -> tuple[object, ...]:
+        number, finding = numbered
+        alone = number if finding.alternatives else 0
+        return finding.effect, finding.place, finding.remedy, finding.left_out, alone
+
+    lines = []
+    for _, group in groupby(enumerate(findings, start=1), alike):
+        numbers, same = zip(*group, strict=True)
+        first, last = same[0], numbers[-1]
+        to = f" to {last}" if len(same) > 1 else ""
+        where = ", ".join(dict.fromkeys(joint for finding in same for joint in finding.joints))
+        lines.append(f"{numbers[0]}{to}. {first.effect} at {where or 'the arm'} ({first.place})")
+        lines += [f"   {finding.sentence}" for finding in same]
+        if first.remedy:
+            lines.append(f"   what to do: {first.remedy}")
+        lines += [
+            f"   or {other.effect} at {', '.join(other.joints) or 'the arm'}: {other.why}"
+            for other in first.alternatives
+        ]
+        if not first.in_model and first.effect != Unknown.NAME:
+            lines.append(f"   (not in the extended model: {first.left_out})")
+    return lines
 
 
 def main(argv: Sequence[str] | None = None) -> int:

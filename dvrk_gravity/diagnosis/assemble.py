@@ -38,10 +38,13 @@ from dvrk_gravity.diagnosis.result import Diagnosis, Verdict, by_joint
 from dvrk_gravity.diagnosis.selection import EffectTrial, SelectedEffect
 from dvrk_gravity.diagnosis.separate import separation
 from dvrk_gravity.diagnosis.words import sentence_of
+from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.effects.base.registry import is_friction
 from dvrk_gravity.effects.unknown import Unknown
 from dvrk_gravity.estimation.covariance import NORMAL_95
 from dvrk_gravity.identification.evaluation import outside_range
+from dvrk_gravity.model import TorqueModel
 
 Array = NDArray[np.float64]
 
@@ -62,7 +65,10 @@ class ShapelessSettings:
 
 
 _SHAPELESS = ShapelessSettings()
-_CONTRADICTED = "merged into a model it has another torque than was found, a fault of the effect"
+_CONTRADICTED = (
+    "merged into a model it has another torque than was found: friction of less than none (see the "
+    "warnings), or a fault of the effect"
+)
 _EXTRAPOLATED = "what the model says there is extrapolated, and counts as uncertain"
 
 
@@ -258,9 +264,17 @@ def _finding(
         ),
         picture=picture_of(validation.data, held_out, hypothesis, joints[0], before, after),
         left_out=left_out,
-        # What changed against a reference holds no arm.
-        remedy=hypothesis.remedy(not left_out and bool(motion.model.terms)),
+        remedy=_remedy(hypothesis, motion.model, not left_out),
     )
+
+
+def _remedy(hypothesis: Hypothesis, model: TorqueModel, carried: bool) -> str:
+    """Return what to do about a finding."""
+    lacking = model.terms and not any(term.FRICTION for term in model.terms)
+    if carried and lacking and is_friction(hypothesis.effect):
+        return "the model has no friction at all: use the extended model, which has it"
+    # What changed against a reference holds no arm.
+    return hypothesis.remedy(carried and bool(model.terms))
 
 
 def _freed(

@@ -84,3 +84,9 @@ class ScaleHypothesis(Hypothesis):
         if self.site == site.THE_ARM:
             return f"the efforts of all joints read {factor}"
         return f"the effort of {self.site.words(self.arm)} reads {factor}"
+
+    def remedy(self, carried: bool) -> str:
+        """See :meth:`Hypothesis.remedy`: masses that are all off alike need such efforts, too."""
+        if self.site != site.THE_ARM or self.beside_reference:
+            return super().remedy(carried)
+        return "check the scale of all efforts; if it is right, the model's masses are off alike"

@@ -161,8 +161,8 @@ def _known(known: Sequence[Known]) -> str:
     items = "".join(f"<li>{escape(entry.sentence)}</li>" for entry in known)
     return (
         f"<h2>{KNOWN[0].upper()}{KNOWN[1:]}</h2>"
-        "<p class=small>No news: its identification left so much unexplained or uncertain, and "
-        "said so in the file beside the model; and friction is another one from day to day."
+        "<p class=small>No news: so much was left unexplained or uncertain when the model was "
+        "made; and friction is another one from day to day."
         f"</p><ul>{items}</ul>"
     )
 
