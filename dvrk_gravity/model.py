@@ -249,14 +249,16 @@ class TorqueModel:
 
         Raises:
             OSError: The file cannot be written.
+            ArgumentError: A path that is none.
         """
+        path = path_of("path", path)
         head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
         values = self.parameters()
         if self.uncertainty is not None:
             beside = uncertainty_file(path)
             self.uncertainty.save(beside)
             values[UNCERTAINTY_PARAMETER.name] = beside.name
-        values["arm"] = seen_from(str(values["arm"]), Path(path).parent)
+        values["arm"] = seen_from(str(values["arm"]), path.parent)
         body = yaml_file.dump({"/**": {"ros__parameters": unflatten(values)}})
         text_file.write(path, head + body)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity.arguments import PATH, split_link
+from dvrk_gravity.arguments import PATH, path_of, split_link
 from dvrk_gravity.arms import held, urdf_arm, yaml_arm
 from dvrk_gravity.arms.description import (
     GRAVITY,
@@ -63,8 +63,10 @@ class Arm(Description):
 
         Raises:
             ConfigError: No such file, not a URDF, or what no arm can have.
+            ArgumentError: A path that is none.
         """
-        return cls._of_file(urdf_arm.read(Path(path), tip, f"{path}#{tip}" if tip else str(path)))
+        file = path_of("path", path)
+        return cls._of_file(urdf_arm.read(file, tip, f"{path}#{tip}" if tip else str(path)))
 
     @classmethod
     def _of_file(cls, description: Description) -> Arm:

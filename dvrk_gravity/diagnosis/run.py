@@ -136,17 +136,20 @@ def diagnose(
     model = None if model is None else TorqueModel.of(model)
     arm = arm_for(model, None if arm is None else Arm.of(arm), reference is not None)
     whole, said = opened(recordings, coordinates, arm), tuple[str, ...]()
+    still = known_still(still, arm)
+    if not whole:
+        raise RecordingError("recordings", "none given, expected at least one")
     if model is None:
         arm, said = in_their_unit(arm, whole)
         whole, model = [recording.of(arm) for recording in whole], model_of(arm)
     else:
         said = require_newtons(model, whole)
         if model.of_file:
-            arm, whole, held = with_held(whole, arm, known_still(still))
+            arm, whole, held = with_held(whole, arm, still)
             model, said = TorqueModel.stated(arm), (*said, *held)
     say = progress or _silent
     say("reading")
-    loaded = load(whole, model, known_still(still))
+    loaded = load(whole, model, still)
     loaded = replace(loaded, handling=(*said, *loaded.handling))
     if reference is not None:
         loaded = _beside_reference(loaded, whole, reference, model, coordinates, still)
@@ -176,7 +179,7 @@ def _beside_reference(
     reference: Given,
     model: TorqueModel,
     coordinates: Coordinates,
-    still: Mapping[str, float] | None,
+    still: Mapping[str, float],
 ) -> Loaded:
     """Return what recordings and a reference both show."""
     (other,) = opened(reference, coordinates, model.arm)
@@ -198,7 +201,7 @@ def _beside_reference(
     sure = replace(model, uncertainty=None)  # what it does not know, it does not know in either
     loaded = replace(loaded, motion=replace(loaded.motion, model=sure))
     return compared(
-        loaded, load([other], model, known_still(still)), [head.source for head in heads]
+        loaded, load([other], model, still), [head.source for head in heads]
     )
 
 

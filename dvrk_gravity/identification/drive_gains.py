@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +82,7 @@ def check_mass(known: float) -> None:
     Raises:
         ConfigError: A mass that is not more than 0 kg.
     """
-    if not 0.0 < known < np.inf:
+    if not isinstance(known, Real) or not 0.0 < known < np.inf:
         raise ConfigError("--known-payload", known, "a mass of more than 0 kg")
 
 

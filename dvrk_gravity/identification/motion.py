@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
+from dvrk_gravity.parameter import is_finite
 from dvrk_gravity.recording import (
     DataWarning,
     LowPass,
@@ -193,16 +195,21 @@ def read_motions(
     return Motions(tuple(parts), tuple(warnings), tuple(handling))
 
 
-def known_still(still: Mapping[str, float] | None) -> Mapping[str, float]:
-    """Return where joints stood, an empty mapping where that is not said.
+def known_still(still: Mapping[str, float] | None, arm: Arm) -> Mapping[str, float]:
+    """Return where joints of an arm stood, an empty mapping where that is not said.
 
     Raises:
-        ArgumentError: What is no mapping from joints' names to positions.
+        ArgumentError: What is no mapping from the joints' names to positions.
     """
     if still is None:
         return {}
     if not isinstance(still, Mapping):
         raise ArgumentError("still", still, "a mapping from joints' names to positions, rad")
+    for name, position in still.items():
+        if name not in arm.joint_names:
+            raise ArgumentError("still", name, f"some of {', '.join(arm.joint_names)}")
+        if not isinstance(position, Real) or not is_finite(float(position)):
+            raise ArgumentError(f"still of {name}", position, "a number, rad or m")
     return still
 
 

@@ -96,7 +96,7 @@ def identify(
     effects = [effects] if isinstance(effects, str) else effects
     if effects is not None and not isinstance(effects, Sequence):
         raise ArgumentError("effects", effects, "names of effects")
-    still = known_still(still)
+    still = known_still(still, arm)
     if not recordings:
         raise RecordingError("recordings", "none given, expected at least one")
     arm, recordings, missing = with_held(recordings, arm, still or {})

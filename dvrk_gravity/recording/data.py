@@ -11,7 +11,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arguments import floats
+from dvrk_gravity.arguments import floats, path_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.held import STAYS
 from dvrk_gravity.errors import ArgumentError, RecordingError, ShapeError
@@ -183,8 +183,9 @@ class Recording(Samples):
         Raises:
             RecordingError: If the target exists or cannot be written, or if a bag was asked for
                 and the recording has no time or has directions, which JointState cannot carry.
+            ArgumentError: A path that is none.
         """
-        files.save_recording([self], path, storage, topic)
+        files.save_recording([self], path_of("path", path), storage, topic)
 
     def __repr__(self) -> str:
         """Say what it holds, in short."""
