@@ -40,6 +40,7 @@ from dvrk_gravity.diagnosis.motion import MotionSettings
 from dvrk_gravity.diagnosis.nameless import NamelessSettings
 from dvrk_gravity.diagnosis.nearby import NearbySettings
 from dvrk_gravity.diagnosis.overlap import OverlapSettings
+from dvrk_gravity.diagnosis.places import PlaceSettings
 from dvrk_gravity.diagnosis.read_rightly import ReadRightlySettings
 from dvrk_gravity.diagnosis.readings import ReadingSettings
 from dvrk_gravity.diagnosis.reference import ReferenceSettings
@@ -69,6 +70,7 @@ from dvrk_gravity.identification.kinematic_search import KinematicSearchSettings
 from dvrk_gravity.identification.kinematic_statements import KinematicStatementSettings
 from dvrk_gravity.identification.model_uncertainty import PosteriorSettings
 from dvrk_gravity.identification.motion import RateSettings
+from dvrk_gravity.identification.mounting import MountingSettings
 from dvrk_gravity.identification.physical import BodySettings
 from dvrk_gravity.identification.problem import WeightSettings
 from dvrk_gravity.identification.selection import ColumnSelectionSettings
@@ -285,6 +287,7 @@ TRAJECTORY, POSES, CURRENTS = (identified,), (posed,), (in_amperes,)
 READING = (read,)
 CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (SelectionSettings, DIAGNOSIS),
+    (PlaceSettings, DIAGNOSIS),
     (JudgementSettings, DIAGNOSIS),
     (CrossValidationSettings, DIAGNOSIS),
     (SignificanceSettings, DIAGNOSIS),
@@ -327,6 +330,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (GainSettings, CURRENTS),
     (ScaleSettings, CURRENTS),
     (UnitSettings, CURRENTS),
+    (MountingSettings, CURRENTS),
     (CoordinateSettings, CURRENTS),
     (TimingSettings, READING),
     (RetimingSettings, READING),
@@ -369,11 +373,29 @@ def changed(settings: type, name: str, factor: float) -> Iterator[str]:
         if len(given) <= index and first not in named:
             object.__setattr__(self, first, value)
 
+    made = _constants(settings)
+    before = [getattr(instance, first) for instance in made]
     settings.__init__ = init  # type: ignore[misc]
+    for instance in made:
+        object.__setattr__(instance, first, value)
     try:
         yield f"{getattr(value, second) if second else value}"
     finally:
         settings.__init__ = original  # type: ignore[misc]
+        for instance, old in zip(made, before, strict=True):
+            object.__setattr__(instance, first, old)
+
+
+def _constants(settings: type) -> list[Any]:
+    """Return what modules have made of a class when they were imported."""
+    found = [
+        value
+        for name, module in list(sys.modules.items())
+        if name.partition(".")[0] == "dvrk_gravity"
+        for value in vars(module).values()
+        if type(value) is settings
+    ]
+    return list({id(value): value for value in found}.values())
 
 
 def scaled(value: Any, factor: float) -> Any:

@@ -14,6 +14,7 @@ import dvrk_gravity.diagnosis
 import dvrk_gravity.estimation
 import dvrk_gravity.identification
 import dvrk_gravity.recording
+from dvrk_gravity.diagnosis import readings
 
 ROOMS = (
     dvrk_gravity.diagnosis, dvrk_gravity.estimation, dvrk_gravity.identification,
@@ -58,6 +59,12 @@ def test_a_threshold_that_is_changed_is_changed_where_it_is_used_and_only_for_a_
     with sensitivity.changed(kind, "blocks.duration", 0.5):
         assert kind().blocks.duration == 0.25
     assert kind().band == 8.0
+
+
+def test_so_is_one_that_a_module_holds_as_a_constant(sensitivity):
+    with sensitivity.changed(readings.ReadingSettings, "least_removed", 2.0):
+        assert readings._SETTINGS.least_removed == 0.6
+    assert readings._SETTINGS.least_removed == 0.3
 
 
 @pytest.mark.slow

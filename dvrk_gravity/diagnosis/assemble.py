@@ -32,10 +32,11 @@ from dvrk_gravity.diagnosis.other_findings import (
     shapeless_finding,
     unknown_finding,
 )
+from dvrk_gravity.diagnosis.places import SelectedEffect
 from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.refinement import RefinementSettings, plateau
 from dvrk_gravity.diagnosis.result import Diagnosis, Verdict, by_joint
-from dvrk_gravity.diagnosis.selection import EffectTrial, SelectedEffect
+from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.diagnosis.separate import separation
 from dvrk_gravity.diagnosis.words import sentence_of
 from dvrk_gravity.effects.base.effect import Hypothesis

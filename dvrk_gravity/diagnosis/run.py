@@ -19,16 +19,12 @@ from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.nameless import with_nameless
 from dvrk_gravity.diagnosis.overlap import spanned
+from dvrk_gravity.diagnosis.places import SelectedEffect, explained, merge, refine
 from dvrk_gravity.diagnosis.read_rightly import read_rightly
 from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
 from dvrk_gravity.diagnosis.result import Diagnosis
-from dvrk_gravity.diagnosis.selection import (
-    EffectTrial,
-    SelectedEffect,
-    Selection,
-    SelectionSettings,
-)
+from dvrk_gravity.diagnosis.selection import EffectTrial, Selection, SelectionSettings
 from dvrk_gravity.diagnosis.significance import Significance
 from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects.base.site import Kind
@@ -200,9 +196,7 @@ def _beside_reference(
     loaded = replace(loaded, warnings=(*loaded.warnings, *doubts))
     sure = replace(model, uncertainty=None)  # what it does not know, it does not know in either
     loaded = replace(loaded, motion=replace(loaded.motion, model=sure))
-    return compared(
-        loaded, load([other], model, still), [head.source for head in heads]
-    )
+    return compared(loaded, load([other], model, still), [head.source for head in heads])
 
 
 def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
@@ -223,7 +217,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     chosen, unconfirmed = _confirmed(validation, selection, chosen, say)
     # Masses that only moved along are no cause: they come last.
     chosen.sort(key=lambda candidate: candidate.hypothesis.of_model)
-    selected = selection.explained(chosen)
+    selected = explained(selection, chosen)
     say("looking for structure without a name")
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
     validation.release()
@@ -314,7 +308,8 @@ def _confirmed(
     unconfirmed: list[Unconfirmed] = []
     for attempt in range(_SETTINGS.attempts):
         say("comparing alternatives")
-        chosen = selection.eliminate_backward(selection.merge(selection.refine(chosen)))
+        chosen = merge(selection, refine(selection, chosen))
+        chosen = selection.eliminate_backward(chosen)
         chosen, failed = _held_out_confirms(validation, chosen)
         unconfirmed += failed
         if not failed or attempt == _SETTINGS.attempts - 1:

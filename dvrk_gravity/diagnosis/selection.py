@@ -1,4 +1,4 @@
-"""Forward selection of effects with backward elimination, and what could stand in their places."""
+"""Forward selection of effects with backward elimination."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.other_day import OtherDay
-from dvrk_gravity.diagnosis.overlap import contains, overlap
 from dvrk_gravity.diagnosis.refinement import refined
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.evidence import Residual
@@ -32,7 +31,6 @@ class SelectionSettings:
             finding; see `make sensitivity`.
         most_effects: Selected at most, times the joints: a bound on time. Chosen: a model without
             any friction or rotor lacks three or four of each joint.
-        few: Up to so many effects one is looked for that takes the places of two: a bound on time.
         screened: Hypotheses that are cross-validated at each step: a bound on time.
         refined: ... and whose settings are searched for.
         close: Part of the best gain by which those may miss it.
@@ -40,8 +38,6 @@ class SelectionSettings:
             `make sensitivity`.
         equal_least: Log-likelihood likewise, at least: odds of 20 to one, "strong" in the scale of
             Kass and Raftery (1995).
-        overlap: Part of a torque that another must reproduce to stand in its place. Chosen.
-        rejected: Alternatives that are shown though they are worse.
         consequence: Times a joint's expected error that a finding's torque must be, RMS: at one, a
             finding is as large as all that the model is known to miss. Chosen.
     """
@@ -49,14 +45,11 @@ class SelectionSettings:
     alpha: float = 0.01
     least_gain: float = 0.06
     most_effects: int = 5
-    few: int = 4
     screened: int = 24
     refined: int = 6
     close: float = 0.15
     equal: float = 0.02
     equal_least: float = 3.0
-    overlap: float = 0.5
-    rejected: int = 8
     consequence: float = 1.0
 
 
@@ -99,27 +92,14 @@ class EffectTrial(Trial[Candidate]):
         return self.worth
 
 
-@dataclass(frozen=True, eq=False)
-class SelectedEffect:
-    """A selected hypothesis with those that could stand in its place.
-
-    Attributes:
-        trial: How it did beside all other selected ones.
-        alternatives: Others in its place, best first, that the data does not tell from it.
-        rejected: Others in its place, best first, that are worse.
-    """
-
-    trial: EffectTrial
-    alternatives: tuple[EffectTrial, ...]
-    rejected: tuple[EffectTrial, ...]
-
-
 class Selection:
     """Chooses among a pool of hypotheses.
 
     Attributes:
         validation: Scores.
         pool: The candidates that need no search.
+        report: Called with a line about every choice.
+        always: Parameters of the model itself that are fitted anew beside every hypothesis.
         settings: When a hypothesis is selected.
         count: Number of hypotheses that are tried at each step.
     """
@@ -144,11 +124,11 @@ class Selection:
         self.validation = validation
         self.settings = settings or SelectionSettings()
         self._other_day = OtherDay(validation)
-        self._always = list(always)
+        self.always = list(always)
         self.pool = list(pool)
         self.count = len(pool)
         self._excluded: set[tuple[object, ...]] = set()
-        self._report = report
+        self.report = report
 
     def exclude(self, hypotheses: Iterable[Hypothesis]) -> None:
         """Take hypotheses out of the choice from now on."""
@@ -160,14 +140,10 @@ class Selection:
         Args:
             start: What is selected to begin with; by default what always moves along.
         """
-        selected = list(self._always if start is None else start)
+        selected = list(self.always if start is None else start)
         joints = self.validation.weight.shape[-1]
-        most = self.settings.most_effects * joints + len(self._always) - len(selected)
+        most = self.settings.most_effects * joints + len(self.always) - len(selected)
         return select(self, selected, SearchSettings(max(most, 0)))[0]
-
-    def explained(self, selected: Sequence[Candidate]) -> list[SelectedEffect]:
-        """Return the selected hypotheses with those that could stand in their places."""
-        return [self._stand_ins(selected, i) for i in range(len(selected))]
 
     def moves(self, state: list[Candidate]) -> list[Candidate]:
         """Return the hypotheses to try beside those selected, in no order."""
@@ -183,18 +159,18 @@ class Selection:
         passing = [trial for trial in trials if trial.passes]
         if not passing:
             return None
-        return self._preferred(passing)
+        return self.preferred(passing)
 
     def take(self, state: list[Candidate], trial: EffectTrial) -> list[Candidate]:
         """Return the set with a hypothesis, those left out that are no longer needed."""
-        self._report(f"accepted: {trial.move.hypothesis}")
+        self.report(f"accepted: {trial.move.hypothesis}")
         newest = trial.move
 
         def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
             old = [
                 candidate
                 for candidate in kept
-                if candidate is not newest and candidate not in self._always
+                if candidate is not newest and candidate not in self.always
             ]
             return [
                 (found.worth, found.move) for found in self._without(kept, old) if not found.passes
@@ -202,7 +178,7 @@ class Selection:
 
         return eliminate_backward(
             [*state, newest], failing,
-            lambda gone: self._report(f"no longer needed: {gone.hypothesis}"),
+            lambda gone: self.report(f"no longer needed: {gone.hypothesis}"),
         )  # fmt: skip
 
     def best(
@@ -309,7 +285,7 @@ class Selection:
         )
         return list(self.validation.candidates(found))
 
-    def _margin(self, trials: Sequence[EffectTrial]) -> float:
+    def margin(self, trials: Sequence[EffectTrial]) -> float:
         """Return how much less than the best of some gains still counts as equal."""
         best = max(trials, key=lambda trial: trial.gain)
         return max(self.settings.equal_least * best.inflation, self.settings.equal * best.gain)
@@ -328,48 +304,18 @@ class Selection:
                 for trial in self._without(kept, kept)
                 if not (
                     trial.gain + trial.candidate.cost > 0.0
-                    if trial.candidate in self._always
+                    if trial.candidate in self.always
                     else trial.passes
                 )
             ]
 
         return eliminate_backward(
-            selected, failing, lambda gone: self._report(f"not confirmed: {gone.hypothesis}")
+            selected, failing, lambda gone: self.report(f"not confirmed: {gone.hypothesis}")
         )
 
-    def refine(self, selected: list[Candidate]) -> list[Candidate]:
-        """Give every place to the most parsimonious of the best for it, the others being known."""
-        validation, settings = self.validation, self.settings
-        for i in range(len(selected)):
-            if selected[i] in self._always:
-                continue
-            rest = [*selected[:i], *selected[i + 1 :]]
-            validation.weigh(validation.out_of_fold(selected))
-            moved = refined(validation, selected[i], rest)
-            if validation.misfit([*rest, moved]) < validation.misfit(selected):
-                selected[i] = moved
-            if len(selected) == 1:
-                continue
-            without = validation.score(rest)
-            current = self.evaluate(rest, selected[i], without)
-            if current.other_day:  # nothing more is to be said of it
-                continue
-            alternatives = [trial for trial in self.best(rest, without) if trial.passes]
-            if alternatives:
-                # Beside those that came later, what was plausible may be so no more.
-                standing = [current] if current.plausible else []
-                preferred = self._preferred([*standing, *alternatives])
-                new, old = preferred.candidate, current.candidate
-                simpler = new.parameters < old.parameters or preferred.other_day
-                better = simpler or preferred.gain > current.gain + settings.equal_least
-                if (better or not current.plausible) and preferred is not current:
-                    self._report(f"{new.hypothesis} instead of {old.hypothesis}")
-                    selected[i] = new
-        return selected
-
-    def _preferred(self, trials: Sequence[EffectTrial]) -> EffectTrial:
+    def preferred(self, trials: Sequence[EffectTrial]) -> EffectTrial:
         """Return, of those that are as good as the best, what is no news, or most parsimonious."""
-        margin = self._margin(trials)
+        margin = self.margin(trials)
         least = max(trial.gain for trial in trials) - margin
         no_news = [trial for trial in trials if trial.other_day and trial.gain >= least]
         if no_news:
@@ -377,66 +323,3 @@ class Selection:
         told = [(trial.gain, trial.candidate) for trial in trials]
         chosen = most_parsimonious(told, margin, self.settings.equal_least)
         return next(trial for trial in trials if trial.candidate is chosen)
-
-    def merge(self, selected: list[Candidate]) -> list[Candidate]:
-        """Let one hypothesis take the places of two where it explains as well.
-
-        A cause that is named at the wrong joint needs a second one to make up for that. Where many
-        causes act, few of them stand for one another, and looking for those takes too long.
-        """
-        validation, settings = self.validation, self.settings
-        if len(selected) - len(self._always) > settings.few:
-            return selected
-        for i in range(len(selected)):
-            if selected[i] in self._always or len(selected) - len(self._always) < 2:
-                continue
-            rest = [*selected[:i], *selected[i + 1 :]]
-            validation.weigh(validation.out_of_fold(selected))
-            whole = validation.score(selected).likelihood
-            without = validation.score(rest)
-            if self.evaluate(rest, selected[i], without).other_day:
-                continue
-            key = selected[i].hypothesis.key
-            alternatives = [
-                trial.candidate
-                for trial in self.best(rest, without)
-                if trial.passes and trial.candidate.hypothesis.key != key
-            ]
-            for other in alternatives[: settings.refined]:
-                replaced = [*selected[:i], other, *selected[i + 1 :]]
-                for second in rest:
-                    if second in self._always:
-                        continue
-                    smaller = [kept for kept in replaced if kept is not second]
-                    if validation.score(smaller).likelihood >= whole - settings.equal_least:
-                        self._report(
-                            f"{other.hypothesis} instead of {selected[i].hypothesis} "
-                            f"and {second.hypothesis}"
-                        )
-                        return self.merge(smaller)
-        return selected
-
-    def _stand_ins(self, selected: Sequence[Candidate], i: int) -> SelectedEffect:
-        validation, settings = self.validation, self.settings
-        rest = [*selected[:i], *selected[i + 1 :]]
-        validation.weigh(validation.out_of_fold(selected))
-        without = validation.score(rest)
-        current = self.evaluate(rest, selected[i], without)
-        if current.other_day:
-            return SelectedEffect(current, (), ())
-        key = selected[i].hypothesis.key
-        # Needless parameters make no alternative, but those that white noise would make needful do.
-        more = current.gain + settings.equal_least
-        alternatives = [
-            trial
-            for trial in self.best(rest, without)
-            if trial.candidate.hypothesis.key != key
-            and trial.gain > 0.0
-            and trial.plausible
-            and (trial.gain > more or not contains(validation, trial.candidate, selected[i], rest))
-            and overlap(validation, selected[i], trial.candidate, rest) > settings.overlap
-        ]
-        least = current.gain - self._margin([current])
-        equal = tuple(trial for trial in alternatives if trial.gain > least)
-        worse = tuple(trial for trial in alternatives if trial.gain <= least)
-        return SelectedEffect(current, equal, worse[: settings.rejected])
