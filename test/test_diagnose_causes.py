@@ -14,10 +14,14 @@ from scipy import signal
 
 from dvrk_gravity import TorqueModel, diagnose, gravity
 from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.readings import try_readings
 from dvrk_gravity.effects import Gravity
+from dvrk_gravity.effects.time_delay import TimeDelay
 from dvrk_gravity.recording import Recording, check, prepare
 from testing.world import World
 
@@ -343,3 +347,30 @@ def test_the_noise_of_joints_that_were_not_recorded_is_not_known():
     floor = load([part], MODEL, still).floor
 
     assert np.isfinite(floor).tolist() == [joint in recorded for joint in JOINT_NAMES]
+
+
+@pytest.mark.parametrize("late", ["all", "friction"])
+def test_friction_alone_that_is_late_is_no_delay_of_the_efforts(late):
+    """What comes on over a way is late where a joint turns back; weight and inertia are not."""
+    time, q, qd, qdd = sines(20.0, fastest=1.0)
+    rubbing = np.full(N_JOINTS, 5.0)  # times what it is: as in the instrument of a PSM
+    terms = [term.scaled(rubbing) if term.FRICTION else term for term in MODEL.terms]
+    model = replace(MODEL, terms=tuple(terms))
+    frictionless = tuple(term for term in terms if not term.FRICTION)
+    whole = model.torque(q, qd, qdd)
+    rest = replace(model, terms=frictionless).torque(q, qd, qdd)
+    steps = round(0.08 * RATE)
+    effort = whole if late == "all" else whole - rest
+    effort = np.concatenate([effort[:1].repeat(steps, axis=0), effort[:-steps]])
+    effort = effort if late == "all" else rest + effort
+
+    motion = load([recording(time, q, effort + noise(len(q)), velocity=qd)], model).motion
+    validation = CrossValidation(FilteredData.of(motion))
+    (claim,) = TimeDelay.hypotheses(motion)
+    candidate = validation.candidate(replace(claim, setting={"delay": 0.08}))
+    validation.weigh(validation.out_of_fold([candidate]), final=True)
+
+    gain = validation.score([candidate]).likelihood - validation.score([]).likelihood
+    assert gain > 100.0  # as if all were late
+    failed = HeldOut(validation).unconfirmed([candidate])
+    assert [failure.partial for failure, _ in failed] == ([] if late == "all" else [True])

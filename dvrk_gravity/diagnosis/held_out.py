@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,17 +56,24 @@ class Unconfirmed:
         hypothesis: The claim.
         joint: Name of the joint where it does best.
         gain: What it removes there; ``None``: it acts in no held-out block, where it might fail.
+        partial: Of all that it claims only a part shows, see ``Hypothesis.must_show``.
     """
 
     hypothesis: Hypothesis
     joint: str
     gain: Gain | None
+    partial: bool = False
 
     def __str__(self) -> str:
         """Say so."""
         if self.gain is None:
             return (
                 f"chosen, but left out, for it acts in no held-out block that could confirm it: "
+                f"{self.hypothesis}"
+            )
+        if self.partial:
+            return (
+                "chosen, but left out, for a part of what it claims does not show: "
                 f"{self.hypothesis}"
             )
         return (
@@ -179,13 +186,32 @@ class HeldOut:
         told = [found.gain for found, _ in trials if found.gain is not None]
         corrected = iter(evidence.holm([gain.p_value for gain in told]))
         settings = self.settings
-        return [
+        failed = [
             (found, candidate)
             for found, candidate in trials
             if found.gain is None
             or next(corrected) >= settings.alpha
             or found.gain.relative <= settings.least_removed
         ]
+        return failed or [
+            (replace(found, partial=True), candidate)
+            for found, candidate in trials
+            if not self._shows(chosen, candidate)
+        ]
+
+    def _shows(self, chosen: Sequence[Candidate], candidate: Candidate) -> bool:
+        """Tell whether the part of a claim of one parameter shows that must."""
+        validation = self._validation
+        parts = candidate.hypothesis.must_show(validation.data.motion)
+        if not parts:
+            return True
+        first, *others = validation.candidates(parts)
+        fitted = split(chosen, validation.parameters(chosen))
+        claimed = next(theta for other, theta in fitted if other is candidate)
+        rest = [other for other in chosen if other is not candidate]
+        theta, covariance = validation.fit([*rest, *others, first])
+        deviation = np.sqrt(max(float(covariance[-1, -1]), 0.0))
+        return bool(np.sign(claimed[0]) * theta[-1] > NORMAL_95 * deviation)
 
     def _in_active_blocks(self, chosen: Sequence[Candidate], candidate: Candidate) -> Unconfirmed:
         """Return what a chosen candidate gains in the held-out blocks where it acts."""

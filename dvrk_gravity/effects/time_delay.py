@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.state import State
 
 Array = NDArray[np.float64]
 
@@ -37,11 +38,16 @@ class TimeDelay(Effect):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DelayHypothesis(Hypothesis):
-    """Efforts are late against positions; to be put right where they are stamped."""
+    """Efforts are late against positions; to be put right where they are stamped.
+
+    Attributes:
+        of_friction: Whether the model's friction is late; ``None``: all that it has is.
+    """
 
     EFFECT = TimeDelay
     CLAIM = "efforts and positions are stamped apart, efforts {delay}"
 
+    of_friction: bool | None = None
     form: str = "effort"
     fixed_point: tuple[str, ...] = ("delay",)
     variable: str = "time"
@@ -54,12 +60,30 @@ class DelayHypothesis(Hypothesis):
         shift of them would explain it.
         """
         step = setting["delay"] if abs(setting["delay"]) > _SMALL else _FIRST
-        late = np.empty_like(motion.acting)
+        acting = motion.acting if self.of_friction is None else self._part(motion)
+        late = np.empty_like(acting)
         for part in motion.parts:
             time = motion.time[part]
-            for joint, torque in enumerate(motion.acting[part].T):
+            for joint, torque in enumerate(acting[part].T):
                 late[part, joint] = np.interp(time - step, time, torque)
-        return ((late - motion.acting) / step)[:, :, None]
+        return ((late - acting) / step)[:, :, None]
+
+    def must_show(self, motion: Motion) -> tuple[Hypothesis, ...]:
+        """See :meth:`Hypothesis.must_show`.
+
+        Friction that comes on over a way is late, too, where a joint turns back; but then weight
+        and inertia are not.
+        """
+        if self.beside_reference or not any(term.FRICTION for term in motion.model.terms):
+            return ()
+        return replace(self, of_friction=False), replace(self, of_friction=True)
+
+    def _part(self, motion: Motion) -> Array:
+        """Return the (N, n) torque of the model's friction, or of all the rest."""
+        state = State(motion.true_q, motion.qd, motion.qdd)
+        terms = (term.torque(state) for term in motion.model.terms if term.FRICTION)
+        friction = sum(terms, np.zeros(motion.q.shape))
+        return friction if self.of_friction else motion.acting - friction
 
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """See :meth:`Hypothesis.describe`."""

@@ -182,6 +182,14 @@ class Hypothesis(ABC):
         """The claim with each parameter on its own, where this one takes some to be equal."""
         return None
 
+    def must_show(self, motion: Motion) -> tuple[Hypothesis, ...]:
+        """Return parts of a claim of one parameter, of which the first must show beside the others.
+
+        Empty where there are none: then all of it is judged as a whole.
+        """
+        del motion
+        return ()
+
     @property
     def judged_at(self) -> tuple[int, ...]:
         """Joints by whose error it is judged; empty for all that its torque acts on."""
