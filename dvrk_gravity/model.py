@@ -17,7 +17,7 @@ from dvrk_gravity.effects import State, Term, terms
 from dvrk_gravity.effects.base.arrays import as_array
 from dvrk_gravity.effects.base.registry import ENTRY_POINTS
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError
-from dvrk_gravity.files import json_file, text_file, yaml_file
+from dvrk_gravity.files import json_file, outputs, text_file, yaml_file
 from dvrk_gravity.named_arm import (
     arm_beside,
     arm_of,
@@ -250,8 +250,11 @@ class TorqueModel:
         Raises:
             OSError: The file cannot be written.
             ArgumentError: A path that is none.
+            ConfigError: The path of the arm's own file.
         """
         path = path_of("path", path)
+        if self.arm.source:
+            outputs.require_unread("path", path, Arm.file(self.arm.source))
         head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
         values = self.parameters()
         if self.uncertainty is not None:

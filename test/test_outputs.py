@@ -14,6 +14,7 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.command_line import VERBS
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs
+from dvrk_gravity.model import TorqueModel
 
 # Nodes write nothing.
 WITHOUT_OUTPUT = {"compensator", "simulator", "watchdog"}
@@ -208,6 +209,23 @@ def test_no_output_is_a_device(case, capsys):
     # A pipe stands for all that are neither file nor folder: a test may not risk /dev/null.
     os.mkfifo(case.output)
     assert "a device or pipe" in case.refuses(capsys, case.output)
+
+
+def test_from_python_neither_is_one(tmp_path):
+    os.mkfifo(tmp_path / "model.yaml")
+    with pytest.raises(OSError, match="no file"):
+        TorqueModel.load(MODEL_FILE).save(tmp_path / "model.yaml")
+    assert (tmp_path / "model.yaml").is_fifo()
+
+
+def test_evaluate_does_not_write_over_how_sure_a_model_is(tmp_path, capsys):
+    model, sure = tmp_path / "model.yaml", tmp_path / "model.uncertainty.npz"
+    model.write_text("identification:\n  uncertainty: model.uncertainty.npz\n")
+    sure.write_bytes(b"how sure")
+    words = ["evaluate", tmp_path / "run.csv", "--model", model, "--json", sure]
+    assert main([str(word) for word in words]) == 2
+    assert "model.uncertainty.npz, which is read" in capsys.readouterr().err
+    assert sure.read_bytes() == b"how sure"
 
 
 @uses(lambda use: not use.below and use.verb not in ("demo", "diagnose"))  # they make theirs

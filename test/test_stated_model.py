@@ -288,3 +288,25 @@ def test_another_unit_than_the_model_s_is_refused(recording, tmp_path, capsys):
 
     assert status == 2
     assert "--effort-unit: got 'furlong', expected N·m" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("written", "instead"),
+    [('value="8.393"', 'value="8.393 "'), ('value="8.393"', 'value="\uff18.393"'),
+     ('xyz="0.0 0.0 0.28"', 'xyz="0.0&#9;0.0&#10;0.28"'), ('friction="0.0"', 'friction="0.0 "')],
+)  # fmt: skip
+def test_numbers_with_blanks_tabs_and_other_digits_weigh_the_same(written, instead, tmp_path):
+    """Pinocchio's reader drops an inertia whose numbers it cannot read, and says so nowhere."""
+    assert written in URDF
+    (tmp_path / "robot.urdf").write_text(URDF.replace(written, instead))
+    q, qd, qdd = np.random.default_rng(0).uniform(-1.5, 1.5, (3, 6))
+    given, plain = (TorqueModel.load(path) for path in (tmp_path / "robot.urdf", UR5))
+    np.testing.assert_allclose(given.torque(q, qd, qdd), plain.torque(q, qd, qdd), rtol=1e-12)
+
+
+def test_a_model_is_not_saved_over_its_arm_s_file(tmp_path):
+    (tmp_path / "own.urdf").write_text(URDF)
+    model = TorqueModel.load(tmp_path / "own.urdf")
+    with pytest.raises(ConfigError, match=r"own.urdf, which is read"):
+        model.save(tmp_path / "own.urdf")
+    assert (tmp_path / "own.urdf").read_text() == URDF

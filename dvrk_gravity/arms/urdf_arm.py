@@ -18,6 +18,7 @@ from dvrk_gravity.arms.urdf_file import (
     KINDS,
     attribute,
     check,
+    dynamics,
     find_root,
     parse,
     read_joints,
@@ -52,7 +53,7 @@ def _parse(text: str, tip: str | None, source: str) -> Description:
     moving = {name: joint for name, joint in described.items() if joint.get("type") != "fixed"}
     check(robot, described)
     try:
-        model = pin.buildModelFromXML(text)
+        model = pin.buildModelFromXML(dynamics(robot))
     except ValueError as error:
         raise ConfigError("", "what Pinocchio cannot read", "a URDF") from error
     model = _held(model, {name for name in moving if chain is not None and name not in chain})

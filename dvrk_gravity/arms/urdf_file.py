@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
+from copy import deepcopy
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,6 +20,7 @@ KINDS: dict[str, JointKind] = {
 }
 _TYPES = (*KINDS, "fixed")
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_NAMES = ("link", "joint", "name")
 _MOMENTS = ("ixx", "iyy", "izz")
 # Numbers of joints that Pinocchio's reader stops at where they are none, used or not.
 _OF_JOINTS = {
@@ -212,6 +215,28 @@ def _check_origin(where: str, element: ElementTree.Element) -> None:
         text = attribute(element, "origin", key)
         if text is not None:
             _numbers(f"{where} origin {key}", text, 3)
+
+
+def dynamics(robot: ElementTree.Element) -> str:
+    """Return a checked URDF's text without shapes, its numbers as every reader takes them.
+
+    Where a blank ends a number, or a tab parts two, Pinocchio's reader leaves out the inertia that
+    they are in, and the link weighs nothing.
+    """
+    robot = deepcopy(robot)
+    elements = robot.findall("joint")
+    for link in robot.findall("link"):
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(shape)
+        elements += link.findall("inertial")
+    for element in elements:
+        for part in element:
+            for key, text in part.items():
+                if key in _NAMES:
+                    continue
+                with suppress(ValueError):  # what nobody checks, as nobody reads it
+                    part.set(key, " ".join(repr(float(word)) for word in text.split()))
+    return ElementTree.tostring(robot, encoding="unicode")
 
 
 def attribute(element: ElementTree.Element, tag: str, key: str) -> str | None:

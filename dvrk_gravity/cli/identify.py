@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report.identification import render
 
-    if is_urdf(arguments.out):
+    if is_urdf(arguments.out) or not arguments.out.name:
         raise ConfigError("--out", str(arguments.out), "a .yaml file for the model")
     report = arguments.report or arguments.out.with_suffix(".html")
     uncertainty = uncertainty_file(arguments.out)

@@ -16,7 +16,9 @@ from typing import Literal
 from dvrk_gravity.arguments import split_link
 from dvrk_gravity.errors import ConfigError
 
-_NAMED = re.compile(r"""^\s*(?:urdf|arm)\s*:\s*['"]?(.+?)['"]?\s*(?:\s#.*)?$""", re.MULTILINE)
+_NAMED = re.compile(
+    r"""^\s*(?:urdf|arm|uncertainty)\s*:\s*['"]?(.+?)['"]?\s*(?:\s#.*)?$""", re.MULTILINE
+)
 _Kind = Literal["file", "folder", "new"]
 _BAG_FILES = (".db3", ".mcap")
 
@@ -77,6 +79,17 @@ def check_folder(
     _writable(option, folder, existing)
 
 
+def require_unread(name: str, path: Path, read: str | Path) -> None:
+    """Refuse to write over a file that is read, or over one that it names.
+
+    Raises:
+        ConfigError: Naming it.
+    """
+    for source in _with_named(str(read), set()):
+        if _same(path, source):
+            raise ConfigError(name, f"{source.name}, which is read", "another name", path)
+
+
 def _check(
     wanted: Iterable[tuple[str, Path, _Kind]],
     inputs: Iterable[str | Path | None],
@@ -108,7 +121,7 @@ def _check(
 
 
 def _with_named(path: str, seen: set[Path]) -> Iterator[Path]:
-    """Yield a file, and those that it names: a model its arm's, that the URDF."""
+    """Yield a file, and those that it names: a model its arm's and its own, an arm its URDF."""
     file = Path(split_link(path)[0])
     yield file
     if file in seen or file.suffix.lower() not in (".yaml", ".yml") or not file.is_file():

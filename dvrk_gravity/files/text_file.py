@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 import tempfile
@@ -65,6 +66,8 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         OSError: The folder does not exist, is not writable, or is full; it names ``path``.
     """
     target = Path(path)
+    if target.exists() and not target.is_file():
+        raise OSError(errno.EEXIST, "is a folder or a device, no file", str(target))
     temporary = ""
     try:
         handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
