@@ -71,6 +71,7 @@ from dvrk_gravity.identification.kinematic_statements import KinematicStatementS
 from dvrk_gravity.identification.model_uncertainty import PosteriorSettings
 from dvrk_gravity.identification.motion import RateSettings
 from dvrk_gravity.identification.mounting import MountingSettings
+from dvrk_gravity.identification.nominal_torque import NominalSettings
 from dvrk_gravity.identification.physical import BodySettings
 from dvrk_gravity.identification.problem import WeightSettings
 from dvrk_gravity.identification.selection import ColumnSelectionSettings
@@ -331,6 +332,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (ScaleSettings, CURRENTS),
     (UnitSettings, CURRENTS),
     (MountingSettings, CURRENTS),
+    (NominalSettings, CURRENTS),
     (CoordinateSettings, CURRENTS),
     (TimingSettings, READING),
     (RetimingSettings, READING),

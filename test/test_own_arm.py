@@ -249,7 +249,7 @@ def test_identify_with_a_known_load_writes_a_model_of_the_arm_without_it(lab, tm
         (["currents.csv", "--drive-gains", "1,2,3,4,5,-6"], "wrist_3_joint: got -6.0, expected"),
         (["currents.csv", "--drive-gains", "1e-300,2,3,4,5,6"], "got 1e-300, expected 0.001 to 1"),
         (["currents.csv", "--drive-gains", ".012,.014,.011,.009,.0105,.0085"],
-         "expected N·m/A: by them torques are 0.00096 times what the masses"),
+         "expected N·m/A: by them torques are 0.001 times what the masses"),
         (["currents.csv", "loaded.csv", "--known-payload", "0.002"],
          "expected N·m/A: by them torques are 0.0"),
         (["loaded.csv", "currents.csv", "--known-payload", "2"], "with that load last"),

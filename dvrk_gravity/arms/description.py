@@ -155,6 +155,7 @@ class Description:
         actuator_to_joint: (n, n) matrix M of ``q_joint = M q_actuator``.
         actuator_effort_limit: (n,) largest actuator efforts, N·m or N.
         base_rpy: Roll, pitch, yaw of the base frame in a world with z up, rad.
+        base_stated: Whether its file says how the base is mounted; a URDF does not.
         inertial_parameters: (bodies, 10) nominal ones where the file brings them (a URDF), ``None``
             where not: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin of the body's
             joint frame (kg, kg·m, kg·m^2), as ``effects`` and Pinocchio have them.
@@ -176,6 +177,7 @@ class Description:
     actuator_to_joint: Array
     actuator_effort_limit: Array
     base_rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    base_stated: bool = False
     inertial_parameters: Array | None = None
     sizes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     drive_gains: Array | None = None

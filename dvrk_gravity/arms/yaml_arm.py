@@ -123,7 +123,9 @@ def _on_urdf(content: dict[str, Any], path: Path, source: str) -> Description:
         matrix, limits = _transmission(content, described.joints)
         described = replace(described, actuator_to_joint=matrix, actuator_effort_limit=limits)
     name = content.get("name", described.name)
-    return _as_read(replace(described, name=name, base_rpy=_base(content)), content)
+    base, stated = _base(content), "base_rpy" in content
+    described = replace(described, name=name, base_rpy=base, base_stated=stated)
+    return _as_read(described, content)
 
 
 def _as_read(described: Description, content: dict[str, Any]) -> Description:

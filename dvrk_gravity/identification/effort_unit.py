@@ -11,10 +11,10 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import ANY_UNIT
 from dvrk_gravity.arms.urdf_arm import PLACEHOLDER
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification.motion import head
 from dvrk_gravity.identification.mounting import mounting
+from dvrk_gravity.identification.nominal_torque import NominalTorque
 from dvrk_gravity.model import NO_VERDICT, TorqueModel
 from dvrk_gravity.recording import Recording, RecordingFile
 from dvrk_gravity.recording.data import Array
@@ -25,22 +25,18 @@ class UnitSettings:
     """When efforts are not in N·m.
 
     Attributes:
-        follows: Least correlation of a joint's effort with its nominal weight for it to tell the
-            unit. Chosen: half of the effort's variance is then the weight's.
+        follows: Least correlation of a joint's effort with what nominal masses need for it to tell
+            the unit. Chosen: half of the effort's variance is then theirs.
         off: Factor by which efforts in N·m may be off what nominal masses need: a load, or masses
             of another version of the arm. Chosen: motor currents are off by ten, mN·m by 1000.
         slip: Such a factor with drive gains is a slip of units or of a decimal, not an arm: less
             than the least, a hundred, and more than any masses of an arm's file were seen to be
             off. Chosen.
-        samples: Samples that are looked at, at most.
-        fewest: ... and at least: of two, effort and weight always correlate. Chosen.
     """
 
     follows: float = 0.7
     off: float = 4.0
     slip: float = 30.0
-    samples: int = 5000
-    fewest: int = 10
 
 
 class _Part(NamedTuple):
@@ -50,30 +46,14 @@ class _Part(NamedTuple):
     needed: float
 
 
-def _samples(
-    given: Recording | RecordingFile, arm: Arm, settings: UnitSettings
-) -> Recording | None:
-    """Return samples to hold against the masses in an arm's file; ``None`` if there are none."""
-    recording = given.of(arm)
-    recording = recording.head if isinstance(recording, RecordingFile) else recording
-    if recording.effort is None or recording.joints != arm.joint_names:
-        return None
-    if arm.inertial_parameters is None or len(recording) < settings.fewest:
-        return None
-    return recording.rows(slice(None, None, max(1, len(recording) // settings.samples)))
-
-
-def _parts(recording: Recording | None, arm: Arm, settings: UnitSettings) -> dict[str, _Part]:
-    """Return, by joint that tells, how its effort goes with its nominal weight."""
-    if recording is None:
+def _parts(nominal: NominalTorque | None, settings: UnitSettings) -> dict[str, _Part]:
+    """Return, by joint that tells, how its effort goes with what nominal masses need."""
+    if nominal is None:
         return {}
-    assert recording.effort is not None
-    assert arm.inertial_parameters is not None
-    parameters = arm.inertial_parameters.ravel()
-    # By joints' coordinates; what a transmission mixes is of one size.
-    weight = rigid_body.torque(arm, parameters, recording.position, None, None, arm.gravity)
     parts = {}
-    for name, needed, read in zip(arm.joint_names, weight.T, recording.effort.T, strict=True):
+    # By joints' coordinates; what a transmission mixes is of one size.
+    every = nominal.weight @ nominal.arm.gravity + nominal.inertia
+    for name, needed, read in zip(nominal.arm.joint_names, every.T, nominal.effort.T, strict=True):
         needed, read = needed - needed.mean(), read - read.mean()
         size = float(np.linalg.norm(needed) * np.linalg.norm(read))
         if size > 0.0 and abs(needed @ read) > settings.follows * size:
@@ -91,21 +71,22 @@ def _size(parts: Mapping[str, _Part]) -> float | None:
     return sum(abs(part.shared) for part in parts.values()) / sum(p.needed for p in parts.values())
 
 
-def _mounted(recording: Recording | None, arm: Arm) -> str:
+def _mounted(nominal: NominalTorque | None) -> str:
     """Return how an arm seems to be mounted; ``""`` if it is as its file says.
 
     Of motors that share joints no sign is known.
     """
-    if recording is None or not arm.direct_drive:
+    found = None if nominal is None or not nominal.arm.direct_drive else mounting(nominal)
+    if found is None:
         return ""
-    turned = mounting(recording, arm)
-    if turned is None:
-        return ""
-    roll, pitch = np.degrees(turned)
+    roll, pitch = np.degrees((found.roll, found.pitch))
+    signs = (
+        "; or all efforts have the wrong sign, which no friction tells here" if found.signs else ""
+    )
     return (
         "by the masses in the arm's file gravity acts as on a base with "
-        f"base_rpy: [{roll:.0f}, {pitch:.0f}, 0] (degrees): if it is mounted so, a .yaml that "
-        "names the URDF says it (docs/own_arm.md)"
+        f"base_rpy: [{roll:.0f}, {pitch:.0f}, 0] (degrees): however it is mounted, a .yaml that "
+        f"names the URDF says it, and is believed (docs/own_arm.md){signs}"
     )
 
 
@@ -132,10 +113,10 @@ def in_their_unit(
         ConfigError: Drive gains by which no arm of such masses moves.
     """
     settings = settings or UnitSettings()
-    recording = _samples(recordings[0], arm, settings)
-    parts = _parts(recording, arm, settings)
+    nominal = NominalTorque.of(recordings[0], arm)
+    parts = _parts(nominal, settings)
     told, said = _unit(arm, _size(parts), settings)
-    if mounted := _mounted(recording, arm):
+    if mounted := _mounted(nominal):
         return told, (*said, f"warning: {mounted}")
     return told, (*said, *_turned_round(parts, arm))
 
@@ -162,8 +143,8 @@ def require_newtons(
         if empty := ", ".join(name for name, row in rows if row[0] <= PLACEHOLDER):
             odd.append(f"warning: the arm's file states no mass of {empty}")
     for recording in recordings:
-        samples = _samples(recording, arm, settings)
-        parts = _parts(samples, arm, settings)
+        nominal = NominalTorque.of(recording, arm)
+        parts = _parts(nominal, settings)
         size = _size(parts)
         told, said = _unit(arm, size, settings)
         if told.read_in:
@@ -172,8 +153,10 @@ def require_newtons(
                 f"efforts are {size:.2g} times what the masses in {arm.source} need: not in N·m "
                 "(--drive-gains takes currents to it), or other masses; --effort-unit N·m insists",
             )
-        if model.of_file and (mounted := _mounted(samples, arm)):
-            raise RecordingError(head(recording).source, mounted)
+        if model.of_file and (mounted := _mounted(nominal)):
+            if not arm.base_stated:
+                raise RecordingError(head(recording).source, mounted)
+            said = (*said, f"warning: {mounted}")
         said = (*said, *_turned_round(parts, arm))
         odd += [line for line in said if line.startswith("warning: ") and line not in odd]
     return tuple(odd)
