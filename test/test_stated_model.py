@@ -96,6 +96,36 @@ def test_what_the_arm_has_and_the_file_does_not_is_found_at_every_joint(world, r
         viscous = found["viscous_friction", (joint,)].parameters["coefficient"]
         assert viscous.value == pytest.approx(slope, rel=0.05)
     assert len(found) == 13
+    # What the file says nothing of is no surprise, and no headline.
+    assert diagnosis.findings[0].effect == "payload"
+
+
+@pytest.mark.usefixtures("four_folds")
+@pytest.mark.parametrize("joint", [1, 5], ids=["that bears weight", "that bears none"])
+def test_an_effort_of_the_wrong_sign_is_told_though_the_file_has_no_friction(world, joint):
+    recording = PlainWorld.of(world.arm, nominal_inertias(world.arm)).record(1, 12.0)
+    sign = np.where(np.arange(6) == joint, -1.0, 1.0)
+
+    first, *others = diagnose(replace(recording, effort=sign * recording.effort), UR5).findings
+
+    assert first.effect == "wrong_coordinates"
+    assert first.sentence.startswith(
+        f"The recording is read wrongly: the effort of {recording.joints[joint]} has the wrong sign"
+    )
+    assert first.gain.relative > 0.8
+    assert len(others) == 12  # as if it had been right
+
+
+@pytest.mark.usefixtures("four_folds")
+def test_poses_of_an_arm_as_its_file_says_are_nothing_to_explain():
+    """Not even at a joint on which nothing weighs, where the file has no error at all."""
+    random = np.random.default_rng(0)
+    q = random.uniform(-1.5, 1.5, (80, 6))
+    effort = TorqueModel.stated(UR5).torque(q) + 0.05 * random.normal(size=q.shape)
+
+    found = diagnose(Recording(Arm.load(UR5).joint_names, None, q, effort=effort), UR5)
+
+    assert found.verdict == "nothing_to_explain"
 
 
 @pytest.mark.usefixtures("four_folds", "brief_simulation")
@@ -110,8 +140,8 @@ def test_what_is_done_alike_at_several_joints_is_told_once(recording, tmp_path, 
     assert "(the first of 13 findings)" in told
     assert told.count("removes") > 13  # each with its sizes
     done = [line for line in told.splitlines() if "what to do: " in line]
-    assert len(done) < 7
-    assert "the model has no friction at all: use the extended model, which has it" in done[0]
+    assert len(done) == 3
+    assert "the arm's file says nothing of it: use the extended model, which has it" in done[1]
 
 
 def test_convert_writes_it_as_a_model_file(tmp_path, capsys):

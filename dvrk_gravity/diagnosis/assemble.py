@@ -25,6 +25,7 @@ from dvrk_gravity.diagnosis.findings import (
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed, estimates, setting_columns
 from dvrk_gravity.diagnosis.known import expected_error, known
 from dvrk_gravity.diagnosis.load import Loaded
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.other_findings import (
     as_read_before,
     picture_of,
@@ -38,6 +39,7 @@ from dvrk_gravity.diagnosis.refinement import RefinementSettings, plateau
 from dvrk_gravity.diagnosis.result import Diagnosis, Verdict, by_joint
 from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.diagnosis.separate import separation
+from dvrk_gravity.diagnosis.unstated import error_beside, silent_of
 from dvrk_gravity.diagnosis.words import sentence_of
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate
@@ -45,7 +47,6 @@ from dvrk_gravity.effects.base.registry import is_friction
 from dvrk_gravity.effects.unknown import Unknown
 from dvrk_gravity.estimation.covariance import NORMAL_95
 from dvrk_gravity.identification.evaluation import outside_range
-from dvrk_gravity.model import TorqueModel
 
 Array = NDArray[np.float64]
 
@@ -106,11 +107,16 @@ def assemble(
     if found:
         model = updated(model, validation, named, held_out, contradictory)
     first = read_rightly = held_out.as_read()
+    silent = silent_of(data.motion)
     if wrong:
         first = as_read_before(wrong[0].motion, data, held_out)
+    readings = first, read_rightly
+    if wrong and silent:  # what friction hides tells no reading from another
+        of_file = [candidate for candidate in named if candidate.hypothesis.effect in silent]
+        readings = error_beside(wrong[0].motion), held_out.error(of_file)
     # Of three joints that are exchanged one exchange alone puts nothing right: all are told by
     # what they do together.
-    findings = [reading_finding(reading, first, read_rightly, held_out) for reading in wrong]
+    findings = [reading_finding(reading, *readings, held_out) for reading in wrong]
     effect_findings = []
     for i, effect in enumerate(selected):
         rows = slices[i]
@@ -120,7 +126,7 @@ def assemble(
         )  # fmt: skip
         finding = _finding(held_out, validation, selected, i, parameters, theta[rows], left_out[i])
         effect_findings.append(finding)
-    findings += ordered(effect_findings)
+    findings += ordered(effect_findings, silent)
     for trial in unknown:
         findings.append(unknown_finding(held_out, validation, named, trial))
     after = held_out.rmse(held_out.error(named))
@@ -139,6 +145,9 @@ def assemble(
     noise = np.full(len(after), source != "repetition") & ~lasting
     expected = expected_error(data, held_out)
     likely = np.fmax(floor, expected)
+    uncertainty = data.motion.model.uncertainty
+    if uncertainty is not None:  # of a joint without weight a file expects nothing, not even noise
+        likely[np.isnan(floor) & np.isnan(uncertainty.error)] = np.nan
     shapeless = [
         joint
         for joint in range(len(residual_rmse))
@@ -179,6 +188,7 @@ def assemble(
         band=data.band,
         beside_reference=motion.reference is not None,
         outside=outside,
+        of_file=motion.model.of_file,
     )
 
 
@@ -265,12 +275,15 @@ def _finding(
         ),
         picture=picture_of(validation.data, held_out, hypothesis, joints[0], before, after),
         left_out=left_out,
-        remedy=_remedy(hypothesis, motion.model, not left_out),
+        remedy=_remedy(hypothesis, motion, not left_out),
     )
 
 
-def _remedy(hypothesis: Hypothesis, model: TorqueModel, carried: bool) -> str:
+def _remedy(hypothesis: Hypothesis, motion: MeasuredMotion, carried: bool) -> str:
     """Return what to do about a finding."""
+    model = motion.model
+    if carried and hypothesis.effect in silent_of(motion):
+        return "the arm's file says nothing of it: use the extended model, which has it"
     lacking = model.terms and not any(term.FRICTION for term in model.terms)
     if carried and lacking and is_friction(hypothesis.effect):
         return "the model has no friction at all: use the extended model, which has it"

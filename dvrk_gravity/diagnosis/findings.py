@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -298,9 +298,18 @@ class Weighed:
         }
 
 
-def ordered(findings: Iterable[Finding]) -> list[Finding]:
-    """Return findings by what they remove, those last of which it may well be nothing."""
-    return sorted(findings, key=lambda finding: (not finding.certain, -finding.gain.relative))
+def ordered(findings: Iterable[Finding], expected: Collection[str] = ()) -> list[Finding]:
+    """Return findings by what they remove, those last of which it may well be nothing.
+
+    Args:
+        findings: The findings.
+        expected: Names of effects that are no surprise: they come after others.
+    """
+
+    def rank(finding: Finding) -> tuple[bool, bool, float]:
+        return not finding.certain, finding.effect in expected, -finding.gain.relative
+
+    return sorted(findings, key=rank)
 
 
 def _parameters(estimates: Mapping[str, Estimate]) -> dict[str, Any]:

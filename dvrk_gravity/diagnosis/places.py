@@ -60,7 +60,7 @@ def refine(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
         moved = refined(validation, selected[i], rest)
         if validation.misfit([*rest, moved]) < validation.misfit(selected):
             selected[i] = moved
-        if len(selected) == 1:
+        if len(selected) == 1 or selection.fixed(selected[i]):
             continue
         without = validation.score(rest)
         current = selection.evaluate(rest, selected[i], without)
@@ -87,10 +87,11 @@ def merge(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
     causes act, few of them stand for one another, and looking for those takes too long.
     """
     validation, settings = selection.validation, selection.settings
-    if len(selected) - len(selection.always) > _SETTINGS.few:
+    found = sum(not selection.fixed(candidate) for candidate in selected)
+    if not 2 <= found <= _SETTINGS.few:
         return selected
     for i in range(len(selected)):
-        if selected[i] in selection.always or len(selected) - len(selection.always) < 2:
+        if selection.fixed(selected[i]):
             continue
         rest = [*selected[:i], *selected[i + 1 :]]
         validation.weigh(validation.out_of_fold(selected))
@@ -107,7 +108,7 @@ def merge(selection: Selection, selected: list[Candidate]) -> list[Candidate]:
         for other in alternatives[: settings.refined]:
             replaced = [*selected[:i], other, *selected[i + 1 :]]
             for second in rest:
-                if second in selection.always:
+                if selection.fixed(second):
                     continue
                 smaller = [kept for kept in replaced if kept is not second]
                 if validation.score(smaller).likelihood >= whole - settings.equal_least:
@@ -125,7 +126,7 @@ def _stand_ins(selection: Selection, selected: Sequence[Candidate], i: int) -> S
     validation.weigh(validation.out_of_fold(selected))
     without = validation.score(rest)
     current = selection.evaluate(rest, selected[i], without)
-    if current.other_day:
+    if current.other_day or selection.fixed(selected[i]):
         return SelectedEffect(current, (), ())
     key = selected[i].hypothesis.key
     # Needless parameters make no alternative, but those that white noise would make needful do.

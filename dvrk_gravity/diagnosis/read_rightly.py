@@ -9,11 +9,11 @@ from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.load import Loaded
-from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.other_findings import as_read_before, reading_gain
 from dvrk_gravity.diagnosis.pool import prepared
-from dvrk_gravity.diagnosis.readings import ReadingScore, WrongReading, read_as, try_readings
+from dvrk_gravity.diagnosis.readings import WrongReading, read_as, try_readings
 from dvrk_gravity.diagnosis.selection import Selection
+from dvrk_gravity.diagnosis.unstated import unstated
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,9 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         scores = try_readings(loaded.motion)
         if not scores or not scores[0].passes:
             break
-        as_it_is = validation.score([])
-        best = Selection(validation, pool, say).best([], as_it_is)
+        beside = unstated(validation, pool)
+        as_it_is, error = validation.score(beside), HeldOut(validation).error(beside)
+        best = Selection(validation, pool, say).best(beside, as_it_is)
         least = _SETTINGS.share * (best[0].gain if best else 0.0)
         if scores[0].gain <= least:
             break
@@ -77,8 +78,17 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         say("building hypotheses")
         motion = read_as(loaded.motion, scores[0].reading)
         validation, pool = prepared(motion)
-        gain = validation.score([]).likelihood - as_it_is.likelihood
-        if gain <= least or not _held_out_gains(validation, loaded.motion, scores[0]):
+        beside = unstated(validation, pool)
+        gain = validation.score(beside).likelihood - as_it_is.likelihood
+        held_out = HeldOut(validation)
+        if loaded.motion.model.of_file:  # what friction hides tells no reading from another
+            before, after = error, held_out.error(beside)
+        else:
+            before, after = (
+                as_read_before(loaded.motion, validation.data, held_out), held_out.as_read(),
+            )  # fmt: skip
+        _, gained = reading_gain(scores[0], before, after, held_out)
+        if gain <= least or gained.relative <= held_out.settings.least_removed:
             del validation, pool
             validation, pool = prepared(loaded.motion)
             break
@@ -88,13 +98,3 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         wrong.append(WrongReading(scores[0], loaded.motion, alternatives))
         loaded = replace(loaded, motion=motion)
     return ReadRightly(loaded, tuple(wrong), validation, pool)
-
-
-def _held_out_gains(
-    validation: CrossValidation, motion: MeasuredMotion, score: ReadingScore
-) -> bool:
-    """Tell whether another reading than a motion's is better on the held-out blocks."""
-    held_out = HeldOut(validation)
-    before = as_read_before(motion, validation.data, held_out)
-    _, gain = reading_gain(score, before, held_out.as_read(), held_out)
-    return gain.relative > held_out.settings.least_removed

@@ -113,7 +113,8 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     block = np.arange(len(rows)) * _SETTINGS.blocks // len(rows)
     few = _thinned(motion, rows)
     usable = ~motion.stuck[rows]
-    before = few.residual**2 * usable
+    bare = motion.model.of_file  # and says nothing of friction and rotors
+    before = (_beside_friction(few.residual, few, usable) if bare else few.residual) ** 2 * usable
     as_it_is = _expected(few)
     pulling = tuple(term for term in motion.model.terms if not term.FRICTION)
     alternatives = list(readings(motion.arm, motion.moves))
@@ -132,7 +133,8 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
             effort = few.effort @ reading.effort.T
             if _driving((effort - pull) * read.qd, block):
                 continue
-            after = (effort - read.modelled) ** 2 * usable
+            after = effort - read.modelled
+            after = (_beside_friction(after, read, usable) if bare else after) ** 2 * usable
             mean = np.maximum(after.mean(axis=0) + expected, 1e-12)
             # Log-likelihood of a sample.
             gain = 0.5 * float(np.log(scale / mean).sum())
@@ -180,6 +182,21 @@ def _beyond(motion: MeasuredMotion) -> float:
     if known is not None:
         ranges.append((known.lower, known.upper))
     return float(np.mean([np.mean((q < low) | (q > high)) for low, high in ranges]))
+
+
+def _beside_friction(residual: Array, motion: MeasuredMotion, usable: NDArray[np.bool_]) -> Array:
+    """Return (N, n) what dry and viscous friction and a rotor of each joint leave of a residual.
+
+    None of less than nothing: what is read with the wrong sign shows no friction that can be.
+    """
+    from scipy.optimize import nnls
+
+    rest = residual.copy()
+    for joint in np.flatnonzero(motion.moves).tolist():
+        speed, rows = motion.qd[:, joint], usable[:, joint]
+        columns = np.stack([np.sign(speed), speed, motion.qdd[:, joint]], axis=1)
+        rest[:, joint] -= columns @ nnls(columns[rows], residual[rows, joint])[0]
+    return rest
 
 
 def _driving(power: Array, block: NDArray[np.int_]) -> bool:

@@ -49,6 +49,7 @@ class Diagnosis:
         band: Hz; errors are of what lies below this. ``None`` of static poses.
         beside_reference: The recordings are compared with a reference, not with the model.
         outside: Where joints are beyond what the model was identified on, one sentence each.
+        of_file: What an arm's own file states was on trial.
     """
 
     verdict: Verdict
@@ -70,6 +71,7 @@ class Diagnosis:
     band: float | None = None
     beside_reference: bool = False
     outside: tuple[str, ...] = ()
+    of_file: bool = False
 
     def __repr__(self) -> str:
         """Give the verdict and the effects, in short."""

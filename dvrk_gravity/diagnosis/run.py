@@ -26,6 +26,7 @@ from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, requir
 from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection, SelectionSettings
 from dvrk_gravity.diagnosis.significance import Significance
+from dvrk_gravity.diagnosis.unstated import unstated
 from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.errors import RecordingError
@@ -205,7 +206,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     loaded, validation, pool = read.loaded, read.validation, read.pool
     # One link before all of them: what every mass together explains is no cause yet.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.of_model]
-    selection = Selection(validation, sparse, say)
+    selection = Selection(validation, sparse, say, expected=unstated(validation, pool))
     say("weighing hypotheses")
     chosen = selection.run()
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))

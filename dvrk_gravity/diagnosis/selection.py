@@ -100,6 +100,8 @@ class Selection:
         pool: The candidates that need no search.
         report: Called with a line about every choice.
         always: Parameters of the model itself that are fitted anew beside every hypothesis.
+        expected: What is likely there before anything is seen: it needs not be found, and nothing
+            is looked for in its place.
         settings: When a hypothesis is selected.
         count: Number of hypotheses that are tried at each step.
     """
@@ -111,8 +113,9 @@ class Selection:
         report: Report,
         always: Sequence[Candidate] = (),
         settings: SelectionSettings | None = None,
+        expected: Sequence[Candidate] = (),
     ) -> None:
-        """Start with nothing selected but what always moves along.
+        """Start with nothing selected but what always moves along, and what is expected.
 
         Args:
             validation: Scores.
@@ -120,11 +123,13 @@ class Selection:
             report: Called with a line about every choice.
             always: Parameters of the model itself that are fitted anew beside every hypothesis.
             settings: When a hypothesis is selected.
+            expected: What is likely there before anything is seen.
         """
         self.validation = validation
         self.settings = settings or SelectionSettings()
         self._other_day = OtherDay(validation)
         self.always = list(always)
+        self.expected = list(expected)
         self.pool = list(pool)
         self.count = len(pool)
         self._excluded: set[tuple[object, ...]] = set()
@@ -138,12 +143,18 @@ class Selection:
         """Select until nothing more passes.
 
         Args:
-            start: What is selected to begin with; by default what always moves along.
+            start: What is selected to begin with; by default what always moves along, and what is
+                expected.
         """
-        selected = list(self.always if start is None else start)
+        selected = [*self.always, *self.expected] if start is None else list(start)
         joints = self.validation.weight.shape[-1]
         most = self.settings.most_effects * joints + len(self.always) - len(selected)
         return select(self, selected, SearchSettings(max(most, 0)))[0]
+
+    def fixed(self, candidate: Candidate) -> bool:
+        """Tell whether nothing is looked for in the place of one that is selected."""
+        keys = {other.hypothesis.key for other in self.expected}
+        return candidate in self.always or candidate.hypothesis.key in keys
 
     def moves(self, state: list[Candidate]) -> list[Candidate]:
         """Return the hypotheses to try beside those selected, in no order."""

@@ -75,6 +75,7 @@ class CoulombFriction(LinearTerm):
         positive=size("N·m", MORE, "moving up"), negative=size("N·m", MORE, "moving down")
     )
     FRICTION = True
+    EVERYWHERE = True
 
     arm: Arm
     joint_positive: Array

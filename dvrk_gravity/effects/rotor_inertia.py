@@ -38,6 +38,7 @@ class RotorInertia(LinearTerm):
     NAME = "rotor_inertia"
     REMEDY = "check {joint}'s motor and gear ratio"
     MEANINGS = meanings(inertia=size("kg·m^2", MORE))
+    EVERYWHERE = True
     COMPENSATED = False  # a compensator holds; it knows no acceleration
 
     arm: Arm

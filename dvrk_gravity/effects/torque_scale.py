@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 _LEAST = 1e-3  # in place of zero: a factor is no number where a mean has nothing of the reference
 
+_FAR = 4.0  # standard errors of drive gains. Chosen: all of them are not off by as much
+
 
 class TorqueScale(Effect):
     """measured effort = factor x applied effort."""
@@ -84,6 +86,13 @@ class ScaleHypothesis(Hypothesis):
         if self.site == site.THE_ARM:
             return f"the efforts of all joints read {factor}"
         return f"the effort of {self.site.words(self.arm)} reads {factor}"
+
+    def plausible(self, theta: Array) -> bool:
+        """See :meth:`Hypothesis.plausible`; known drive gains are not all far off alike."""
+        error = self.arm.drive_gain_error
+        if self.site == site.THE_ARM and error is not None and error.any():
+            return bool(abs(theta[0]) <= _FAR * np.mean(error)) and super().plausible(theta)
+        return super().plausible(theta)
 
     def remedy(self, carried: bool) -> str:
         """See :meth:`Hypothesis.remedy`: masses that are all off alike need such efforts, too."""

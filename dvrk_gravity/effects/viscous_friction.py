@@ -57,6 +57,7 @@ class ViscousFriction(Friction):
     NAME = "viscous_friction"
     REMEDY = "if it is new, look at {joint}'s lubrication and gear"
     MEANINGS = meanings(coefficient=size("N·m·s/rad", MORE))
+    EVERYWHERE = True
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:

@@ -34,6 +34,8 @@ class Term(Effect):
         NAME: The effect's name in the fixed vocabulary.
         FRICTION: Dissipative: the compensator scales it by its friction ratio, with
             :meth:`scaled`.
+        EVERYWHERE: Every arm has it at each joint, though a file that describes one may say nothing
+            of it.
         COMPENSATED: The compensator applies it; off for what needs the past of the motion or
             lives in a sensor.
         AT_POSES: Static poses determine it.
@@ -42,6 +44,7 @@ class Term(Effect):
     """
 
     FRICTION: ClassVar[bool] = False
+    EVERYWHERE: ClassVar[bool] = False
     COMPENSATED: ClassVar[bool] = True
     AT_POSES: ClassVar[bool] = False
     WEIGHT_OF_ARM: ClassVar[bool] = False

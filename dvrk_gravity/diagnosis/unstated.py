@@ -1,0 +1,56 @@
+"""What every arm has and its file says nothing of: friction and rotors, beside all other causes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity import effects
+from dvrk_gravity.diagnosis.candidate import Candidate, split
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.held_out import HeldOut
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.pool import prepared
+
+Array = NDArray[np.float64]
+
+
+def unstated(validation: CrossValidation, pool: Sequence[Candidate]) -> list[Candidate]:
+    """Return what is to be expected at each joint though the arm's file says nothing of it.
+
+    None of it where it would have to be less than nothing. Of an identified model, nothing.
+
+    Args:
+        validation: What compares hypotheses.
+        pool: Those that need no search.
+    """
+    names = silent_of(validation.data.motion)
+    found: dict[tuple[str, tuple[int, ...]], Candidate] = {}
+    for candidate in pool:
+        hypothesis = candidate.hypothesis
+        if hypothesis.effect in names and candidate.size == 1:
+            found.setdefault((hypothesis.effect, hypothesis.joints), candidate)
+    expected = list(found.values())
+    while expected:
+        theta = validation.parameters(expected)
+        kept = [candidate for candidate, value in split(expected, theta) if value[0] > 0.0]
+        if len(kept) == len(expected):
+            break
+        expected = kept
+    return expected
+
+
+def silent_of(motion: MeasuredMotion) -> set[str]:
+    """Return names of effects that every arm has, and of which an arm's own file says nothing."""
+    if not motion.model.of_file or motion.reference is not None:
+        return set()
+    known = {term.NAME for term in motion.model.terms}
+    return {term.NAME for term in effects.terms() if term.EVERYWHERE} - known
+
+
+def error_beside(motion: MeasuredMotion) -> Array:
+    """Return (H, n) held-out errors of a motion beside what its arm's file says nothing of."""
+    validation, pool = prepared(motion)
+    return HeldOut(validation).error(unstated(validation, pool))
