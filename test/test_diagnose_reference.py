@@ -50,6 +50,26 @@ def loaded(world) -> Recording:
     return later(record(world.with_payload(world.arm.body_names[-1], MASS, COM), 1, 12), 1.7)
 
 
+def test_friction_that_changed_by_more_than_a_day_does_is_told(world, bare):
+    """The elbow's by 40 %; that of another day, a tenth, has no say in it."""
+    rubbing = later(record(world.with_friction(2, 0.4 * world.coulomb[2]), 1, 13), 1.7)
+
+    (found,) = diagnose(rubbing, arm=UR5, reference=bare).findings
+
+    assert (found.effect, found.joints) == ("coulomb_friction", (world.arm.joint_names[2],))
+    level = found.parameters["positive"]
+    assert level.value == pytest.approx(0.4 * world.coulomb[2], rel=0.1)
+
+
+def test_friction_that_changed_as_a_day_changes_it_is_known(world, bare):
+    rubbing = later(record(world.with_friction(2, 0.15 * world.coulomb[2]), 1, 13), 1.7)
+
+    told = diagnose(rubbing, arm=UR5, reference=bare)
+
+    assert told.verdict == "nothing_to_explain"
+    assert [entry.joints for entry in told.known] == [(world.arm.joint_names[2],)]
+
+
 def test_the_same_motion_is_found_at_its_time_in_the_other_recording():
     time = np.arange(0.0, 20.0, 0.01)
     q = np.column_stack([np.sin(time) + 0.3 * np.sin(2.3 * time), np.cos(1.7 * time)])

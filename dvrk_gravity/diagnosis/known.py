@@ -51,6 +51,8 @@ def known(
         expected: See :func:`expected_error`.
     """
     motion = validation.data.motion
+    if motion.reference is not None:
+        return _between_recordings(validation, held_out, named)
     if motion.model.uncertainty is None:
         return ()
     arm = motion.arm
@@ -84,6 +86,27 @@ def known(
                     f"from day to day, the model may be off by {quantity(error, unit)}",
                 )
             )  # fmt: skip
+    return tuple(told)
+
+
+def _between_recordings(
+    validation: CrossValidation, held_out: HeldOut, named: Sequence[Candidate]
+) -> tuple[Known, ...]:
+    """Return where two recordings differ by more than is left, and no more than they may."""
+    motion, usable = validation.data.motion, validation.data.usable[held_out.rows]
+    moved = np.where(usable, validation.moved(named)[held_out.rows], np.nan)
+    size, left = held_out.rmse(moved), held_out.rmse(held_out.error(named))
+    told = []
+    for joint in np.flatnonzero(motion.present & (size > left)).tolist():
+        name, unit = motion.arm.joint_names[joint], motion.arm.joints[joint].effort_unit
+        rms = Estimate(float(size[joint]), float(size[joint]), float(size[joint]), unit)
+        told.append(
+            Known(
+                PARAMETERS, (name,), {"rms": rms},
+                f"{quantity(float(size[joint]), unit)} RMS at {name} are what differs from the "
+                "reference, and may from one day to another: friction, springs, timing",
+            )
+        )  # fmt: skip
     return tuple(told)
 
 

@@ -78,6 +78,8 @@ class MeasuredMotion:
         rounding: (n,) density of the noise that the steps of the efforts leave, N·m/sqrt(Hz).
         reference: (N, n) torques that were measured in the same motion when all was well, N·m;
             they stand for the model's then. ``None``: the model's do.
+        rubs_otherwise: Joints whose friction differs from the reference's by more than that of
+            another day does: all of it is to be told.
         settings: When a joint moves.
     """
 
@@ -95,6 +97,7 @@ class MeasuredMotion:
     clock: tuple[int, ...] = ()
     rounding: Array = field(default_factory=lambda: np.zeros(()))
     reference: Array | None = None
+    rubs_otherwise: tuple[int, ...] = ()
     settings: MotionSettings = field(default_factory=MotionSettings)
 
     @property

@@ -74,8 +74,12 @@ class NearbyTorque:
 
     def torque(self, motion: MeasuredMotion) -> Array:
         """Return (N, n) torques in a motion, N·m."""
-        friction = sum(size * way for size, way in zip(self.friction, _ways(motion), strict=True))
-        return np.asarray(self.inertial_torque(motion) + friction)
+        return np.asarray(self.inertial_torque(motion) + self.friction_torque(motion))
+
+    def friction_torque(self, motion: MeasuredMotion) -> Array:
+        """Return (N, n) torques of the joints' friction alone, N·m."""
+        sign, speed = _ways(motion)
+        return np.asarray(self.friction[0] * sign + self.friction[1] * speed)
 
     def inertial_torque(self, motion: MeasuredMotion, gravity: Array | None = None) -> Array:
         """Return (N, n) torques of the links alone, N·m; by default in the motion's gravity."""

@@ -12,6 +12,8 @@ from dvrk_gravity.diagnosis.nearby import NearbyTorque
 
 Array = NDArray[np.float64]
 
+_EACH, _OF_FRICTION = 6, 4  # columns of a joint, the last two of its friction
+
 
 @dataclass(frozen=True)
 class ReferenceErrorSettings:
@@ -30,6 +32,8 @@ class ReferenceErrorSettings:
             positions than they were. Chosen: half the interval of a recording at 1 kHz.
         by_day: Standard deviation of the part by which all friction is another, since it falls with
             warmth. Chosen: with three times that, friction that has doubled is not told.
+        beyond: Times that, from which on it is no other day's. A convention: two standard
+            deviations.
         by_cable: Standard deviation of what cables and springs hold otherwise at the ends of the
             way, as a part of the joint's torque. Chosen by a PSM's two days, whose pitch differs by
             0.1 to 0.25 of it (docs/psm.md); charged to a weight, that took the true one out of its
@@ -41,6 +45,7 @@ class ReferenceErrorSettings:
     by_clock: float = 0.0005
     by_day: float = 0.1
     by_cable: float = 0.1
+    beyond: float = 2.0
 
 
 def reference_columns(
@@ -62,19 +67,38 @@ def reference_columns(
     late = np.zeros(motion.q.shape)
     for part in motion.parts:
         late[part] = -np.gradient(motion.reference[part] + load[part], motion.time[part], axis=0)
-    columns = np.zeros((*motion.q.shape, 6 * len(joints)))
+    columns = np.zeros((*motion.q.shape, _EACH * len(joints)))
     middle, half = motion.travel
     size = np.sqrt(np.mean(motion.reference**2, axis=0))
+    friction = NearbyTorque.fit(motion, motion.reference).friction_torque(motion)
+    rubs = np.sqrt(np.mean(friction**2, axis=0))
     for index, joint in enumerate(joints):
         sign, speed = motion.sign(np.eye(motion.arm.n)[joint]), motion.qd[:, joint]
-        columns[:, joint, 6 * index] = settings.by_load * grown[:, joint] * sign
-        columns[:, joint, 6 * index + 1] = settings.by_inertia * inertia[:, joint]
-        columns[:, joint, 6 * index + 2] = settings.by_clock * late[:, joint]
+        columns[:, joint, _EACH * index] = settings.by_load * grown[:, joint] * sign
+        columns[:, joint, _EACH * index + 1] = settings.by_inertia * inertia[:, joint]
+        columns[:, joint, _EACH * index + 2] = settings.by_clock * late[:, joint]
         along = (motion.q[:, joint] - middle[joint]) / half[joint]
-        columns[:, joint, 6 * index + 3] = settings.by_cable * size[joint] * along
-        # About as much as the reference's torque owes to direction and speed.
-        for column, way in enumerate((sign, speed), start=4):
-            moving = max(float(np.mean(way**2)), 1e-12)
-            owed = abs(float(np.mean(way * motion.reference[:, joint]))) / moving
-            columns[:, joint, 6 * index + column] = settings.by_day * owed * way
+        columns[:, joint, _EACH * index + 3] = settings.by_cable * size[joint] * along
+        if joint in motion.rubs_otherwise:
+            continue
+        # Either may take as much of the other's part.
+        for column, way in enumerate((sign, speed), start=_OF_FRICTION):
+            owed = rubs[joint] / max(float(np.sqrt(np.mean(way**2))), 1e-12)
+            columns[:, joint, _EACH * index + column] = settings.by_day * owed * way
     return columns
+
+
+def rubbing_otherwise(
+    motion: MeasuredMotion, moved: Array, settings: ReferenceErrorSettings | None = None
+) -> tuple[int, ...]:
+    """Return joints whose friction differs by more than that of another day does.
+
+    Args:
+        motion: The motion.
+        moved: (d,) how far each of :func:`reference_columns` had to go, in standard deviations.
+        settings: How friction may differ.
+    """
+    settings = settings or ReferenceErrorSettings()
+    friction = np.abs(moved.reshape(-1, _EACH)[:, _OF_FRICTION:]).max(axis=1, initial=0.0)
+    joints = np.flatnonzero(motion.moves)
+    return tuple(joints[friction > settings.beyond].tolist())

@@ -23,6 +23,7 @@ from dvrk_gravity.diagnosis.places import SelectedEffect, explained, merge, refi
 from dvrk_gravity.diagnosis.read_rightly import read_rightly
 from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
+from dvrk_gravity.diagnosis.reference_error import rubbing_otherwise
 from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection, SelectionSettings
 from dvrk_gravity.diagnosis.significance import Significance
@@ -223,11 +224,39 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
     validation.release()
     selected, unknown = with_nameless(validation, selection, selected, floor)
+    again = _with_friction_told(loaded, validation, selected, say)
+    if again is not None:
+        return again
     other_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
     selected = [effect for effect in selected if not effect.trial.other_day]
     minor = _minor(validation, sparse, selected, unknown)
     return Outcome(loaded, read.wrong, validation, tuple(selected), tuple(unknown),
                    tuple(unconfirmed), tuple(minor), tuple(other_day), tuple(pool))  # fmt: skip
+
+
+def _with_friction_told(
+    loaded: Loaded,
+    validation: CrossValidation,
+    selected: Sequence[SelectedEffect],
+    say: Callable[[str], None],
+) -> Outcome | None:
+    """Return the outcome where friction of some joints is no other day's; ``None`` if all is."""
+    motion = loaded.motion
+    if motion.reference is None or motion.rubs_otherwise:
+        return None
+    named = [effect.trial.candidate for effect in selected]
+    moved = validation.posterior(named)[0][: validation.model_size]
+    rubs = rubbing_otherwise(motion, moved)
+    while rubs:
+        say("weighing hypotheses with friction that is another one")
+        outcome = investigate(replace(loaded, motion=replace(motion, rubs_otherwise=rubs)), say)
+        hypotheses = [effect.trial.candidate.hypothesis for effect in outcome.selected]
+        told = {joint for hypothesis in hypotheses for joint in hypothesis.joints}
+        if told.issuperset(rubs):
+            return outcome
+        # What no name fits is left to the days, joint by joint.
+        rubs = tuple(joint for joint in rubs if joint in told)
+    return None
 
 
 def _minor(
