@@ -159,7 +159,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     columns = dict(zip(("before", "after", "floor", "expected"), diagnosis.errors, strict=True))
     told = f"floor: {FLOORS[diagnosis.floor_from]}"
     if np.isfinite(list(diagnosis.expected.values())).any():
-        told += "; expected: of the model, by its own uncertainty"
+        told += "; expected: of the model, by its own uncertainty and friction of another day"
         told += ", which grows where it is extrapolated" if diagnosis.outside else ""
     else:
         del columns["expected"]

@@ -181,8 +181,10 @@ def load(
 def _require_length(recording: Recording, settings: LoadSettings) -> None:
     if recording.time is None:
         return
-    duration = float(recording.time[-1] - recording.time[0])
-    if duration < settings.shortest:
+    # Each sample stands for an interval, the last one too.
+    count = len(recording)
+    duration = float(recording.time[-1] - recording.time[0]) * count / max(count - 1, 1)
+    if duration < settings.shortest * (1.0 - 1e-6):
         raise RecordingError(
             recording.source,
             f"lasts {duration:.3g} s, a diagnosis needs at least {settings.shortest:g} s of motion",

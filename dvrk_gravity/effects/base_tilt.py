@@ -10,16 +10,19 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
-from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base import rigid_body, site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.link_prior import prior_scale
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.gravity import Gravity, with_beta
+from dvrk_gravity.effects.link_weight import with_weight
 
 Array = NDArray[np.float64]
 
 _SHAFT = 0.03  # N·m that link 1 may plausibly weigh on its joint in a base that is tilted
+_LEANING = 0.1  # rad: a tilt of which all arms are asked what link 1 plausibly weighs
 _STEP = 1e-4  # rad, for a difference quotient
 _LEVEL = 12  # entries of beta that an upright base shows
 
@@ -39,12 +42,10 @@ class BaseTilt(Effect):
         """See :meth:`Effect.hypotheses`."""
         if not motion.present.all() or not any(term.carries_arm for term in motion.model.terms):
             return
-        weight = motion.model.term(Gravity.NAME)
-        knows_shaft = not isinstance(weight, Gravity) or len(weight.beta) > _LEVEL
+        shaft = _unknown_of_shaft(motion)
         yield TiltHypothesis(
             arm=motion.arm, site=site.THE_BASE, setting={"roll": 0.0, "pitch": 0.0},
-            knows_shaft=knows_shaft,
-            plausible_size=() if knows_shaft else (np.inf, np.inf, _SHAFT, _SHAFT),
+            knows_shaft=not shaft, plausible_size=(np.inf, np.inf, shaft, shaft) if shaft else (),
         )  # fmt: skip
 
 
@@ -95,14 +96,42 @@ class TiltHypothesis(Hypothesis):
         # What weighs on a shaft that leans, as the first moments of link 1.
         q = np.zeros((4, len(self.arm.joints)))
         q[:, 0] = np.linspace(-1.0, 1.0, len(q))
-        per_moment = gravity.regressor(q, vector, len(gravity.BETA_NAMES))[:, 0, _LEVEL:]
+        of_beta = isinstance(motion.model.term(Gravity.NAME), Gravity)
+        per_moment = (
+            gravity.regressor(q, vector, len(gravity.BETA_NAMES))[:, 0, _LEVEL:]
+            if of_beta
+            else rigid_body.weight_regressor(self.arm, q, vector)[:, 0, 1:3]
+        )
         moments = np.linalg.lstsq(per_moment, theta[2:] @ _shaft_torque(q), rcond=None)[0]
-        return with_beta(values, np.pad(moments, (_LEVEL, 0)))
+        if of_beta:
+            return with_beta(values, np.pad(moments, (_LEVEL, 0)))
+        change = np.zeros((len(self.arm.bodies), rigid_body.OF_WEIGHT))
+        change[0, 1:3] = moments
+        return with_weight(self.arm, values, change)
 
     @property
     def subject(self) -> str:
         """See :meth:`Hypothesis.subject`."""
         return "a tilt of the base"
+
+
+def _unknown_of_shaft(motion: Motion) -> float:
+    """Return what link 1 may weigh on its joint once that leans, N·m; 0 where the model knows.
+
+    About a vertical axis nothing weighs, so no upright motion has shown it.
+    """
+    weight, arm = motion.model.term(Gravity.NAME), motion.arm
+    if isinstance(weight, Gravity):
+        return _SHAFT if len(weight.beta) <= _LEVEL else 0.0
+    if motion.model.uncertainty is None or motion.model.of_file:
+        return 0.0
+    first = arm.bodies[0]
+    turns = first.kind == "revolute" and np.array_equal(first.row, np.eye(arm.n)[0])
+    upright = np.cross(first.placement.rotation[:, 2], motion.gravity)
+    if not turns or np.linalg.norm(upright) > _STEP * np.linalg.norm(motion.gravity):
+        return 0.0
+    moments = prior_scale(arm).reshape(len(arm.bodies), -1)[:, 1]
+    return float(_LEANING * np.linalg.norm(motion.gravity) * np.linalg.norm(moments))
 
 
 def _shaft_torque(q: Array) -> Array:

@@ -189,7 +189,8 @@ def _errors(diagnosis: Diagnosis) -> str:
     head = ("joint", "before", "after", "noise floor", "expected", "after / floor")
     told = (
         f"<p class=small>The noise floor is {FLOORS[diagnosis.floor_from]}; expected is what the "
-        "given model expects of itself here, by its parameters' posterior and its known error.</p>"
+        "given model expects of itself here, by its parameters' posterior, its known error and "
+        "friction of another day.</p>"
     )
     title = f"<h2>Held-out error, {unit} RMS</h2><p class=small>Errors {diagnosis.compared}.</p>"
     return title + html.table(head, rows) + told
