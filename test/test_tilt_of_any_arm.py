@@ -1,4 +1,4 @@
-"""A base that was level when an arm was identified, and leans: what a shaft bears comes to light."""
+"""A base that was level when an arm was identified, and leans: what its shaft bears shows then."""
 
 from __future__ import annotations
 
