@@ -150,7 +150,7 @@ class Recording(Samples):
         topic: str | None = None,
         coordinates: Coordinates = "joint",
         time_base: TimeBase = "stamp",
-        arm: Arm | None = None,
+        arm: Arm | str | Path | None = None,
     ) -> Recording:
         """Read a whole recording.
 
@@ -161,13 +161,16 @@ class Recording(Samples):
             topic: JointState topic of a bag; found if there is one candidate.
             coordinates: What the file's columns are; files do not tell.
             time_base: For bags: the header's stamp, or the time at which the bag received it.
-            arm: Whose joints are read, in its order; ``None``: those that the file names, in its.
+            arm: Whose joints are read, in its order, or its name or file; ``None``: those that the
+                recording names, in its.
 
         Raises:
             RecordingError: If the file cannot be used; the text says where and why.
+            ArgumentError: An argument of a wrong type.
         """
+        of = None if arm is None else Arm.of(arm)
         return cls.checked(
-            files.join(list(files.read(path, topic, coordinates, time_base, arm=arm)))
+            files.join(list(files.read(path, topic, coordinates, time_base, arm=of)))
         )
 
     def save(
