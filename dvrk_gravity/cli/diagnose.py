@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
 def _summary(diagnosis: Diagnosis, out: Path) -> str:
     import numpy as np
 
-    from dvrk_gravity.diagnosis.findings import ERROR, FLOORS, KNOWN
+    from dvrk_gravity.diagnosis.findings import BETWEEN, ERROR, FLOORS, KNOWN
 
     count = len(diagnosis.findings)
     of_all = f" (the first of {count} findings)" if count > 1 else ""
@@ -136,7 +136,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         lines.append(f"note: {diagnosis.caveat}")
     known = [entry for entry in diagnosis.known if entry.effect != ERROR]
     if known:
-        lines.append(f"{KNOWN}:")
+        lines.append(f"{BETWEEN if diagnosis.beside_reference else KNOWN}:")
         lines += [f"   {entry.sentence}" for entry in known]
     suspected = [ambiguity for ambiguity in diagnosis.ambiguities if ambiguity.suspected]
     lines += [f"not to be told apart: {ambiguity.sentence}" for ambiguity in suspected]

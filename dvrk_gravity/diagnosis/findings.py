@@ -238,6 +238,7 @@ class Finding:
 # What is known that is no effect: the model's own parameters moved, the error that it left.
 PARAMETERS, ERROR = "model_parameters", "model_error"
 KNOWN = "what the model is known to miss, left uncertain, or has of another day"
+BETWEEN = "what differs from the reference without a cause that is news"
 
 
 @dataclass(frozen=True)

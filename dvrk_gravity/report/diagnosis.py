@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.findings import (
+    BETWEEN,
     FLOORS,
     KNOWN,
     Ambiguity,
@@ -74,7 +75,7 @@ def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
     if diagnosis.weighed is not None:
         parts.append(f"<p><b>Known payload:</b> {escape(diagnosis.weighed.sentence)}.</p>")
     if diagnosis.known:
-        parts.append(_known(diagnosis.known))
+        parts.append(_known(diagnosis.known, diagnosis.beside_reference))
     if diagnosis.ambiguities:
         parts.append(_ambiguities(diagnosis.ambiguities))
     parts.append(_errors(diagnosis))
@@ -156,14 +157,20 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
     return "\n".join(parts)
 
 
-def _known(known: Sequence[Known]) -> str:
+def _known(known: Sequence[Known], beside_reference: bool) -> str:
     """Return what is no news: known, within the model's uncertainty, or friction of another day."""
     items = "".join(f"<li>{escape(entry.sentence)}</li>" for entry in known)
+    title, why = (
+        KNOWN,
+        (
+            "so much was left unexplained or uncertain when the model was made; and friction is "
+            "another one from day to day"
+        ),
+    )
+    if beside_reference:
+        title, why = BETWEEN, "friction, springs and timing are others from day to day"
     return (
-        f"<h2>{KNOWN[0].upper()}{KNOWN[1:]}</h2>"
-        "<p class=small>No news: so much was left unexplained or uncertain when the model was "
-        "made; and friction is another one from day to day."
-        f"</p><ul>{items}</ul>"
+        f"<h2>{title[0].upper()}{title[1:]}</h2><p class=small>No news: {why}.</p><ul>{items}</ul>"
     )
 
 
