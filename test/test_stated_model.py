@@ -96,7 +96,7 @@ def test_what_the_arm_has_and_the_file_does_not_is_found_at_every_joint(world, r
         viscous = found["viscous_friction", (joint,)].parameters["coefficient"]
         assert viscous.value == pytest.approx(slope, rel=0.05)
     assert len(found) == 13
-    # What the file says nothing of is no surprise, and no headline.
+    # What a file says little of is no surprise, and no headline.
     assert diagnosis.findings[0].effect == "payload"
 
 
@@ -141,7 +141,7 @@ def test_what_is_done_alike_at_several_joints_is_told_once(recording, tmp_path, 
     assert told.count("removes") > 13  # each with its sizes
     done = [line for line in told.splitlines() if "what to do: " in line]
     assert len(done) == 3
-    assert "the arm's file says nothing of it: use the extended model, which has it" in done[1]
+    assert "an arm's file says little of it: use the extended model, which has it" in done[1]
 
 
 def test_convert_writes_it_as_a_model_file(tmp_path, capsys):

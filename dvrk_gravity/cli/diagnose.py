@@ -127,9 +127,9 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     of_all = f" (the first of {count} findings)" if count > 1 else ""
     lines = [f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}{of_all}"]
     if diagnosis.findings:
-        silent = " then what the arm's file says nothing of," if diagnosis.of_file else ""
+        after = " then what an arm's file says little of," if diagnosis.of_file else ""
         lines.append(
-            f"what changed or was missed, the largest gain first,{silent} what is not certain last:"
+            f"what changed or was missed, the largest gain first,{after} what is not certain last:"
         )
     lines += _told(diagnosis.findings)
     if diagnosis.caveat:

@@ -39,7 +39,7 @@ from dvrk_gravity.diagnosis.refinement import RefinementSettings, plateau
 from dvrk_gravity.diagnosis.result import Diagnosis, Verdict, by_joint
 from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.diagnosis.separate import separation
-from dvrk_gravity.diagnosis.unstated import error_beside, silent_of
+from dvrk_gravity.diagnosis.unstated import error_beside, little_said_of
 from dvrk_gravity.diagnosis.words import sentence_of
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate
@@ -107,12 +107,12 @@ def assemble(
     if found:
         model = updated(model, validation, named, held_out, contradictory)
     first = read_rightly = held_out.as_read()
-    silent = silent_of(data.motion)
+    of_any_arm = little_said_of(data.motion)
     if wrong:
         first = as_read_before(wrong[0].motion, data, held_out)
     readings = first, read_rightly
-    if wrong and silent:  # what friction hides tells no reading from another
-        of_file = [candidate for candidate in named if candidate.hypothesis.effect in silent]
+    if wrong and of_any_arm:  # what friction hides tells no reading from another
+        of_file = [candidate for candidate in named if candidate.hypothesis.effect in of_any_arm]
         readings = error_beside(wrong[0].motion), held_out.error(of_file)
     # Of three joints that are exchanged one exchange alone puts nothing right: all are told by
     # what they do together.
@@ -126,7 +126,7 @@ def assemble(
         )  # fmt: skip
         finding = _finding(held_out, validation, selected, i, parameters, theta[rows], left_out[i])
         effect_findings.append(finding)
-    findings += ordered(effect_findings, silent)
+    findings += ordered(effect_findings, of_any_arm)
     for trial in unknown:
         findings.append(unknown_finding(held_out, validation, named, trial))
     after = held_out.rmse(held_out.error(named))
@@ -282,8 +282,8 @@ def _finding(
 def _remedy(hypothesis: Hypothesis, motion: MeasuredMotion, carried: bool) -> str:
     """Return what to do about a finding."""
     model = motion.model
-    if carried and hypothesis.effect in silent_of(motion):
-        return "the arm's file says nothing of it: use the extended model, which has it"
+    if carried and hypothesis.effect in little_said_of(motion):
+        return "an arm's file says little of it: use the extended model, which has it"
     lacking = model.terms and not any(term.FRICTION for term in model.terms)
     if carried and lacking and is_friction(hypothesis.effect):
         return "the model has no friction at all: use the extended model, which has it"

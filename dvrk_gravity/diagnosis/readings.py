@@ -113,7 +113,7 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     block = np.arange(len(rows)) * _SETTINGS.blocks // len(rows)
     few = _thinned(motion, rows)
     usable = ~motion.stuck[rows]
-    bare = motion.model.of_file  # and says nothing of friction and rotors
+    bare = motion.model.of_file  # and says little of friction and rotors
     before = (_beside_friction(few.residual, few, usable) if bare else few.residual) ** 2 * usable
     as_it_is = _expected(few)
     pulling = tuple(term for term in motion.model.terms if not term.FRICTION)

@@ -1,4 +1,4 @@
-"""What every arm has and its file says nothing of: friction and rotors, beside all other causes."""
+"""What every arm has and its file says little of: friction and rotors, beside all other causes."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ Array = NDArray[np.float64]
 
 
 def unstated(validation: CrossValidation, pool: Sequence[Candidate]) -> list[Candidate]:
-    """Return what is to be expected at each joint though the arm's file says nothing of it.
+    """Return what is to be expected at each joint though the arm's file says little of it.
 
-    None of it where it would have to be less than nothing. Of an identified model, nothing.
+    None of it where it would have to be less than the file says. Of an identified model, nothing.
 
     Args:
         validation: What compares hypotheses.
         pool: Those that need no search.
     """
-    names = silent_of(validation.data.motion)
+    names = little_said_of(validation.data.motion)
     found: dict[tuple[str, tuple[int, ...]], Candidate] = {}
     for candidate in pool:
         hypothesis = candidate.hypothesis
@@ -42,15 +42,17 @@ def unstated(validation: CrossValidation, pool: Sequence[Candidate]) -> list[Can
     return expected
 
 
-def silent_of(motion: MeasuredMotion) -> set[str]:
-    """Return names of effects that every arm has, and of which an arm's own file says nothing."""
+def little_said_of(motion: MeasuredMotion) -> set[str]:
+    """Return names of effects that every arm has, and of which an arm's own file says little.
+
+    What it says, if anything, is a placeholder as often as not: many have one damping throughout.
+    """
     if not motion.model.of_file or motion.reference is not None:
         return set()
-    known = {term.NAME for term in motion.model.terms}
-    return {term.NAME for term in effects.terms() if term.EVERYWHERE} - known
+    return {term.NAME for term in effects.terms() if term.EVERYWHERE}
 
 
 def error_beside(motion: MeasuredMotion) -> Array:
-    """Return (H, n) held-out errors of a motion beside what its arm's file says nothing of."""
+    """Return (H, n) held-out errors of a motion beside what its arm's file says little of."""
     validation, pool = prepared(motion)
     return HeldOut(validation).error(unstated(validation, pool))
