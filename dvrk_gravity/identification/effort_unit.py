@@ -81,7 +81,9 @@ def _mounted(nominal: NominalTorque | None) -> str:
         return ""
     roll, pitch = np.degrees((found.roll, found.pitch))
     signs = (
-        "; or all efforts have the wrong sign, which no friction tells here" if found.signs else ""
+        "; or efforts have the wrong sign, all or those that bear most: no friction tells"
+        if found.signs
+        else ""
     )
     return (
         "by the masses in the arm's file gravity acts as on a base with "
