@@ -65,11 +65,10 @@ def known(
         name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
         error = float(validation.data.expected_on_another_day[joint])
         if size[joint] > error:
-            rms = Estimate(float(size[joint]), float(size[joint]), float(size[joint]), unit)
             reach = float(np.sqrt(max(expected[joint] ** 2 - error**2, 0.0)))
             told.append(
-                Known(
-                    PARAMETERS, (name,), {"rms": rms},
+                _of_size(
+                    PARAMETERS, name, float(size[joint]), unit,
                     f"{quantity(float(size[joint]), unit)} RMS at {name} are the model's own "
                     f"parameters, moved within what its {source} left open (expected: "
                     f"{quantity(reach, unit)})",
@@ -77,10 +76,9 @@ def known(
             )  # fmt: skip
         if error > 0.0:
             value = float(residual_rmse[joint])
-            rms = Estimate(value, value, value, unit)
             told.append(
-                Known(
-                    ERROR, (name,), {"rms": rms},
+                _of_size(
+                    ERROR, name, value, unit,
                     f"{name} is left with {quantity(value, unit)} RMS; by what it "
                     "left of data that its identification had not seen, and as friction changes "
                     f"from day to day, the model may be off by {quantity(error, unit)}",
@@ -99,15 +97,18 @@ def _between_recordings(
     told = []
     for joint in np.flatnonzero(motion.present & (size > left)).tolist():
         name, unit = motion.arm.joint_names[joint], motion.arm.joints[joint].effort_unit
-        rms = Estimate(float(size[joint]), float(size[joint]), float(size[joint]), unit)
         told.append(
-            Known(
-                PARAMETERS, (name,), {"rms": rms},
+            _of_size(
+                PARAMETERS, name, float(size[joint]), unit,
                 f"{quantity(float(size[joint]), unit)} RMS at {name} are what differs from the "
                 "reference, and may from one day to another: friction, springs, timing",
             )
         )  # fmt: skip
     return tuple(told)
+
+
+def _of_size(effect: str, joint: str, rms: float, unit: str, sentence: str) -> Known:
+    return Known(effect, (joint,), {"rms": Estimate(rms, rms, rms, unit)}, sentence)
 
 
 def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Candidate]) -> Known:

@@ -70,9 +70,7 @@ def friction_torque(motion: MeasuredMotion) -> Array:
     """
     if motion.model.uncertainty is None or motion.static:
         return np.zeros(motion.q.shape)
-    state = State(motion.true_q, motion.qd, motion.qdd)
-    torques = (term.torque(state) for term in motion.model.terms if term.FRICTION)
-    return sum(torques, np.zeros(motion.q.shape))
+    return motion.friction
 
 
 def changed_friction(

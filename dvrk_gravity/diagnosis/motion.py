@@ -121,6 +121,13 @@ class MeasuredMotion:
         return self.model.prediction(self._state(self.q))
 
     @cached_property
+    def friction(self) -> Array:
+        """(N, n) torque of the model's friction, N·m."""
+        state = State(self.true_q, self.qd, self.qdd)
+        torques = (term.torque(state) for term in self.model.terms if term.FRICTION)
+        return sum(torques, np.zeros(self.q.shape))
+
+    @cached_property
     def acting(self) -> Array:
         """(N, n) torque that acts, to suppose a wrong reading of, N·m.
 

@@ -68,11 +68,13 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         if not scores or not scores[0].passes:
             break
         beside = unstated(validation, pool)
-        as_it_is, error = validation.score(beside), HeldOut(validation).error(beside)
+        as_it_is = validation.score(beside)
         best = Selection(validation, pool, say).best(beside, as_it_is)
         least = _SETTINGS.share * (best[0].gain if best else 0.0)
         if scores[0].gain <= least:
             break
+        of_file = loaded.motion.model.of_file
+        before = HeldOut(validation).error(beside) if of_file else None
         validation.release()
         del validation, pool, best  # of a long recording there is no room for two
         say("building hypotheses")
@@ -81,12 +83,10 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         beside = unstated(validation, pool)
         gain = validation.score(beside).likelihood - as_it_is.likelihood
         held_out = HeldOut(validation)
-        if loaded.motion.model.of_file:  # what friction hides tells no reading from another
-            before, after = error, held_out.error(beside)
-        else:
-            before, after = (
-                as_read_before(loaded.motion, validation.data, held_out), held_out.as_read(),
-            )  # fmt: skip
+        # What friction hides tells no reading from another, where a model says little of it.
+        after = held_out.as_read() if before is None else held_out.error(beside)
+        if before is None:
+            before = as_read_before(loaded.motion, validation.data, held_out)
         _, gained = reading_gain(scores[0], before, after, held_out)
         if gain <= least or gained.relative <= held_out.settings.least_removed:
             del validation, pool

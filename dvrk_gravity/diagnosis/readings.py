@@ -113,8 +113,7 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     block = np.arange(len(rows)) * _SETTINGS.blocks // len(rows)
     few = _thinned(motion, rows)
     usable = ~motion.stuck[rows]
-    bare = motion.model.of_file  # and says little of friction and rotors
-    before = (_beside_friction(few.residual, few, usable) if bare else few.residual) ** 2 * usable
+    before = _beside_friction(few.residual, few, usable) ** 2 * usable
     as_it_is = _expected(few)
     pulling = tuple(term for term in motion.model.terms if not term.FRICTION)
     alternatives = list(readings(motion.arm, motion.moves))
@@ -128,17 +127,16 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
         # identified on, a reading that does not may settle.
         expected = np.minimum(as_it_is, _expected(read))
         scale = np.maximum(before.mean(axis=0) + expected, 1e-12)
-        pull = read.torque_at(read.q, replace(read.model, terms=pulling))
         for reading in same_motion:
             effort = few.effort @ reading.effort.T
-            if _driving((effort - pull) * read.qd, block):
-                continue
-            after = effort - read.modelled
-            after = (_beside_friction(after, read, usable) if bare else after) ** 2 * usable
+            after = _beside_friction(effort - read.modelled, read, usable) ** 2 * usable
             mean = np.maximum(after.mean(axis=0) + expected, 1e-12)
             # Log-likelihood of a sample.
             gain = 0.5 * float(np.log(scale / mean).sum())
             if gain <= 0.0:
+                continue
+            pull = read.torque_at(read.q, replace(read.model, terms=pulling))
+            if _driving((effort - pull) * read.qd, block):
                 continue
             better = np.bincount(block, (np.log(before + 0.1 * scale)
                                          - np.log(after + 0.1 * scale)).sum(axis=1))  # fmt: skip
@@ -187,10 +185,13 @@ def _beyond(motion: MeasuredMotion) -> float:
 def _beside_friction(residual: Array, motion: MeasuredMotion, usable: NDArray[np.bool_]) -> Array:
     """Return (N, n) what dry and viscous friction and a rotor of each joint leave of a residual.
 
-    None of less than nothing: what is read with the wrong sign shows no friction that can be.
+    None of less than nothing: what is read with the wrong sign shows no friction that can be. Of an
+    identified model all is left, for it has its own.
     """
     from scipy.optimize import nnls
 
+    if not motion.model.of_file:
+        return residual
     rest = residual.copy()
     for joint in np.flatnonzero(motion.moves).tolist():
         speed, rows = motion.qd[:, joint], usable[:, joint]

@@ -12,7 +12,6 @@ from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
-from dvrk_gravity.effects.base.state import State
 
 Array = NDArray[np.float64]
 
@@ -60,7 +59,9 @@ class DelayHypothesis(Hypothesis):
         shift of them would explain it.
         """
         step = setting["delay"] if abs(setting["delay"]) > _SMALL else _FIRST
-        acting = motion.acting if self.of_friction is None else self._part(motion)
+        acting = motion.acting
+        if self.of_friction is not None:
+            acting = motion.friction if self.of_friction else acting - motion.friction
         late = np.empty_like(acting)
         for part in motion.parts:
             time = motion.time[part]
@@ -77,13 +78,6 @@ class DelayHypothesis(Hypothesis):
         if self.beside_reference or not any(term.FRICTION for term in motion.model.terms):
             return ()
         return replace(self, of_friction=False), replace(self, of_friction=True)
-
-    def _part(self, motion: Motion) -> Array:
-        """Return the (N, n) torque of the model's friction, or of all the rest."""
-        state = State(motion.true_q, motion.qd, motion.qdd)
-        terms = (term.torque(state) for term in motion.model.terms if term.FRICTION)
-        friction = sum(terms, np.zeros(motion.q.shape))
-        return friction if self.of_friction else motion.acting - friction
 
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """See :meth:`Hypothesis.describe`."""

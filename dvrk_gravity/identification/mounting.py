@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.optimize import nnls
 
 from dvrk_gravity.effects.base_tilt import BaseTilt
 from dvrk_gravity.identification.nominal_torque import NominalTorque
@@ -63,6 +62,8 @@ def mounting(nominal: NominalTorque, settings: MountingSettings | None = None) -
     Returns:
         ``None`` where the efforts show what the arm's file says, or do not tell.
     """
+    from scipy.optimize import nnls  # slow to load
+
     settings = settings or MountingSettings()
     gravity = nominal.arm.gravity
     rest = []

@@ -73,6 +73,10 @@ class Motion(Protocol):
         """(N, n) torque of the model."""
 
     @property
+    def friction(self) -> Array:
+        """(N, n) torque of the model's friction."""
+
+    @property
     def acting(self) -> Array:
         """(N, n) torque that acts: the model's, or what was measured with and without a cause."""
 
