@@ -9,7 +9,7 @@ from recording_samples import shared_data, wave
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording import Recording, check, prepare
+from dvrk_gravity.recording import DataWarning, Recording, brief, check, prepare
 from dvrk_gravity.recording.grid import resample, stale
 from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.signal_checks import quantisation
@@ -461,3 +461,14 @@ def test_coarse_positions_are_told_in_the_unit_of_the_joint():
     assert set(words) == {"insertion", "roll"}
     assert "steps of 0.001 m: one a sample is 0.2 m/s" in words["insertion"]
     assert "steps of 0.001 rad: one a sample is 0.2 rad/s" in words["roll"]
+
+
+def test_a_terminal_says_what_is_alike_at_several_joints_of_the_first():
+    coarse = replace(CLEAN, position=steps(0.02)(CLEAN.position))
+    late = DataWarning("gaps", None, {}, "one gap of 0.8 s")
+    lines = brief([*quantisation(coarse), late])
+    first, *others = JOINT_NAMES
+    assert len(lines) == 2
+    assert lines[0].startswith(f"{first}: position has steps of 0.02 rad")
+    assert lines[0].endswith(f"; likewise {', '.join(others)}")
+    assert lines[1] == "one gap of 0.8 s"

@@ -122,6 +122,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     import numpy as np
 
     from dvrk_gravity.diagnosis.findings import BETWEEN, ERROR, FLOORS, KNOWN
+    from dvrk_gravity.recording import brief
 
     count = len(diagnosis.findings)
     of_all = f" (the first of {count} findings)" if count > 1 else ""
@@ -179,7 +180,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
         lines.append(f"known payload: {diagnosis.weighed.sentence}")
     lines += [f"extrapolated: {line}" for line in diagnosis.outside]
     lines += [note for note in diagnosis.notes if note.startswith(("warning: ", "not recorded"))]
-    lines += [f"warning: {warning}" for warning in diagnosis.warnings]
+    lines += [f"warning: {line}" for line in brief(diagnosis.warnings)]
     lines.append(f"written: {out}/findings.json, extended_model.yaml, report.html")
     return "\n".join(lines)
 

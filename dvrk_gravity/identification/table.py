@@ -9,6 +9,7 @@ from dvrk_gravity.identification.evaluation import Evaluation
 from dvrk_gravity.identification.result import Fit, JointError, Verdict
 from dvrk_gravity.identification.verdict import compared
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import brief
 
 
 def error_table(
@@ -43,8 +44,8 @@ def verdict_text(verdict: Verdict) -> Iterator[str]:
 
 def fit_text(fit: Fit) -> Iterator[str]:
     """Yield the lines that a terminal shows after an identification."""
-    for warning in fit.warnings:
-        yield f"warning: {warning}"
+    for line in brief(fit.warnings):
+        yield f"warning: {line}"
     for line in fit.handling:
         yield f"data: {line}"
     yield ""
@@ -74,8 +75,8 @@ def fit_text(fit: Fit) -> Iterator[str]:
 
 def evaluation_text(result: Evaluation, model: TorqueModel) -> Iterator[str]:
     """Yield the lines that a terminal shows after the evaluation of a model."""
-    for warning in result.warnings:
-        yield f"warning: {warning}"
+    for line in brief(result.warnings):
+        yield f"warning: {line}"
     if result.detected:
         yield result.detected
     for line in result.handling:

@@ -4,7 +4,7 @@ from dvrk_gravity.recording.bag import BagReader
 from dvrk_gravity.recording.bag_writer import BagWriter
 from dvrk_gravity.recording.checks import check
 from dvrk_gravity.recording.data import Recording
-from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.data_warning import DataWarning, brief
 from dvrk_gravity.recording.excerpt import Excerpt, excerpt
 from dvrk_gravity.recording.files import save_recording
 from dvrk_gravity.recording.filters import LowPass, derivative, lowpass
@@ -32,6 +32,7 @@ __all__ = [
     "Segment",
     "Stretch",
     "Trajectory",
+    "brief",
     "check",
     "derivative",
     "excerpt",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -62,3 +62,18 @@ class DataWarning:
     def __str__(self) -> str:
         """Return ``joint: text``."""
         return f"{self.joint}: {self.text}" if self.joint else self.text
+
+
+def brief(warnings: Iterable[DataWarning]) -> list[str]:
+    """Return the lines of a terminal: what is alike at several joints is said of the first.
+
+    A report lists every one of them.
+    """
+    alike: dict[tuple[Kind, str], list[DataWarning]] = {}
+    for warning in warnings:
+        alike.setdefault((warning.kind, "" if warning.joint else warning.text), []).append(warning)
+    lines = []
+    for first, *others in alike.values():
+        joints = ", ".join(dict.fromkeys(other.joint for other in others if other.joint))
+        lines.append(f"{first}; likewise {joints}" if joints else str(first))
+    return lines
