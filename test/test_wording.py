@@ -190,6 +190,20 @@ def test_a_wall_pushes_back_and_a_push_is_against_what_the_actuators_add(every):
     assert " onwards above " in wall.sentence(-1.0)
 
 
+def test_what_a_motion_does_not_tell_of_a_payload_s_place_is_said(every):
+    payload = of(every, "payload").hypothesis
+
+    def place(**half: float) -> str:
+        centre = {axis: Estimate(0.1, 0.1 - h, 0.1 + h, "m") for axis, h in half.items()}
+        return payload.claim({"mass": Estimate(0.2, 0.19, 0.21, "kg"), **centre})
+
+    assert place(x=0.01, y=0.01, z=0.01).endswith("z 100.0 ± 10.0 mm in the link's frame")
+    assert place(x=0.01, y=0.5, z=0.5).endswith(
+        "x 100.0 ± 10.0 mm in the link's frame (y and z cannot be told from this motion)"
+    )
+    assert "centre" not in place(x=0.5, y=0.5, z=0.5)
+
+
 def test_what_may_be_nothing_is_told_as_perhaps(every):
     case = of(every, "viscous_friction")
     weak = case.sentence(gain=Gain(0.1, -0.05, 0.2, 0.04))

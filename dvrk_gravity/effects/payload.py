@@ -211,12 +211,17 @@ class PayloadHypothesis(Hypothesis):
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`: with its centre, as far as that is known."""
         known = [
-            f"{axis} {parameters[axis].shown}"
+            axis
             for axis in AXES
             if parameters[axis].high - parameters[axis].low
             < 2.0 * max(_PLACED, _PART_OF_WAY * abs(parameters[axis].value))
         ]
-        where = f", its centre at {', '.join(known)} in the link's frame" if known else ""
+        where = ""
+        if known:
+            placed = ", ".join(f"{axis} {parameters[axis].shown}" for axis in known)
+            rest = " and ".join(axis for axis in AXES if axis not in known)
+            untold = f" ({rest} cannot be told from this motion)" if rest else ""
+            where = f", its centre at {placed} in the link's frame{untold}"
         mass = parameters["mass"]
         if mass.value >= 0.0:
             return super().claim(parameters) + where
