@@ -200,6 +200,9 @@ class ModelUncertainty:
             "offset": self.offset,
             **{name: getattr(self, name) for name in _BY_JOINT},
         }
+        alone = set(self.deviations) - set(self.coefficients)
+        if alone:
+            raise _unusable(path, f"coefficients of {min(alone)}, of which there are deviations")
         for name, shape in shapes.items():
             array = arrays[name]
             if array is None or array.shape != shape:

@@ -114,6 +114,16 @@ def test_an_array_that_cannot_be_is_refused_by_its_name(saved, model, change, ex
         TorqueModel.load(saved)
 
 
+def test_deviations_of_coefficients_that_are_not_there_are_refused(saved):
+    path = uncertainty_file(saved)
+    with np.load(path) as arrays:
+        kept = {name: arrays[name] for name in arrays if name != "coefficients/coulomb_friction"}
+    np.savez(path, **kept)
+
+    with pytest.raises(ConfigError, match=f"{path.name}.*coefficients of coulomb_friction"):
+        TorqueModel.load(saved)
+
+
 def test_an_evaluation_tells_which_joints_are_outside_what_was_identified(model, recording):
     inside = evaluate(model, recording, "joint")
     low, high = (
