@@ -129,15 +129,20 @@ def _stand_ins(selection: Selection, selected: Sequence[Candidate], i: int) -> S
     if current.other_day or selection.fixed(selected[i]):
         return SelectedEffect(current, (), ())
     key = selected[i].hypothesis.key
-    # Needless parameters make no alternative, but those that white noise would make needful do.
-    more = current.gain + settings.equal_least
+    # Needless parameters make no alternative at the same site, but those that white noise would
+    # make needful do. Elsewhere it is another cause: a tilt about an axis, a zero of its joint.
+    more, here = current.gain + settings.equal_least, selected[i].hypothesis.site
     alternatives = [
         trial
         for trial in selection.best(rest, without)
         if trial.candidate.hypothesis.key != key
         and trial.gain > 0.0
         and trial.plausible
-        and (trial.gain > more or not contains(validation, trial.candidate, selected[i], rest))
+        and (
+            trial.gain > more
+            or trial.candidate.hypothesis.site != here
+            or not contains(validation, trial.candidate, selected[i], rest)
+        )
         and overlap(validation, selected[i], trial.candidate, rest) > _SETTINGS.overlap
     ]
     least = current.gain - selection.margin([current])
