@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
+from test_arms_dynamics import UR5
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.tree import nominal_inertias
+from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.readings import try_readings
+from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
+from testing.plain_world import PlainWorld
 
 ARM = Arm.load("ecm")
 TIME = np.arange(0.0, 20.0, 0.01)
@@ -45,3 +53,24 @@ def test_a_position_that_is_read_with_the_wrong_sign_is_seen():
 def test_no_reading_takes_an_arm_beyond_its_limits():
     """A centre of mass that lies nearer is as if the insertion slid the other way: it cannot."""
     assert said_of_insertion(model(along=0.4), 1.0) == []
+
+
+@pytest.mark.usefixtures("four_folds")
+@pytest.mark.parametrize("seen_before", [True, False])
+def test_an_effort_of_the_wrong_sign_is_no_friction_that_drives(seen_before):
+    """On a wrist that bears next to nothing, friction is nearly all that the effort is.
+
+    Where the model has not seen the wrist's positions, it does not say enough to tell a sign.
+    """
+    arm = Arm.load(UR5)
+    world = PlainWorld.of(arm, nominal_inertias(arm))
+    recording = world.record(2, 20.0)
+    model = identify([world.record(1, 20.0), *([recording] if seen_before else [])], arm).model
+    wrist = arm.joint_names.index("wrist_2_joint")
+    sign = np.where(np.arange(arm.n) == wrist, -1.0, 1.0)
+
+    found = diagnose(replace(recording, effort=sign * recording.effort), model).findings
+
+    if seen_before:
+        assert [one.place for one in found] == ["the effort of wrist_2_joint has the wrong sign"]
+    assert not {one.effect for one in found} & {"coulomb_friction", "viscous_friction"}

@@ -100,6 +100,27 @@ def test_what_the_arm_has_and_the_file_does_not_is_found_at_every_joint(world, r
     assert diagnosis.findings[0].effect == "payload"
 
 
+def test_a_load_is_found_though_the_file_states_more_damping_than_there_is(
+    world, recording, tmp_path
+):
+    """Many files have one damping throughout, some of it far too large."""
+    placeholder = tmp_path / "robot.urdf"
+    placeholder.write_text(re.sub('damping="0.0"', 'damping="30.0"', URDF))
+    assert (world.viscous < 30.0).all()
+
+    first, *others = diagnose(recording, placeholder).findings
+
+    assert first.effect == "payload"
+    assert first.parameters["mass"].value == pytest.approx(MASS, rel=0.05)
+    for finding in others:
+        joint = world.arm.joint_names.index(finding.joints[0])
+        if finding.effect == "viscous_friction":
+            less = 30.0 - world.viscous[joint]
+            assert -finding.parameters["coefficient"].value == pytest.approx(less, rel=0.02)
+    assert {finding.effect for finding in others} == {"viscous_friction", "coulomb_friction"}
+    assert len(others) == 12
+
+
 @pytest.mark.usefixtures("four_folds")
 @pytest.mark.parametrize("joint", [1, 5], ids=["that bears weight", "that bears none"])
 def test_an_effort_of_the_wrong_sign_is_told_though_the_file_has_no_friction(world, joint):

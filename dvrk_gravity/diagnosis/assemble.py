@@ -28,6 +28,7 @@ from dvrk_gravity.diagnosis.load import Loaded
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.other_findings import (
     as_read_before,
+    error_beside,
     picture_of,
     reading_finding,
     shapeless_finding,
@@ -39,7 +40,7 @@ from dvrk_gravity.diagnosis.refinement import RefinementSettings, plateau
 from dvrk_gravity.diagnosis.result import Diagnosis, Verdict, by_joint
 from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.diagnosis.separate import separation
-from dvrk_gravity.diagnosis.unstated import error_beside, little_said_of
+from dvrk_gravity.diagnosis.unstated import little_said_of
 from dvrk_gravity.diagnosis.words import sentence_of
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate

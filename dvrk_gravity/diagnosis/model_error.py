@@ -66,9 +66,10 @@ class FrictionChangeSettings:
 def friction_torque(motion: MeasuredMotion) -> Array:
     """Return the (N, n) torque of a model's friction, N·m.
 
-    Zero of a model that does not tell how sure it is, and of poses.
+    Zero of a model that does not tell how sure it is, of one whose friction an arm's own file
+    states, which was measured on no day, and of poses.
     """
-    if motion.model.uncertainty is None or motion.static:
+    if motion.model.uncertainty is None or motion.model.of_file or motion.static:
         return np.zeros(motion.q.shape)
     return motion.friction
 

@@ -22,8 +22,10 @@ from dvrk_gravity.diagnosis.findings import (
 )
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.pool import prepared
 from dvrk_gravity.diagnosis.readings import ReadingScore, WrongReading
 from dvrk_gravity.diagnosis.selection import EffectTrial
+from dvrk_gravity.diagnosis.unstated import unstated
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.unknown import Unknown
@@ -70,6 +72,12 @@ def as_read_before(motion: MeasuredMotion, data: FilteredData, held_out: HeldOut
     """Return (H, n) errors of the recording as it was read first, same samples."""
     error = data.reduce(motion.residual)[held_out.rows]
     return np.where(data.usable[held_out.rows], error, np.nan)
+
+
+def error_beside(motion: MeasuredMotion) -> Array:
+    """Return (H, n) held-out errors of a motion beside what its arm's file says little of."""
+    validation, pool = prepared(motion)
+    return HeldOut(validation).error(unstated(validation, pool))
 
 
 def reading_gain(

@@ -10,6 +10,7 @@ from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.refinement import begun
+from dvrk_gravity.diagnosis.unstated import unstated
 from dvrk_gravity.effects.base.effect import Hypothesis
 
 
@@ -25,4 +26,5 @@ def prepared(motion: MeasuredMotion) -> tuple[CrossValidation, list[Candidate]]:
     pool = [
         candidate for candidate in validation.candidates(hypotheses(motion)) if candidate.acts.any()
     ]
-    return validation, [begun(validation, candidate) for candidate in pool]
+    beside = unstated(validation, pool)
+    return validation, [begun(validation, candidate, beside) for candidate in pool]

@@ -55,9 +55,9 @@ class ReadRightly:
 def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
     """Return the motion as it is to be read.
 
-    Another reading must do about as well as the best hypothesis, by its own rough measure and then
-    by that of the hypotheses: the model's parameters move beside both. And it must gain on the
-    held-out blocks what a hypothesis must.
+    Another reading must be significant by a rough measure, do about as well as the best hypothesis
+    by that of the hypotheses, and gain on the held-out blocks what a hypothesis must: the model's
+    parameters move beside all of them.
     """
     say("building hypotheses")
     wrong: list[WrongReading] = []
@@ -70,9 +70,8 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         beside = unstated(validation, pool)
         as_it_is = validation.score(beside)
         best = Selection(validation, pool, say).best(beside, as_it_is)
-        least = _SETTINGS.share * (best[0].gain if best else 0.0)
-        if scores[0].gain <= least:
-            break
+        possible = (trial.gain for trial in best if trial.plausible)
+        least = _SETTINGS.share * max(possible, default=0.0)
         of_file = loaded.motion.model.of_file
         before = HeldOut(validation).error(beside) if of_file else None
         validation.release()

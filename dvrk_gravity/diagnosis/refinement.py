@@ -36,12 +36,15 @@ class RefinementSettings:
     tolerance: float = 1e-3
 
 
-def begun(validation: CrossValidation, candidate: Candidate) -> Candidate:
+def begun(
+    validation: CrossValidation, candidate: Candidate, beside: Sequence[Candidate]
+) -> Candidate:
     """Return a candidate at the setting that its own fit tells, if it fits better there."""
     if not candidate.hypothesis.far_from_start:
         return candidate
-    there = refined(validation, candidate, [])
-    return there if validation.misfit([there]) < validation.misfit([candidate]) else candidate
+    there = refined(validation, candidate, beside)
+    better = validation.misfit([*beside, there]) < validation.misfit([*beside, candidate])
+    return there if better else candidate
 
 
 def refined(

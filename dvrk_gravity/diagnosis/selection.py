@@ -12,7 +12,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.other_day import OtherDay
 from dvrk_gravity.diagnosis.refinement import refined
-from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.effects.base.effect import MOST_LESS, Hypothesis
 from dvrk_gravity.effects.base.evidence import Residual
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, eliminate_backward, select
 
@@ -233,9 +233,9 @@ class Selection:
     ) -> EffectTrial:
         """Return how a candidate does beside the selected ones."""
         after = self.validation.score([*selected, candidate])
-        theta = self.validation.parameters([*selected, candidate])[-candidate.size :]
-        possible = candidate.hypothesis.plausible(theta)
-        return self._trial(candidate, selected, before, after, theta, possible)
+        fitted = split([*selected, candidate], self.validation.parameters([*selected, candidate]))
+        possible = _possible(candidate, fitted)
+        return self._trial(candidate, selected, before, after, fitted[-1][1], possible)
 
     def _trial(
         self, candidate: Candidate, beside: Sequence[Candidate], before: Score, after: Score,
@@ -273,13 +273,13 @@ class Selection:
     ) -> list[EffectTrial]:
         """Return how some of the selected do beside all others."""
         whole, theta = self.validation.score(selected), self.validation.parameters(selected)
-        parameters = {id(candidate): values for candidate, values in split(selected, theta)}
+        parameters = split(selected, theta)
         trials = []
         for candidate in looked_at:
             rest = [other for other in selected if other is not candidate]
             before = self.validation.score(rest)
-            fitted = parameters[id(candidate)]
-            possible = candidate.hypothesis.plausible(fitted)
+            fitted = next(values for other, values in parameters if other is candidate)
+            possible = _possible(candidate, parameters)
             trials.append(self._trial(candidate, rest, before, whole, fitted, possible))
         return trials
 
@@ -334,3 +334,20 @@ class Selection:
         told = [(trial.gain, trial.candidate) for trial in trials]
         chosen = most_parsimonious(told, margin, self.settings.equal_least)
         return next(trial for trial in trials if trial.candidate is chosen)
+
+
+def _possible(candidate: Candidate, fitted: Sequence[tuple[Candidate, Array]]) -> bool:
+    """Tell whether the parameters of a candidate are possible beside those of others.
+
+    Dry and viscous friction may each be less than a model has; both together do not drive.
+    """
+    theta = next(values for other, values in fitted if other is candidate)
+    hypothesis = candidate.hypothesis
+    if hypothesis.lessens(theta) == 0.0:
+        return hypothesis.plausible(theta)
+    less = sum(
+        other.hypothesis.lessens(values)
+        for other, values in fitted
+        if other.hypothesis.joints == hypothesis.joints
+    )
+    return hypothesis.plausible(theta) and less <= MOST_LESS

@@ -4,23 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.pool import prepared
-
-Array = NDArray[np.float64]
 
 
 def unstated(validation: CrossValidation, pool: Sequence[Candidate]) -> list[Candidate]:
     """Return what is to be expected at each joint though the arm's file says little of it.
 
-    None of it where it would have to be less than the file says. Of an identified model, nothing.
+    None of it where less would be left than nothing. Of an identified model, nothing is expected.
 
     Args:
         validation: What compares hypotheses.
@@ -35,7 +28,11 @@ def unstated(validation: CrossValidation, pool: Sequence[Candidate]) -> list[Can
     expected = list(found.values())
     while expected:
         theta = validation.parameters(expected)
-        kept = [candidate for candidate, value in split(expected, theta) if value[0] > 0.0]
+        kept = [
+            candidate
+            for candidate, value in split(expected, theta)
+            if candidate.hypothesis.plausible(value)
+        ]
         if len(kept) == len(expected):
             break
         expected = kept
@@ -50,9 +47,3 @@ def little_said_of(motion: MeasuredMotion) -> set[str]:
     if not motion.model.of_file or motion.reference is not None:
         return set()
     return {term.NAME for term in effects.terms() if term.EVERYWHERE}
-
-
-def error_beside(motion: MeasuredMotion) -> Array:
-    """Return (H, n) held-out errors of a motion beside what its arm's file says little of."""
-    validation, pool = prepared(motion)
-    return HeldOut(validation).error(unstated(validation, pool))

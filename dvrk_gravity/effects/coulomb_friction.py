@@ -26,6 +26,7 @@ from dvrk_gravity.effects.base.friction_sites import (
     friction_sites,
     likely_columns,
     moves_between,
+    removable,
     where,
 )
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, meanings, size
@@ -256,10 +257,12 @@ class CoulombFriction(LinearTerm):
             setting: dict[str, float] = {}
             if not motion.static:
                 setting["transition"] = motion.slowest(friction_site.row(motion.arm))
+            sign = motion.sign(friction_site.row(motion.arm), setting.get("transition"))
+            most = removable(motion, friction_site, sign)
             for one_level in (True, False):
                 yield CoulombHypothesis(
                     arm=motion.arm, site=friction_site, joints=(friction_site.index,),
-                    setting=setting, refine=tuple(setting), one_level=one_level,
+                    setting=setting, refine=tuple(setting), one_level=one_level, removable=most,
                 )  # fmt: skip
 
     def at(self, where: site.Site) -> float:
@@ -319,7 +322,8 @@ class CoulombHypothesis(Hypothesis):
     def plausible(self, theta: Array) -> bool:
         """Tell whether it is friction: driving one way and braking the other is an offset."""
         up, down = float(theta[0]), float(theta[-1])
-        return not (up * down < 0.0 and min(abs(up), abs(down)) > _DRIVES * max(abs(up), abs(down)))
+        offset = up * down < 0.0 and min(abs(up), abs(down)) > _DRIVES * max(abs(up), abs(down))
+        return not offset and super().plausible(theta)
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         """See :meth:`Hypothesis.merge`."""

@@ -106,7 +106,11 @@ class RotorInertia(LinearTerm):
             return
         for motor, row in enumerate(motion.arm.joint_to_actuator):
             if motion.moves[row != 0].any():
-                yield RotorHypothesis(arm=motion.arm, site=site.motor(motor), joints=(motor,))
+                # An arm's own file has no rotor that there could be less of.
+                yield RotorHypothesis(
+                    arm=motion.arm, site=site.motor(motor), joints=(motor,),
+                    removable=0.0 if motion.model.of_file else np.inf,
+                )  # fmt: skip
 
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:

@@ -24,6 +24,7 @@ from dvrk_gravity.effects.base.friction_sites import (
     friction_sites,
     likely_columns,
     moves_between,
+    removable,
     where,
 )
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
@@ -124,9 +125,11 @@ class ViscousFriction(Friction):
         if motion.static:
             return
         for friction_site in friction_sites(motion):
+            speed = motion.qd @ friction_site.row(motion.arm)
             yield ViscousHypothesis(
-                arm=motion.arm, site=friction_site, joints=(friction_site.index,)
-            )
+                arm=motion.arm, site=friction_site, joints=(friction_site.index,),
+                removable=removable(motion, friction_site, speed),
+            )  # fmt: skip
 
     def plant(self) -> PlantPart:
         """See :meth:`Term.plant`."""

@@ -24,6 +24,10 @@ Array = NDArray[np.float64]
 Setting = Mapping[str, float]
 Values = Mapping[str, Any]
 
+# Of a model's friction: between all of it, which may be missing, and twice, which is what an effort
+# of the wrong sign lacks. Chosen.
+MOST_LESS = 1.5
+
 
 class Effect(ABC):
     """One named cause of torque, or fault of a reading.
@@ -110,6 +114,7 @@ class Hypothesis(ABC):
         transient: It comes once, or changes with time: the same state at another time does not
             show the same.
         shifts_positions: It changes what positions mean: merged into a model before others.
+        removable: How much of it the model has, in its own unit: no more can be missing.
         beside_reference: Two recordings are compared, not one with the model. Set for all
             hypotheses at once, where their columns are built.
     """
@@ -135,6 +140,7 @@ class Hypothesis(ABC):
     of_state: bool = True
     transient: bool = False
     shifts_positions: bool = False
+    removable: float = np.inf
     beside_reference: bool = False
 
     @abstractmethod
@@ -169,7 +175,17 @@ class Hypothesis(ABC):
             meaning = self.EFFECT.meaning(name)
             if not meaning.least <= value <= meaning.greatest:
                 return False
-        return True
+        return self.lessens(theta) <= MOST_LESS
+
+    def lessens(self, theta: Array) -> float:
+        """Return which part of the friction that the model has there (k,) parameters take away.
+
+        Zero where they add to it, and beside a reference, of which it is not known.
+        """
+        less = max(-float(np.min(theta)), 0.0)
+        if less == 0.0 or self.beside_reference:
+            return 0.0
+        return less / self.removable if self.removable > 0.0 else np.inf
 
     def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
         """Return between which values a setting is refined."""

@@ -6,11 +6,14 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.unknowns import ColumnTable, ModelChange
+
+Array = NDArray[np.float64]
 
 
 def friction_sites(motion: Motion) -> Iterator[site.Site]:
@@ -30,6 +33,24 @@ def mixed_motors(arm: Arm) -> tuple[int, ...]:
     """Return the motors that move more than their own joint, or other joints with theirs."""
     off = np.abs(arm.joint_to_actuator - np.eye(arm.n)).max(axis=1)
     return tuple(int(motor) for motor in np.flatnonzero(off > 1e-9))
+
+
+def removable(motion: Motion, where: site.Site, torque: Array) -> float:
+    """Return how much friction of one kind takes the power that all of the model's takes there.
+
+    Were there less by more than that, friction would drive the arm.
+
+    Args:
+        motion: The motion; of static poses, which take no power, there is no limit.
+        where: A joint, or a motor that moves several.
+        torque: (N,) torque at that site of one unit of the friction.
+    """
+    row = where.row(motion.arm)
+    unit = float(torque @ (motion.qd @ row))
+    if unit <= 0.0:
+        return np.inf
+    moved = row != 0.0
+    return max(float((motion.friction * motion.qd)[:, moved].sum()), 0.0) / unit
 
 
 def _both_ways(motion: Motion, joint: int) -> bool:
