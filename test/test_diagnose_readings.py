@@ -72,5 +72,7 @@ def test_an_effort_of_the_wrong_sign_is_no_friction_that_drives(seen_before):
     found = diagnose(replace(recording, effort=sign * recording.effort), model).findings
 
     if seen_before:
-        assert [finding.place for finding in found] == ["the effort of wrist_2_joint has the wrong sign"]
+        assert [finding.place for finding in found] == [
+            "the effort of wrist_2_joint has the wrong sign"
+        ]
     assert not {finding.effect for finding in found} & {"coulomb_friction", "viscous_friction"}

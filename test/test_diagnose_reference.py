@@ -139,6 +139,38 @@ def test_nothing_that_changed_is_nothing_to_explain(world, bare):
     assert diagnose(again, arm=UR5, reference=bare).verdict == "nothing_to_explain"
 
 
+@pytest.fixture(scope="module")
+def again(world) -> Recording:
+    return record(world, 1, 13)
+
+
+@pytest.mark.usefixtures("four_folds")
+def test_speeds_that_are_read_noisily_are_no_news(bare, again):
+    """What accelerations then say that the links need is in no effort."""
+    then, now = (
+        replace(
+            recording,
+            velocity=recording.velocity + 0.02 * random.normal(size=recording.velocity.shape),
+        )
+        for recording, random in zip((bare, again), map(np.random.default_rng, (1, 2)), strict=True)
+    )
+    assert diagnose(now, arm=UR5, reference=then).verdict == "nothing_to_explain"
+
+
+@pytest.mark.usefixtures("four_folds")
+@pytest.mark.parametrize("rest", [0.3, 3.0], ids=["at rest on the way", "far from it"])
+def test_a_spring_is_told_whole_wherever_it_is_at_rest(world, bare, again, rest):
+    """Part of it is a constant, and part what springs pull otherwise from one day to another."""
+    joint, stiffness = 1, 3.0  # N·m/rad
+    pull = stiffness * (again.position[:, joint] - rest)
+    pulled = again.effort + np.outer(pull, np.eye(world.arm.n)[joint])
+
+    (found,) = diagnose(replace(again, effort=pulled), arm=UR5, reference=bare).findings
+
+    assert (found.effect, found.joints) == ("elastic_cable", (world.arm.joint_names[joint],))
+    assert found.parameters["stiffness"].value == pytest.approx(stiffness, rel=0.1)
+
+
 def test_friction_that_has_doubled_is_found_at_its_joint(world, bare):
     joint = 2
     rubs = record(world.with_friction(joint, 2.0 * world.coulomb[joint]), 1, 14)

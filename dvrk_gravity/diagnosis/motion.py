@@ -80,6 +80,7 @@ class MeasuredMotion:
             they stand for the model's then. ``None``: the model's do.
         rubs_otherwise: Joints whose friction differs from the reference's by more than that of
             another day does: all of it is to be told.
+        pulls_otherwise: Joints whose springs pull otherwise than the reference's, likewise.
         settings: When a joint moves.
     """
 
@@ -98,6 +99,7 @@ class MeasuredMotion:
     rounding: Array = field(default_factory=lambda: np.zeros(()))
     reference: Array | None = None
     rubs_otherwise: tuple[int, ...] = ()
+    pulls_otherwise: tuple[int, ...] = ()
     settings: MotionSettings = field(default_factory=MotionSettings)
 
     @property

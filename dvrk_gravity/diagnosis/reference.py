@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.diagnosis.filtered_data import BAND
 from dvrk_gravity.diagnosis.load import Loaded, LoadSettings
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation.same_motion import SameMotionSettings, Track, same_motion
 from dvrk_gravity.model import VERDICTS, TorqueModel
-from dvrk_gravity.recording import DataWarning, Recording, RecordingFile
+from dvrk_gravity.recording import DataWarning, LowPass, Recording, RecordingFile
 from dvrk_gravity.recording.data import Array
 
 ONLY_CHANGES = "it holds only what changed against a reference, and not what holds the arm"
@@ -39,10 +40,12 @@ class ReferenceSettings:
         turned: Cosine of the angle between a joint's efforts and minus the reference's, as vectors
             of their samples, from which on a sign was turned. Chosen: no change of the arm turns
             weight and friction round.
+        slow: Hz; faster, no arm sags or swings further under a load. Chosen.
     """
 
     piece: float = 1.0
     turned: float = 0.9
+    slow: float = 2.0
 
 
 def model_of(arm: Arm) -> TorqueModel:
@@ -81,10 +84,14 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
     track = Track([other.time[p] for p in other.parts], [other.q[p] for p in other.parts])
     told = np.concatenate([_times(motion, group, track) for group in _by_clock(motion)])
     rough = NearbyTorque.fit(other)
-    # What it leaves of the reference is of that phase; what it says, of where the arm is now.
-    residual = other.effort - rough.torque(other)
-    measured = track.at(told, [residual[p] for p in other.parts]) + rough.torque(motion)
-    shown: NDArray[np.bool_] = np.all(np.isfinite(measured), axis=1)
+    # What friction leaves of the reference is of that phase; friction, of how the arm moves now.
+    rubbed, carried = other.effort - rough.friction_torque(other), rough.inertial_torque(other)
+    then, nearby = (
+        track.at(told, [torque[p] for p in other.parts]) for torque in (rubbed, carried)
+    )
+    then += rough.friction_torque(motion)
+    change = rough.inertial_torque(motion) - nearby
+    shown: NDArray[np.bool_] = np.all(np.isfinite(then), axis=1)
     pieces = [
         piece
         for part in motion.parts
@@ -99,7 +106,8 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
             f"shows {length:.3g} s of the motion of {names[1]}: expected the same motion, "
             f"{shortest:g} s of it at least{_elsewhere(motion, other)}",
         )
-    both = _cut(replace(motion, reference=measured), pieces)
+    change = _real(change, motion.effort - then, pieces, motion.rate)
+    both = _cut(replace(motion, reference=then + change), pieces)
     _require_signs(both, names)
     total = len(motion.q) / motion.rate
     line = (
@@ -114,6 +122,32 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
         # Both are noisy.
         floor=np.hypot(loaded.floor, reference.floor),
     )
+
+
+def _real(change: Array, difference: Array, pieces: Sequence[slice], rate: float) -> Array:
+    """Return (N, n) what of a change of the links' torque is in the efforts, and no noise, N·m.
+
+    It is as noisy as the accelerations that it was computed from, of which the efforts know
+    nothing: what is faster than an arm sags and swings further, by the part of it that they show,
+    by least squares between 0 and 1. What is slower all, for a load that the arm swings further
+    with would be taken for it.
+
+    Args:
+        change: (N, n) by which the links' torques are said to differ, for the motions do, N·m.
+        difference: (N, n) by which the efforts differ.
+        pieces: Which samples count.
+        rate: Hz.
+    """
+    slow, compare = (LowPass(min(f, rate / 6.0), rate) for f in (ReferenceSettings().slow, BAND))
+    shared, square = np.zeros((2, change.shape[1]))
+    result, fast = np.array(change), np.zeros_like(change)
+    for piece in pieces:
+        result[piece] = slow(change[piece])
+        fast[piece] = change[piece] - result[piece]
+        said, seen = compare(fast[piece]), compare(difference[piece] - slow(difference[piece]))
+        shared += (said * seen).sum(axis=0)
+        square += (said * said).sum(axis=0)
+    return result + fast * np.clip(shared / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
 
 
 def _elsewhere(motion: MeasuredMotion, other: MeasuredMotion) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,11 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
+from dvrk_gravity.estimation.covariance import NORMAL_95
 
 Array = NDArray[np.float64]
 
-_EACH, _OF_FRICTION = 6, 4  # columns of a joint, the last two of its friction
+_EACH, _OF_SPRING, _OF_FRICTION = 6, 3, 4  # columns of a joint, the last two of its friction
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,8 @@ class ReferenceErrorSettings:
             warmth. Chosen: with three times that, friction that has doubled is not told.
         beyond: Times that, from which on it is no other day's. A convention: two standard
             deviations.
+        exchanged: Correlation of a spring of another day with what is told of its joint, from which
+            on that is such a spring itself. Chosen.
         by_cable: Standard deviation of what cables and springs hold otherwise at the ends of the
             way, as a part of the joint's torque. Chosen by a PSM's two days, whose pitch differs by
             0.1 to 0.25 of it (docs/psm.md); charged to a weight, that took the true one out of its
@@ -46,6 +50,7 @@ class ReferenceErrorSettings:
     by_day: float = 0.1
     by_cable: float = 0.1
     beyond: float = 2.0
+    exchanged: float = 0.9
 
 
 def reference_columns(
@@ -78,7 +83,8 @@ def reference_columns(
         columns[:, joint, _EACH * index + 1] = settings.by_inertia * inertia[:, joint]
         columns[:, joint, _EACH * index + 2] = settings.by_clock * late[:, joint]
         along = (motion.q[:, joint] - middle[joint]) / half[joint]
-        columns[:, joint, _EACH * index + 3] = settings.by_cable * size[joint] * along
+        if joint not in motion.pulls_otherwise:
+            columns[:, joint, _EACH * index + _OF_SPRING] = settings.by_cable * size[joint] * along
         if joint in motion.rubs_otherwise:
             continue
         # Either may take as much of the other's part.
@@ -102,3 +108,35 @@ def rubbing_otherwise(
     friction = np.abs(moved.reshape(-1, _EACH)[:, _OF_FRICTION:]).max(axis=1, initial=0.0)
     joints = np.flatnonzero(motion.moves)
     return tuple(joints[friction > settings.beyond].tolist())
+
+
+def pulling_otherwise(
+    motion: MeasuredMotion, mean: Array, covariance: Array, told: Mapping[int, Sequence[int]],
+    settings: ReferenceErrorSettings | None = None,
+) -> tuple[int, ...]:  # fmt: skip
+    """Return joints of which a constant or a spring is told beside a spring of another day.
+
+    A spring that is at rest elsewhere than in the middle of the way is a constant and a spring:
+    of the two together, the one is not told and the other forgiven. Nor is part of a spring that is
+    told another day's.
+
+    Args:
+        motion: The motion.
+        mean: (d + k,) how far each of :func:`reference_columns` had to go, in standard deviations,
+            and the parameters of what is told.
+        covariance: (d + k, d + k) of them.
+        told: By joint, which of them are of its own.
+        settings: How springs may differ.
+    """
+    settings = settings or ReferenceErrorSettings()
+    deviation = np.sqrt(np.diag(covariance))
+    found = []
+    for index, joint in enumerate(np.flatnonzero(motion.moves).tolist()):
+        spring, own = _EACH * index + _OF_SPRING, list(told.get(joint, ()))
+        if not own or deviation[spring] == 0.0:
+            continue
+        there = abs(mean[spring]) > NORMAL_95 * deviation[spring]
+        with_told = covariance[spring, own] / (deviation[spring] * deviation[own])
+        if there or np.abs(with_told).max() > settings.exchanged:
+            found.append(joint)
+    return tuple(found)

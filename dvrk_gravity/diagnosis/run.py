@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.assemble import assemble
 from dvrk_gravity.diagnosis.candidate import Candidate
@@ -23,7 +24,7 @@ from dvrk_gravity.diagnosis.places import SelectedEffect, explained, merge, refi
 from dvrk_gravity.diagnosis.read_rightly import read_rightly
 from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
-from dvrk_gravity.diagnosis.reference_error import rubbing_otherwise
+from dvrk_gravity.diagnosis.reference_error import pulling_otherwise, rubbing_otherwise
 from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection, SelectionSettings
 from dvrk_gravity.diagnosis.significance import Significance
@@ -224,7 +225,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
     validation.release()
     selected, unknown = with_nameless(validation, selection, selected, floor)
-    again = _with_friction_told(loaded, validation, selected, say)
+    again = _with_changes_told(loaded, validation, selected, say)
     if again is not None:
         return again
     other_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
@@ -234,29 +235,50 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
                    tuple(unconfirmed), tuple(minor), tuple(other_day), tuple(pool))  # fmt: skip
 
 
-def _with_friction_told(
+def _with_changes_told(
     loaded: Loaded,
     validation: CrossValidation,
     selected: Sequence[SelectedEffect],
     say: Callable[[str], None],
 ) -> Outcome | None:
-    """Return the outcome where friction of some joints is no other day's; ``None`` if all is."""
+    """Return the outcome where friction or springs are no other day's; ``None`` if all are."""
     motion = loaded.motion
-    if motion.reference is None or motion.rubs_otherwise:
+    if motion.reference is None or motion.rubs_otherwise or motion.pulls_otherwise:
         return None
     named = [effect.trial.candidate for effect in selected]
-    moved = validation.posterior(named)[0][: validation.model_size]
-    rubs = rubbing_otherwise(motion, moved)
-    while rubs:
-        say("weighing hypotheses with friction that is another one")
-        outcome = investigate(replace(loaded, motion=replace(motion, rubs_otherwise=rubs)), say)
+    mean, covariance = validation.posterior(named)
+    rubs = rubbing_otherwise(motion, mean[: validation.model_size])
+    pulls = pulling_otherwise(motion, mean, covariance, _of_joints(named, validation.model_size))
+    while rubs or pulls:
+        say("weighing hypotheses with friction and springs that are others")
+        changed = replace(motion, rubs_otherwise=rubs, pulls_otherwise=pulls)
+        outcome = investigate(replace(loaded, motion=changed), say)
         hypotheses = [effect.trial.candidate.hypothesis for effect in outcome.selected]
         told = {joint for hypothesis in hypotheses for joint in hypothesis.joints}
-        if told.issuperset(rubs):
+        if told.issuperset((*rubs, *pulls)):
             return outcome
         # What no name fits is left to the days, joint by joint.
-        rubs = tuple(joint for joint in rubs if joint in told)
+        rubs, pulls = (
+            tuple(joint for joint in joints if joint in told) for joints in (rubs, pulls)
+        )
     return None
+
+
+def _of_joints(named: Sequence[Candidate], first: int) -> dict[int, list[int]]:
+    """Return by joint which parameters are of its own and of no friction.
+
+    Args:
+        named: Candidates, as they are fitted together.
+        first: Number of the first's first parameter.
+    """
+    found: dict[int, list[int]] = {}
+    for candidate in named:
+        hypothesis, last = candidate.hypothesis, first + candidate.size
+        if hypothesis.site.kind is Kind.JOINT and not effects.is_friction(hypothesis.effect):
+            for joint in hypothesis.joints:
+                found.setdefault(joint, []).extend(range(first, last))
+        first = last
+    return found
 
 
 def _minor(
