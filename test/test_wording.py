@@ -202,6 +202,8 @@ def test_what_a_motion_does_not_tell_of_a_payload_s_place_is_said(every):
         "x 100.0 ± 10.0 mm in the link's frame (y and z cannot be told from this motion)"
     )
     assert "centre" not in place(x=0.5, y=0.5, z=0.5)
+    along_an_axis = place(x=0.01, y=0.01, z=0.0)
+    assert along_an_axis.endswith("(z cannot be told from this motion)")
 
 
 def test_what_may_be_nothing_is_told_as_perhaps(every):

@@ -39,6 +39,7 @@ _LEAST = 1e-4  # kg, of which the place can be told
 _FARTHEST = 1.0  # m, from the link's frame: no link of these arms is longer
 _PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is worth telling, ...
 _PART_OF_WAY = 0.5  # ... or this part of its distance
+_UNSEEN = 1e-6  # m, of an interval about 0 along a joint's axis, where a mass makes no torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +214,8 @@ class PayloadHypothesis(Hypothesis):
         known = [
             axis
             for axis in AXES
-            if parameters[axis].high - parameters[axis].low
+            if _UNSEEN
+            < parameters[axis].high - parameters[axis].low
             < 2.0 * max(_PLACED, _PART_OF_WAY * abs(parameters[axis].value))
         ]
         where = ""
