@@ -121,6 +121,23 @@ def test_a_load_is_found_though_the_file_states_more_damping_than_there_is(
     assert len(others) == 12
 
 
+def test_what_a_reading_does_to_other_causes_is_not_told_as_more_of_them(world, recording):
+    """A factor reads too much of a payload's torque and of friction's, too."""
+    joint, factor = 1, 1.15
+    read = recording.effort * np.where(np.arange(6) == joint, factor, 1.0)
+
+    diagnosis = diagnose(replace(recording, effort=read), UR5)
+
+    found = {(finding.effect, finding.joints): finding for finding in diagnosis.findings}
+    names = world.arm.joint_names
+    scale = found["torque_scale", (names[joint],)].parameters["factor"]
+    assert scale.value == pytest.approx(factor, rel=0.01)
+    assert found["payload", names[-1:]].parameters["mass"].value == pytest.approx(MASS, rel=0.05)
+    dry = found["coulomb_friction", (names[joint],)].parameters["positive"]
+    assert dry.value == pytest.approx(world.coulomb[joint], rel=0.05)
+    assert len(found) == 14
+
+
 @pytest.mark.usefixtures("four_folds")
 @pytest.mark.parametrize("joint", [1, 5], ids=["that bears weight", "that bears none"])
 def test_an_effort_of_the_wrong_sign_is_told_though_the_file_has_no_friction(world, joint):

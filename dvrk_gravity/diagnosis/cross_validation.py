@@ -15,6 +15,7 @@ from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.block_fit import OwnParameters, block_fit
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.significance import Significance
 from dvrk_gravity.diagnosis.weighted import WeightedSamples
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
@@ -143,13 +144,20 @@ class CrossValidation:
         self.__dict__.pop("search_bases", None)
         self.data.motion.release()
 
-    def candidate(self, hypothesis: Hypothesis) -> Candidate:
-        """Return a hypothesis with its columns."""
-        return next(self.candidates([hypothesis]))
+    def candidate(self, hypothesis: Hypothesis, motion: MeasuredMotion | None = None) -> Candidate:
+        """Return a hypothesis with its columns; see :meth:`candidates`."""
+        return next(self.candidates([hypothesis], motion))
 
-    def candidates(self, hypotheses: Iterable[Hypothesis]) -> Iterator[Candidate]:
-        """Yield hypotheses with their columns, many of which are filtered together."""
-        motion = self.data.motion
+    def candidates(
+        self, hypotheses: Iterable[Hypothesis], motion: MeasuredMotion | None = None
+    ) -> Iterator[Candidate]:
+        """Yield hypotheses with their columns, many of which are filtered together.
+
+        Args:
+            hypotheses: The hypotheses.
+            motion: The motion; by default as it is, no other cause acting.
+        """
+        motion = motion or self.data.motion
         if motion.reference is not None:
             hypotheses = (replace(each, beside_reference=True) for each in hypotheses)
         built = (

@@ -81,6 +81,7 @@ class MeasuredMotion:
         rubs_otherwise: Joints whose friction differs from the reference's by more than that of
             another day does: all of it is to be told.
         pulls_otherwise: Joints whose springs pull otherwise than the reference's, likewise.
+        beside: (N, n) torque of causes that act beside the model's, N·m, where some are known.
         settings: When a joint moves.
     """
 
@@ -100,6 +101,7 @@ class MeasuredMotion:
     reference: Array | None = None
     rubs_otherwise: tuple[int, ...] = ()
     pulls_otherwise: tuple[int, ...] = ()
+    beside: Array | None = None
     settings: MotionSettings = field(default_factory=MotionSettings)
 
     @property
@@ -133,10 +135,13 @@ class MeasuredMotion:
     def acting(self) -> Array:
         """(N, n) torque that acts, to suppose a wrong reading of, N·m.
 
-        The model's. Of two measured ones their mean, whose noise is not that of their difference: a
-        column with the reference's own noise would find that it reads too low.
+        The model's, and that of other causes. Of two measured ones their mean, whose noise is not
+        that of their difference: a column with the reference's own noise would find that it reads
+        too low.
         """
-        return self.modelled if self.reference is None else 0.5 * (self.effort + self.reference)
+        if self.reference is not None:
+            return 0.5 * (self.effort + self.reference)
+        return self.modelled if self.beside is None else self.modelled + self.beside
 
     @cached_property
     def residual(self) -> Array:

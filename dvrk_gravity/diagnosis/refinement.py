@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.effects.base.effect import Hypothesis
 
@@ -53,6 +53,8 @@ def refined(
     """Return a candidate with its non-linear settings at their best beside the others."""
     settings = RefinementSettings()
     hypothesis = candidate.hypothesis
+    if hypothesis.OF_ACTING:
+        return _reading_beside(validation, candidate, others)
     for _ in range(settings.fixed_points if hypothesis.fixed_point else 0):
         theta = validation.parameters([*others, candidate])
         named = hypothesis.describe(theta[-candidate.size :], hypothesis.setting)
@@ -82,6 +84,43 @@ def refined(
         if best.fun < cost(centre):
             candidate = rebuilt(validation, hypothesis, name, float(best.x))
             hypothesis = candidate.hypothesis
+    return candidate
+
+
+def _reading_beside(
+    validation: CrossValidation, candidate: Candidate, others: Sequence[Candidate]
+) -> Candidate:
+    """Return a reading of what acts, of the torque of other causes, too.
+
+    Efforts that read a part too much read that of a payload's torque as well, and late ones that of
+    friction: products of two causes, which no sum of both holds. How large the others are, the fit
+    beside the reading tells; the one is found from the other, by turns.
+    """
+    settings, hypothesis = RefinementSettings(), candidate.hypothesis
+    motion = validation.data.motion
+    causes = [
+        None if other.hypothesis.OF_ACTING or other.hypothesis.of_model
+        else other.hypothesis.build(motion, other.hypothesis.setting)
+        for other in others
+    ]  # fmt: skip
+    last = np.full(candidate.size, np.inf)
+    for _ in range(settings.fixed_points):
+        *fitted, (_, theta) = split(
+            [*others, candidate], validation.parameters([*others, candidate])
+        )
+        if np.abs(theta - last).max() <= settings.tolerance * np.abs(theta).max():
+            break
+        last = theta
+        named = hypothesis.describe(theta, hypothesis.setting)
+        setting = dict(hypothesis.setting) | {n: named[n] for n in hypothesis.fixed_point}
+        hypothesis = replace(hypothesis, setting=setting)
+        torques = (
+            columns @ values
+            for columns, (_, values) in zip(causes, fitted, strict=True)
+            if columns is not None
+        )
+        beside = sum(torques, np.zeros(motion.q.shape))
+        candidate = validation.candidate(hypothesis, replace(motion, beside=beside))
     return candidate
 
 

@@ -175,7 +175,7 @@ class Selection:
     def take(self, state: list[Candidate], trial: EffectTrial) -> list[Candidate]:
         """Return the set with a hypothesis, those left out that are no longer needed."""
         self.report(f"accepted: {trial.move.hypothesis}")
-        newest = trial.move
+        *state, newest = self._read([*state, trial.move])
 
         def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
             old = [
@@ -191,6 +191,15 @@ class Selection:
             [*state, newest], failing,
             lambda gone: self.report(f"no longer needed: {gone.hypothesis}"),
         )  # fmt: skip
+
+    def _read(self, chosen: Sequence[Candidate]) -> list[Candidate]:
+        """Return a set with readings of what acts beside the others in it."""
+        return [
+            refined(self.validation, candidate, [o for o in chosen if o is not candidate])
+            if candidate.hypothesis.OF_ACTING
+            else candidate
+            for candidate in chosen
+        ]
 
     def best(
         self,

@@ -81,6 +81,7 @@ class LeakHypothesis(Hypothesis):
 class TorqueLeak(LeakHypothesis):
     """Part of another joint's torque is read."""
 
+    OF_ACTING = True
     what: str = "torque"
     read: str = "effort"
 

@@ -44,6 +44,7 @@ class DelayHypothesis(Hypothesis):
     """
 
     EFFECT = TimeDelay
+    OF_ACTING = True
     CLAIM = "efforts and positions are stamped apart, efforts {delay}"
 
     of_friction: bool | None = None

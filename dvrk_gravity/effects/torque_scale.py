@@ -63,6 +63,7 @@ class ScaleHypothesis(Hypothesis):
     """
 
     EFFECT = TorqueScale
+    OF_ACTING = True
 
     mixing: Array
 

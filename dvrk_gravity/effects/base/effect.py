@@ -85,6 +85,7 @@ class Hypothesis(ABC):
 
     Class attributes:
         EFFECT: The effect.
+        OF_ACTING: Its torque is a part of what acts, other causes' torque too: a reading of it.
         CLAIM: What is claimed, with ``{where}`` (the site), ``{joint}`` and ``{other}`` (the first
             and the second of :attr:`joints`), ``{model}`` (what it is compared with), and
             parameters in words by their names.
@@ -120,6 +121,7 @@ class Hypothesis(ABC):
     """
 
     EFFECT: ClassVar[type[Effect]]
+    OF_ACTING: ClassVar[bool] = False
     CLAIM: ClassVar[str] = ""
 
     arm: Arm
