@@ -228,6 +228,54 @@ def test_evaluate_does_not_write_over_how_sure_a_model_is(tmp_path, capsys):
     assert sure.read_bytes() == b"how sure"
 
 
+@pytest.mark.parametrize(
+    "arm",
+    [
+        "urdf: robot.urdf",
+        '"urdf": "robot.urdf"',
+        "{urdf: robot.urdf, name: flow}",
+        "? urdf\n: robot.urdf",
+        "urdf:\n  robot.urdf",
+        '"\\x75rdf": "robot\\u002eurdf"',
+        "!!str urdf: !!str robot.urdf",
+    ],
+)
+def test_a_urdf_is_not_written_over_however_the_arm_names_it(tmp_path, arm):
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text("a robot")
+    (tmp_path / "arm.yaml").write_text(arm)
+    files = {"--out": tmp_path / "m.yaml", "--report": urdf}
+    with pytest.raises(ConfigError, match=r"robot\.urdf, which is read"):
+        outputs.check(files, [tmp_path / "arm.yaml"])
+    with pytest.raises(ConfigError, match=r"robot\.urdf, which is read"):
+        outputs.require_unread("path", urdf, tmp_path / "arm.yaml")
+
+
+def test_a_model_names_how_sure_it_is_with_points_in_the_key_as_well(tmp_path):
+    (tmp_path / "sure.npz").write_bytes(b"how sure")
+    text = "/**: {ros__parameters: {identification.uncertainty: sure.npz}}\n"
+    (tmp_path / "model.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=r"sure\.npz, which is read"):
+        outputs.check({"--json": tmp_path / "sure.npz"}, [tmp_path / "model.yaml"])
+
+
+@pytest.mark.parametrize(
+    "arm",
+    ["urdf: [robot.urdf", "a: &x robot.urdf\nurdf: *x", "<<: {urdf: robot.urdf}", "- urdf"],
+)
+def test_nothing_is_written_if_it_cannot_be_told_what_an_input_names(tmp_path, arm):
+    urdf, file = tmp_path / "robot.urdf", tmp_path / "arm.yaml"
+    urdf.write_text("a robot")
+    file.write_text(arm)
+    with pytest.raises(ConfigError, match=r"arm\.yaml"):
+        outputs.check({"--report": urdf}, [file])
+    with pytest.raises(ConfigError, match=r"arm\.yaml"):
+        outputs.check_folder("--out", tmp_path, ["robot.urdf"], [file])
+    with pytest.raises(ConfigError, match=r"arm\.yaml"):
+        outputs.require_unread("path", urdf, file)
+    outputs.require_unread("path", tmp_path / "new.yaml", file)
+
+
 @uses(lambda use: not use.below and use.verb not in ("demo", "diagnose"))  # they make theirs
 def test_an_output_in_no_folder_is_refused_before_the_work(case, capsys):
     line = case.refuses(capsys, case.folder / "none" / f"o{case.use.suffix}")

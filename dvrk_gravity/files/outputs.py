@@ -7,18 +7,16 @@ is written over its own recording loses the recording.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from dvrk_gravity.arguments import split_link
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.files import yaml_file
 
-_NAMED = re.compile(
-    r"""^\s*(?:urdf|arm|uncertainty)\s*:\s*['"]?(.+?)['"]?\s*(?:\s#.*)?$""", re.MULTILINE
-)
+_NAMING = ("urdf", "arm", "uncertainty")  # keys of files that a file of ours names
 _Kind = Literal["file", "folder", "new"]
 _BAG_FILES = (".db3", ".mcap")
 
@@ -38,8 +36,10 @@ def check(
 
     Raises:
         ConfigError: An output that is an input, in a folder that is an input, another output, a
-            link, neither file nor folder, or in a folder that does not exist or is not writable.
+            link, neither file nor folder, or in a folder that does not exist or is not writable;
+            or an input that is no YAML though it is called so.
     """
+    inputs = list(inputs)
     wanted: list[tuple[str, Path, _Kind]] = []
     for option, path in files.items():
         if path is not None:
@@ -50,6 +50,7 @@ def check(
     _check(wanted, inputs)
     for option, path, _ in wanted:
         _writable(option, path, path.absolute().parent)
+    _require_legible(inputs)
 
 
 def check_folder(
@@ -77,17 +78,20 @@ def check_folder(
     while not existing.exists():
         existing = existing.parent
     _writable(option, folder, existing)
+    _require_legible(inputs)
 
 
 def require_unread(name: str, path: Path, read: str | Path) -> None:
     """Refuse to write over a file that is read, or over one that it names.
 
     Raises:
-        ConfigError: Naming it.
+        ConfigError: Naming it; or the file that is read, if nobody can tell any more what it names.
     """
     for source in _with_named(str(read), set()):
         if _same(path, source):
             raise ConfigError(name, f"{source.name}, which is read", "another name", path)
+    if path.exists():  # else there is nothing to lose
+        _require_legible([read])
 
 
 def _check(
@@ -124,14 +128,40 @@ def _with_named(path: str, seen: set[Path]) -> Iterator[Path]:
     """Yield a file, and those that it names: a model its arm's and its own, an arm its URDF."""
     file = Path(split_link(path)[0])
     yield file
-    if file in seen or file.suffix.lower() not in (".yaml", ".yml") or not file.is_file():
+    if file in seen or not _is_yaml(file):
         return
     seen.add(file)
-    with suppress(OSError):
-        for name in _NAMED.findall(file.read_text(encoding="utf-8", errors="replace")):
+    # One that cannot be read names nothing here, and is refused before anything is written.
+    with suppress(ConfigError):
+        for name in _names_in(yaml_file.load(file)):
             for folder in (file.parent, Path()):
-                if Path(split_link(str(folder / name))[0]).is_file():
-                    yield from _with_named(str(folder / name), seen)
+                with suppress(OSError):  # a name that no file can have
+                    if Path(split_link(str(folder / name))[0]).is_file():
+                        yield from _with_named(str(folder / name), seen)
+
+
+def _names_in(content: Any) -> Iterator[str]:
+    """Yield the files that some YAML content names, at whatever depth a reader may look."""
+    if isinstance(content, list):
+        for item in content:
+            yield from _names_in(item)
+    elif isinstance(content, dict):
+        for key, value in content.items():
+            if isinstance(value, str) and str(key).rpartition(".")[2] in _NAMING:
+                yield value
+            yield from _names_in(value)
+
+
+def _require_legible(inputs: Iterable[str | Path | None]) -> None:
+    """Refuse YAML files that cannot be read: whatever is to be written may be what they name."""
+    for path in inputs:
+        for file in () if path is None else _with_named(str(path), set()):
+            if _is_yaml(file):
+                yaml_file.load(file)
+
+
+def _is_yaml(file: Path) -> bool:
+    return file.suffix.lower() in (".yaml", ".yml") and file.is_file()
 
 
 def _check_kind(option: str, path: Path, kind: _Kind) -> None:
