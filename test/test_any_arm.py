@@ -7,14 +7,14 @@ computes.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from made_up_arm import made_up_arm, random_inertias
-from test_arms_dynamics import PANDA, UR5
+from test_arms_dynamics import PANDA, ROBOTS, UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import nominal_inertias
@@ -38,6 +38,7 @@ from testing.mujoco_arms import KINOVA
 from testing.plain_world import NOISE, PlainWorld
 
 pytestmark = pytest.mark.usefixtures("four_folds")
+FINGER = ROBOTS / "finger_edu_description" / "robots" / "finger_edu.urdf"
 MASS, COM = 0.3, (0.02, -0.01, 0.05)  # kg, m in the last link's frame
 
 
@@ -105,6 +106,24 @@ def test_an_identified_arm_is_fit_to_be_compensated_and_names_its_own_bodies(kno
     names = [parameter.name for parameter in known.fit.parameters]
     assert not any("beta" in name or "outer_yaw" in name for name in names)
     assert any(known.last in name for name in names)
+
+
+def test_an_effort_limit_far_above_the_torques_changes_nothing(tmp_path):
+    """As the finger's own file has it: 1000 N·m, where it takes a tenth of one."""
+    shipped = FINGER.read_text()
+    urdfs = [tmp_path / f"limit_{limit}.urdf" for limit in (1, 1000, 1_000_000)]
+    for urdf in urdfs:
+        effort = f'effort="{urdf.stem.removeprefix("limit_")}"'
+        urdf.write_text(
+            shipped.replace('effort="1000"', effort).replace('velocity="1000"', 'velocity="4"')
+        )
+    world, _ = of_urdf(str(urdfs[0]))
+    recording = replace(world.record(1, 20.0), arm=None)
+    tight, *wide = (identify([recording], Arm.load(urdf)) for urdf in urdfs)
+    for fit in wide:
+        assert fit.identifiability.rank == tight.identifiability.rank
+        for name, error in tight.held_out.items():
+            assert fit.held_out[name].rmse == pytest.approx(error.rmse, rel=0.01)
 
 
 def test_friction_comes_out_with_the_unit_of_its_joint(known):

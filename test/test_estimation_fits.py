@@ -13,6 +13,7 @@ from dvrk_gravity.estimation.normal_equations import (
     NormalEquations,
     NotConvergedError,
     Regression,
+    SingularError,
     fit,
     solve,
     solve_signed,
@@ -80,6 +81,29 @@ def test_columns_of_any_size_that_say_nothing_or_the_same_get_finite_coefficient
     x = np.column_stack([x, x[:, 1]])
     theta = solve(x.T @ x, x.T @ (x @ [2e4, 1.0, -3e-4, 0.0, 1.0]), 1e-9)
     np.testing.assert_allclose(theta, [2e4, 1.0, -3e-4, 0.0, 1.0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("positive", [False, True])
+def test_columns_that_repeat_each_other_are_shared_by_a_prior_however_wide(positive):
+    random = np.random.default_rng(4)
+    x = 1e4 * random.normal(size=(40, 1, 3))
+    x = np.concatenate([x, x[:, :, :2] + x[:, :, 1:]], axis=2)
+    y = x @ [1.0, 2.0, 3.0, 0.0, 0.0]
+    sums, weight, width = NormalEquations.of(x, y), np.ones(1), np.full(5, 1e9)
+    signs, seen = np.full(5, positive), SeenSums([sums], weight)
+    for theta in (
+        fit(sums, weight, width, signs).theta,
+        seen.fit(np.arange(5), width, np.zeros(5))[0],
+        SignedFits(seen, width, signs).fit(range(5))[0],
+    ):
+        np.testing.assert_allclose(x @ theta, y, atol=1e-6 * np.abs(y).max())
+        assert np.abs(theta).max() < 5.0
+
+
+def test_a_prior_that_counts_is_left_as_it_is():
+    gram = np.diag([4.0, 1e6, 0.0])
+    kept = normal_equations.prior_precision(gram, np.array([1.0, 10.0, 1e3]))
+    np.testing.assert_allclose(kept, np.diag([1.0, 0.01, 1e-6]), rtol=1e-12)
 
 
 def test_signed_least_squares_are_scipys():
@@ -178,6 +202,17 @@ def test_an_error_is_told_as_one_of_the_package():
     from dvrk_gravity.errors import DvrkGravityError
 
     assert issubclass(normal_equations.NotConvergedError, DvrkGravityError)
+
+
+@pytest.mark.parametrize("exchanges", [0, normal_equations.EXCHANGES])
+def test_a_singular_problem_is_told_as_one_of_the_package(monkeypatch, exchanges):
+    from dvrk_gravity.errors import DvrkGravityError
+
+    monkeypatch.setattr(normal_equations, "EXCHANGES", exchanges)
+    for positive in ([True, True], [True, False], [False, False]):
+        with pytest.raises(SingularError, match="2 coefficients is singular") as caught:
+            solve_signed(np.diag([1.0, -1.0]), np.ones(2), np.array(positive))
+        assert isinstance(caught.value, DvrkGravityError)
 
 
 def test_a_period_is_found_and_noise_has_none():

@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.estimation import Array
-from dvrk_gravity.estimation.normal_equations import EXCHANGES, NormalEquations, solve_signed
+from dvrk_gravity.estimation.normal_equations import (
+    EXCHANGES,
+    NormalEquations,
+    prior_precision,
+    solve_signed,
+)
 
 
 class SeenSums:
@@ -32,8 +37,9 @@ class SeenSums:
             scale: (k,) prior standard deviations.
             mean: (k,) prior means.
         """
-        precision = self.gram[:, chosen[:, None], chosen] + np.diag(scale**-2.0)
-        right = self.cross[:, chosen] + mean / scale**2
+        gram = self.gram[:, chosen[:, None], chosen]
+        prior = prior_precision(gram, scale)
+        precision, right = gram + prior, self.cross[:, chosen] + prior @ mean
         theta = np.zeros(self.cross.shape)
         theta[:, chosen] = np.linalg.solve(precision, right[:, :, None])[:, :, 0]
         return theta
@@ -78,7 +84,7 @@ class SignedFits:
 
     def __init__(self, seen: SeenSums, scale: Array, positive: NDArray[np.bool_]) -> None:
         """Add the prior, of (p,) standard deviations about zero, to what each fit sees."""
-        self.precision = seen.gram + np.diag(scale**-2.0)
+        self.precision = seen.gram + prior_precision(seen.gram, scale)
         self.right = seen.cross
         self.positive = positive
         # Which of them are held at zero stays, as a rule, from one fit to the next.

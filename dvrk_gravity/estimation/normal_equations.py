@@ -19,11 +19,26 @@ NULL = 1e-12
 """Squared size of a column, in units of the weights, that is nothing but round-off: its coefficient
 would have to be a million."""
 
+ROUND_OFF = 1e-13
+"""Part of a column's own square of which sums in double precision are sure: what is added to the
+square of one of a few hundred columns and is less leaves columns that repeat others singular."""
+
 EXCHANGES = 5  # before the solver that always ends is asked: a bound on time
 
 
 class NotConvergedError(DvrkGravityError):
     """A constrained least-squares problem that its solver gave up."""
+
+
+class SingularError(DvrkGravityError):
+    """Least squares whose columns double precision cannot tell apart, priors and all."""
+
+    def __init__(self, count: int) -> None:
+        """Say of how many coefficients."""
+        super().__init__(
+            f"a fit of {count} coefficients is singular in double precision: got effort limits or "
+            "other priors far from what was recorded, expected the arm's own"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +136,26 @@ class Solution:
     data: Array
     free: NDArray[np.bool_]
 
+    @property
+    def prior(self) -> Array:
+        """(p,) prior standard deviations that the fit was made with."""
+        return np.asarray(np.diag(self.precision - self.data) ** -0.5)
+
+
+def prior_precision(gram: Array, scale: Array) -> Array:
+    """Return (..., p, p) what a prior adds to Gram matrices.
+
+    A prior that is lost in the round-off of a column's own square, as one by an effort limit ten
+    thousand times the torques that were recorded, would not choose among columns that repeat each
+    other. It is as narrow as it takes for that, and still no news about what the data tell.
+
+    Args:
+        gram: (..., p, p) weighted.
+        scale: (p,) prior standard deviations.
+    """
+    own = np.diagonal(gram, axis1=-2, axis2=-1)
+    return np.asarray(np.maximum(scale**-2.0, ROUND_OFF * own)[..., None] * np.eye(len(scale)))
+
 
 def fit(
     equations: NormalEquations,
@@ -138,9 +173,10 @@ def fit(
 
     Raises:
         NotConvergedError: Signs that the solver cannot satisfy within its iterations.
+        SingularError: Columns that cannot be told apart.
     """
     data, right = equations.combined(weight)
-    precision = data + np.diag(scale**-2.0)
+    precision = data + prior_precision(data, scale)
     if positive is None:
         positive = np.zeros(len(right), dtype=bool)
     theta, free = solve_signed(precision, right, positive)
@@ -245,6 +281,7 @@ def solve_signed(
 
     Raises:
         NotConvergedError: If SciPy's solver runs out of iterations.
+        SingularError: If the system is not positive definite.
     """
     free = np.ones(len(right), dtype=bool) if guess is None else guess | ~positive
     for _ in range(EXCHANGES):
@@ -260,13 +297,17 @@ def solve_signed(
 
     signed, unsigned = np.flatnonzero(positive), np.flatnonzero(~positive)
     coupling = precision[np.ix_(unsigned, signed)]
-    factor = cho_factor(precision[np.ix_(unsigned, unsigned)], check_finite=False)
-    through = cho_solve(factor, np.column_stack([coupling, right[unsigned]]))
-    reduced = precision[np.ix_(signed, signed)] - coupling.T @ through[:, :-1]
+    try:
+        factor = cho_factor(precision[np.ix_(unsigned, unsigned)], check_finite=False)
+        through = cho_solve(factor, np.column_stack([coupling, right[unsigned]]))
+        reduced = precision[np.ix_(signed, signed)] - coupling.T @ through[:, :-1]
+        # In units in which every unknown counts alike, for the solver's tolerance; what is not
+        # positive keeps its sign, for the factorisation to refuse.
+        unit = np.sqrt(np.abs(np.diag(reduced)))
+        triangle = np.linalg.cholesky(reduced / np.outer(unit, unit))
+    except np.linalg.LinAlgError as error:
+        raise SingularError(len(right)) from error
     target = right[signed] - coupling.T @ through[:, -1]
-    # In units in which every unknown counts alike, for the solver's tolerance.
-    unit = np.sqrt(np.diag(reduced))
-    triangle = np.linalg.cholesky(reduced / np.outer(unit, unit))
     try:
         found, _ = nnls(triangle.T, solve_triangular(triangle, target / unit, lower=True))
     except RuntimeError as error:
@@ -292,5 +333,5 @@ def _solve_free(precision: Array, right: Array, free: NDArray[np.bool_]) -> Arra
     part = precision[index[:, None], index].T
     _, theta[index], info = dposv(part, right[index], overwrite_a=True)
     if info:
-        raise np.linalg.LinAlgError("normal equations are not positive definite")
+        raise SingularError(len(index))
     return theta

@@ -82,9 +82,9 @@ def describe(
         interval = spread.interval(value, quantity.direction)
         known = spread.identifiable(quantity.direction) and not quantity.shared
         parameters.append(FittedParameter(quantity.name, value, quantity.unit, interval, known))
-    scaled = columns.scale[list(chosen)]
+    prior = solution.prior
     # Of what the data say, in units of what was plausible before: one means "as much as that".
-    information = np.linalg.eigvalsh(scaled[:, None] * solution.data * scaled)
+    information = np.linalg.eigvalsh(prior[:, None] * solution.data * prior)
     told = information[information > 1.0]
     condition = float(np.sqrt(told[-1] / told[0])) if len(told) else float("inf")
     statements = [

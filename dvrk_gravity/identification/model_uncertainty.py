@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.estimation.covariance import Uncertainty
 from dvrk_gravity.estimation.noise import NoiseSettings, correlation_time
+from dvrk_gravity.estimation.normal_equations import prior_precision
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.problem import Problem
@@ -79,7 +80,8 @@ def stood_in_for(
     settings = settings or PosteriorSettings()
     columns, index = problem.design.columns, np.array(chosen, dtype=np.int64)
     gram, _ = problem.equations.combined(problem.weighting.motor)
-    inside = gram[np.ix_(index, index)] + np.diag(1.0 / columns.scale[index] ** 2)
+    inside = gram[np.ix_(index, index)]
+    inside = inside + prior_precision(inside, columns.scale[index])
     others = np.setdiff1d(np.arange(len(columns.columns)), index)
     beside = gram[np.ix_(index, others)]
     reproduced = np.einsum("ij,ij->j", beside, np.linalg.solve(inside, beside))

@@ -80,7 +80,7 @@ def fit_static(
     error = (poses.effort[held_out] - predicted)[unseen]
     uncertainty = uncertainty_of_poses(
         model, solution.theta, solution.without_stiction(table), spread,
-        np.diag(solution.precision - solution.data) ** -0.5,
+        solution.prior,
         partial(coefficients_at, table, solution), np.sqrt(np.mean(error**2, axis=0)), poses.q,
     )  # fmt: skip
     return Fit(

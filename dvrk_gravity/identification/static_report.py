@@ -73,8 +73,8 @@ def parameters(
 
 def identifiability(table: Table, solution: PoseSolution, spread: Uncertainty) -> Identifiability:
     """Say what the poses determine."""
-    prior = np.sqrt(np.diag(solution.precision - solution.data))
-    scaled = solution.data / prior / prior[:, None]
+    prior = solution.prior
+    scaled = prior[:, None] * solution.data * prior
     information = np.linalg.eigvalsh(scaled)
     known = information[information > 1.0]  # more from the data than from the prior
     condition = float(np.sqrt(known[-1] / known[0])) if len(known) else float("inf")
