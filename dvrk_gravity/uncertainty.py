@@ -189,7 +189,10 @@ class ModelUncertainty:
         if self.offset.ndim != 2:
             raise _unusable(path, "offset of shape (joints, directions)")
         shapes = {
-            **{f"deviations of {n}": (len(t), self.size) for n, t in self.coefficients.items()},
+            **{
+                f"deviations of {n}": (*t.shape[:1], self.size)
+                for n, t in self.coefficients.items()
+            },
             "gravity": (3, self.size),
             "offset": self.offset.shape,
             **{name: (len(self.offset),) for name in _BY_JOINT},
@@ -211,6 +214,10 @@ class ModelUncertainty:
                 raise _unusable(path, f"finite {name}")
             if name in _MAY_BE_UNKNOWN and (array < 0.0).any():
                 raise _unusable(path, f"{name} of at least 0")
+            if np.isinf(array).any():
+                raise _unusable(path, f"finite {name}, or NaN where it is not known")
+        if self.band <= 0.0 or np.isinf(self.band):
+            raise _unusable(path, "finite band above 0, or NaN of poses")
         if (self.lower > self.upper).any():
             raise _unusable(path, "lower no greater than upper")
 

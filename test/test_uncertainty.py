@@ -104,6 +104,12 @@ def test_arrays_of_another_arm_are_refused(saved, model):
         (lambda known: {"lower": known.upper, "upper": known.lower}, "lower no greater than upper"),
         (lambda known: {"error": -known.error}, "error of at least 0"),
         (lambda known: {"speed": -known.speed}, "speed of at least 0"),
+        (lambda known: {"error": np.inf + known.error}, "finite error"),
+        (lambda known: {"together": np.inf + known.together}, "finite together"),
+        (lambda known: {"speed": np.inf + known.speed}, "finite speed"),
+        (lambda known: {"band": 0.0}, "finite band above 0"),
+        (lambda known: {"band": -8.0}, "finite band above 0"),
+        (lambda known: {"band": np.inf}, "finite band above 0"),
     ],
 )
 def test_an_array_that_cannot_be_is_refused_by_its_name(saved, model, change, expected):
@@ -111,6 +117,27 @@ def test_an_array_that_cannot_be_is_refused_by_its_name(saved, model, change, ex
     replace(known, **change(known)).save(uncertainty_file(saved))
 
     with pytest.raises(ConfigError, match=f"{uncertainty_file(saved).name}.*expected {expected}"):
+        TorqueModel.load(saved)
+
+
+@pytest.mark.parametrize("kind", ["complex128", "U8", "bool", "datetime64[s]"])
+def test_what_are_no_real_numbers_are_refused(saved, kind):
+    path = uncertainty_file(saved)
+    with np.load(path) as arrays:
+        changed = {**arrays, "error": np.ones(7, int).astype(kind)}
+    np.savez(path, **changed)
+
+    with pytest.raises(ConfigError, match=rf"{path.name}: error: .*expected real numbers$"):
+        TorqueModel.load(saved)
+
+
+def test_a_coefficient_without_a_length_is_refused(saved):
+    path = uncertainty_file(saved)
+    with np.load(path) as arrays:
+        changed = {**arrays, "coefficients/coulomb_friction": np.array(1.0)}
+    np.savez(path, **changed)
+
+    with pytest.raises(ConfigError, match=f"{path.name}.*deviations of coulomb_friction"):
         TorqueModel.load(saved)
 
 

@@ -39,10 +39,17 @@ def load(path: Path) -> dict[str, Array]:
         if not text_file.is_file(path) or path.stat().st_size > MAX_BYTES:
             raise ConfigError("", "something else", "a file of arrays (.npz)", path)
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as found:
-            return {name: np.asarray(found[name], dtype=float) for name in found.files}
+            return {name: _real(name, found[name], path) for name in found.files}
     except OSError as error:
         raise ConfigError("", error.strerror, "a readable file of arrays (.npz)", path) from error
     except (EOFError, zipfile.BadZipFile) as error:
         raise ConfigError("", "a truncated file", "a file of arrays (.npz)", path) from error
     except (ValueError, TypeError, AttributeError) as error:
         raise ConfigError("", "something else", "a file of arrays (.npz)", path) from error
+
+
+def _real(name: str, array: NDArray[np.generic], path: Path) -> Array:
+    # NumPy reads texts and dates as numbers, too, and takes the real part of complex ones.
+    if array.dtype.kind not in "iuf":
+        raise ConfigError(name, str(array.dtype), "real numbers", path)
+    return np.asarray(array, dtype=float)
