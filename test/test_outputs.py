@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -117,7 +118,7 @@ class Folder:
         return self.folder / (self.use.below or f"output{self.use.suffix}")
 
     def refuses(
-        self, capsys: pytest.CaptureFixture[str], output: Path, read: str | Path = "read.csv"
+        self, capsys: pytest.CaptureFixture[str], output: str | Path, read: str | Path = "read.csv"
     ) -> str:
         """Run the verb with an output, and something to read; return its one line."""
         paths = {"{out}": output, "{in}": self.folder / read}
@@ -187,6 +188,12 @@ def test_no_output_is_an_input_under_another_name(case, capsys):
 def test_no_output_goes_into_a_bag_that_is_read(case, capsys):
     for name in ("metadata.yaml", f"new{case.use.suffix}"):
         assert "is read" in case.refuses(capsys, case.folder / "bag" / name)
+
+
+@uses(lambda use: not use.below)
+def test_no_output_is_without_a_name(case, capsys):
+    """The words of a script whose variable is empty: not the working directory."""
+    assert re.search(r"(OUT|--\w+): got", case.refuses(capsys, ""))
 
 
 @uses(lambda use: use.others)

@@ -28,7 +28,7 @@ _TITLES = 34  # width of their column
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--out", type=Path, default=Path("demo"), help="folder for picture and bag")
+    parser.add_argument("--out", default="demo", help="folder for picture and bag")
     parser.add_argument("--arm", help="a name, or an arm's .yaml or .urdf file (default: that of "
                         f"--model, or {_ARM})")  # fmt: skip
     parser.add_argument("--plant", default="", help="what is simulated: the name or file of a "
@@ -58,11 +58,11 @@ def run(arguments: argparse.Namespace) -> int:
     of_arm = Arm.file(arguments.arm) if arguments.arm else None
     inputs = [arguments.model, of_arm, _file(arguments.plant)]
     written = [PICTURE] if arguments.model else [PICTURE, MODEL]
-    outputs.check_folder("--out", arguments.out, written, inputs, [BAG])
+    out = outputs.check_folder("--out", arguments.out, written, inputs, [BAG])
     arm = _arm(arguments)  # tells what is wrong with it before anything starts
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    stage = Stage.of(arm, arguments.plant, arguments.model, arguments.out)
-    bag = arguments.out / BAG
+    out.mkdir(parents=True, exist_ok=True)
+    stage = Stage.of(arm, arguments.plant, arguments.model, out)
+    bag = out / BAG
     if bag.exists():
         if not (bag / "metadata.yaml").is_file():
             raise ConfigError("--out", str(bag), "no such folder, or a bag of an earlier demo")
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"\nthe watchdog's hold came {kill.hold_after * 1e3:.0f} ms after the kill")
     for reason in scenario.interruptions:
         print(f"a part was repeated, as the compensator had given up: {reason}")
-    target = arguments.out / PICTURE
+    target = out / PICTURE
     picture.draw(target, arm, fall, floats, pushed, rest, kill)
     print(f"picture: {target}\nbag:     {bag}\n{time.monotonic() - start:.0f} s in all")
     return 0

@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="mass that a link is said to carry: is the scale right?")  # fmt: skip
     arm_options.add_drive_gains(parser)
     parser.add_argument(
-        "--out", type=Path, required=True, metavar="DIR",
+        "--out", required=True, metavar="DIR",
         help="folder for findings.json, extended_model.yaml and report.html",
     )  # fmt: skip
     parser.add_argument(
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     given += [] if args.arm is None else [Arm.file(args.arm)]
     given += [] if args.reference is None else [args.reference]
     beside = uncertainty_file(Path(EXTENDED)).name
-    outputs.check_folder("--out", args.out, [*WRITTEN, beside], [*args.recordings, *given])
+    out = outputs.check_folder("--out", args.out, [*WRITTEN, beside], [*args.recordings, *given])
     model = None if args.model is None else TorqueModel.load(args.model)
     arm = None if args.arm is None else Arm.load(args.arm)
     arm = arm_for(model, arm, args.reference is not None)
@@ -103,18 +103,18 @@ def run(args: argparse.Namespace) -> int:
         raise error.in_file(args.model) if of_model else error from None
     if shown:
         print("\r\033[K", end="", file=sys.stderr)
-    args.out.mkdir(parents=True, exist_ok=True)
-    text_file.write(args.out / FINDINGS, diagnosis.to_json())
+    out.mkdir(parents=True, exist_ok=True)
+    text_file.write(out / FINDINGS, diagnosis.to_json())
     base = f"Given model: {args.model}" if args.model else f"Changes against {args.reference}"
     comment = f"Extended by: dvrk_gravity diagnose\n{base}\n" + "\n".join(
         finding.sentence for finding in diagnosis.findings if finding.in_model
     )
-    diagnosis.model.save(args.out / EXTENDED, comment)
-    text_file.write(args.out / REPORT, render(diagnosis, [str(path) for path in args.recordings]))
+    diagnosis.model.save(out / EXTENDED, comment)
+    text_file.write(out / REPORT, render(diagnosis, [str(path) for path in args.recordings]))
     if model is not None and model.unsure:
         line = f"{model.unsure}: how sure the model is is not known, and it is taken as exact"
         print(f"warning: {line}", file=sys.stderr)
-    print(diagnosis.to_json() if args.json else _summary(diagnosis, args.out))
+    print(diagnosis.to_json() if args.json else _summary(diagnosis, out))
     return 0
 
 

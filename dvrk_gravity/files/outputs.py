@@ -55,21 +55,26 @@ def check(
 
 def check_folder(
     option: str,
-    folder: Path,
+    named: str,
     files: Iterable[str],
     inputs: Iterable[str | Path | None],
     folders: Iterable[str] = (),
-) -> None:
-    """Refuse a folder for outputs, which is made if there is none; see :func:`check`.
+) -> Path:
+    """Return a folder for outputs, which is made later if there is none; see :func:`check`.
 
     Args:
         option: What names the folder.
-        folder: The folder.
+        named: Its name, as it was given: an empty one names no folder, not the working directory.
         files: Names of the files to be written there.
         inputs: Files and folders that are read.
         folders: Names of folders to be written there, which replace earlier ones.
+
+    Raises:
+        ConfigError: As of :func:`check`, or no name at all.
     """
-    inputs = list(inputs)
+    if not named:
+        raise ConfigError(option, named, "a folder")
+    folder, inputs = Path(named), list(inputs)
     _check([(option, folder, "folder")], inputs, holds=True)
     wanted: list[tuple[str, Path, _Kind]] = [(option, folder / name, "file") for name in files]
     wanted += [(option, folder / name, "folder") for name in folders]
@@ -79,6 +84,7 @@ def check_folder(
         existing = existing.parent
     _writable(option, folder, existing)
     _require_legible(inputs)
+    return folder
 
 
 def require_unread(name: str, path: Path, read: str | Path) -> None:
