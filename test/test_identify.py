@@ -21,6 +21,7 @@ from dvrk_gravity.identification.dynamic_fit import estimate
 from dvrk_gravity.identification.motion import read_motions
 from dvrk_gravity.identification.moves import start_columns
 from dvrk_gravity.identification.problem import pose
+from dvrk_gravity.identification.table import fit_text
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 
@@ -184,6 +185,15 @@ def test_a_short_range_cannot_tell_gravity_from_a_spring():
     text = " ".join(found.identifiability.statements)
     assert "shoulder_pitch moves over" in text
     assert "most of its range" in text
+    # Combinations and parameters by name are two counts: neither line may deny the other.
+    printed = list(fit_text(found))
+    assert not any("identifiable:" in line for line in printed)
+    counted = next(line for line in printed if "independent combinations of parameters" in line)
+    assert f"{found.identifiability.rank} of {found.identifiability.columns}" in counted
+    leaning = next(line for line in printed if "parameters by name still lean on the prior" in line)
+    open_ = [p.name for p in found.parameters if not p.identifiable]
+    assert leaning.strip().startswith(f"{len(open_)} of the {len(found.parameters)} ")
+    assert leaning.endswith("; ".join(open_))
 
 
 def test_a_spring_left_out_that_gravity_could_replace_is_named():

@@ -307,7 +307,9 @@ def _open_statements(quantities: Sequence[_Quantity], spread: Uncertainty) -> li
     ]
     if not unidentifiable:
         return []
+    lean = "leans" if len(unidentifiable) == 1 else "lean"
     return [
-        f"{len(unidentifiable)} of {len(quantities)} parameters are not identifiable from these "
-        f"data; their estimates stay near the prior: {'; '.join(unidentifiable)}"
+        f"{len(unidentifiable)} of the {len(quantities)} parameters by name still {lean} on the "
+        "prior, which may have moved the estimate by more than half of its standard error: "
+        f"{'; '.join(unidentifiable)}"
     ]

@@ -76,7 +76,8 @@ class Identifiability:
     """What the data can and cannot tell.
 
     Attributes:
-        rank: Number of parameter combinations that the data determine.
+        rank: Number of independent combinations of parameters about which the data say more than
+            the prior.
         columns: Number of parameters asked for.
         condition: Condition number of the determined part, columns scaled to length one.
         statements: Plain sentences: which parameters cannot be separated, and what motion
@@ -87,6 +88,15 @@ class Identifiability:
     columns: int
     condition: float
     statements: tuple[str, ...]
+
+    @property
+    def sentence(self) -> str:
+        """How much the data say, which is no count of the parameters by name."""
+        return (
+            "the data say more than the prior, what is plausible of any such arm, about "
+            f"{self.rank} of {self.columns} independent combinations of parameters; condition "
+            f"number {self.condition:.3g}"
+        )
 
 
 def improvement(error: str, gain: float, uncertainty: float, kept: bool) -> str:

@@ -65,10 +65,7 @@ def fit_text(fit: Fit) -> Iterator[str]:
         yield f"  {len(rejected)} further changes were tried and do too little (all in the report)"
     found = fit.identifiability
     yield ""
-    yield (
-        f"identifiable: {found.rank} of {found.columns} parameter combinations, condition number "
-        f"{found.condition:.3g}"
-    )
+    yield found.sentence
     for statement in found.statements:
         yield f"  {statement}"
 

@@ -51,8 +51,7 @@ img{max-width:100%;display:block}
 {{ changes(rows) }}</details>{% endfor %}
 
 <h2>What these data cannot tell</h2>
-<p>{{ fit.identifiability.rank }} of {{ fit.identifiability.columns }} parameter combinations are
-determined; condition number {{ "%.3g"|format(fit.identifiability.condition) }}.</p>
+<p>{{ fit.identifiability.sentence|capitalize }}.</p>
 <ul>{% for line in fit.identifiability.statements %}<li>{{ line }}</li>
 {% else %}<li>nothing that was asked for</li>{% endfor %}</ul>
 {% if fit.physical %}<p>Every link is a body that can exist: least eigenvalue of its
@@ -62,7 +61,7 @@ pseudo-inertia over the greatest,
 
 <h2>Parameters</h2>
 <p class="small">With 95 % intervals that respect the residual's autocorrelation. Grey: not
-determined by these data.</p>
+determined by these data alone.</p>
 <table><tr><th>parameter</th><th class="n">value</th><th class="n">95 % interval</th>
 <th>unit</th></tr>
 {% for p in fit.parameters %}<tr{% if not p.identifiable %} class="open"{% endif %}>
