@@ -228,6 +228,27 @@ def test_another_motion_is_refused(world, bare):
         diagnose(record(world, 2, 12), arm=UR5, reference=bare)
 
 
+def halting(recording: Recording, every: float, pause: float, pace: float = 1.0) -> Recording:
+    """The same path with pauses, both in s, at another pace, as of a busy machine."""
+    time = recording.time
+    runs = np.where(time % every < pause, 0.0, pace)
+    phase = np.concatenate([[0.0], np.cumsum(np.diff(time) * runs[1:])])
+    kept = phase < time[-1]
+    position = np.column_stack([np.interp(phase, time, q) for q in recording.position.T])
+    effort = np.column_stack([np.interp(phase, time, e) for e in recording.effort.T])
+    velocity = np.gradient(position, time, axis=0)
+    changed = replace(recording, position=position, velocity=velocity, effort=effort)
+    return changed.rows(np.flatnonzero(kept))
+
+
+@pytest.mark.parametrize("timing", [(1.5, 0.1, 1.0), (100.0, 0.0, 1.4), (100.0, 0.0, 0.6)])
+def test_the_same_path_with_pauses_or_at_another_pace_is_refused_with_what_to_do(bare, timing):
+    said = r"goes the way of .* for \d+\.\d s, but with pauses or at another pace: .* record both"
+    with pytest.raises(RecordingError, match=said) as caught:
+        diagnose(halting(bare, *timing), arm=UR5, reference=bare)
+    assert "\n" not in str(caught.value)
+
+
 def test_a_motion_that_is_the_same_but_for_a_joint_s_place_is_refused_with_that_joint(world, bare):
     elsewhere = replace(bare, position=bare.position + np.radians([0, 0, 0, 12.0, 0, 0]))
     with pytest.raises(RecordingError, match=r"it does where wrist_1_joint is 12\.0 deg further$"):

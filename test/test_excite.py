@@ -245,8 +245,9 @@ def test_after_a_pause_of_ours_the_arm_is_not_sent_after_the_motion(fake: FakeAr
 
     with mover(fake) as moving:
         moving.connect()
-        moving.follow(path, 1.0)
+        longer = moving.follow(path, 1.0)
     assert paused
+    assert longer > 0.1  # of the pause, but for what one step makes up for
     # 0.5 rad/s for the 20 ms that a step is at most.
     assert np.abs(np.diff(fake.told, axis=0)).max() < 0.011
 
@@ -350,18 +351,24 @@ def test_without_an_arm_the_error_says_what_is_missing(fake: FakeArm) -> None:
 
 
 def test_the_simulator_is_driven_recorded_and_held(
-    domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    domain: int,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pytest.importorskip("rclpy")
     from dvrk_gravity.processes import NodeProcess
 
     out = tmp_path / "bag"
+    monkeypatch.setattr(excite, "PAUSED", -1.0)  # as if it had been kept waiting
     start = exciting_motion(MotionLimits.of(Arm.load("mtmr")), 8.0, 4).middle
     where = f"initial_position:={start.tolist()}"
     with NodeProcess("simulator", "-p", "rate:=200.0", "-p", where) as simulator:
         words = ["--arm", "mtmr", "--out", str(out), "--duration", "8", "--seed", "4"]
         assert excite.main([*words, "--no-rehearsal", "--timeout", "1"]) == 0, simulator.output
-    assert "Next: identify" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "Next: identify" in said
+    assert "s longer than its 8 s" in said
     recording = Recording.load(out)
     assert recording.time is not None
     # A pause of this machine's is no part of the motion, which goes on from where it was.

@@ -25,6 +25,9 @@ EXAMPLE = "python -m dvrk_gravity excite --arm mtmr --out my_bag"
 DURATIONS = (8.0, 600.0)  # s; below, a motion that eases in and out has hardly begun
 RATES = (50.0, 500.0)  # Hz; below, steps are coarse; above, one Python process is late
 TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
+# s by which a motion may take longer and count as undisturbed. Chosen: a measurement every 10 ms
+# and one late step of 20 ms lie within.
+PAUSED = 0.05
 REHEARSAL = 3.0  # times as long as the motion: a ninth of its acceleration
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 
@@ -71,7 +74,13 @@ def run(arguments: argparse.Namespace) -> int:
         Client(namespace, "excite") as client,
         Mover(client, arm, arguments.rate, arguments.timeout) as mover,
     ):
-        count, seconds = _drive(mover, arm, arguments)
+        count, seconds, longer = _drive(mover, arm, arguments)
+    if longer > PAUSED:
+        print(
+            f"note: the motion took {longer:.2f} s longer than its {seconds:g} s, as this computer "
+            "was busy: good to identify from, but not the same motion in time as another "
+            "recording of it (`diagnose --reference`)"
+        )
     print(
         f"recorded {count} messages, {count / seconds:.0f} a second, in {arguments.out}; the arm "
         f"is held. Next: identify {arguments.out} --arm {arguments.arm} --out model.yaml"
@@ -79,8 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, float]:
-    """Return how many messages were recorded, in how many seconds."""
+def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, float, float]:
+    """Return how many messages were recorded, of how many seconds, and how much longer it took."""
     from dvrk_gravity.planning import MotionLimits, Move, exciting_motion
     from dvrk_gravity.recording import BagWriter
 
@@ -104,8 +113,8 @@ def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, 
         _follow(mover, "approach", approach.at, approach.duration)
         if not arguments.no_rehearsal:
             _follow(mover, "rehearsal", slowly, REHEARSAL * motion.duration)
-        _follow(mover, "motion, recorded", motion.at, motion.duration, record)
-        return bag.count, motion.duration
+        longer = _follow(mover, "motion, recorded", motion.at, motion.duration, record)
+        return bag.count, motion.duration, longer
 
 
 def _follow(
@@ -114,11 +123,11 @@ def _follow(
     path: Callable[[float], tuple[np.ndarray, np.ndarray]],
     duration: float,
     record: Callable[[bytes], None] | None = None,
-) -> None:
+) -> float:
     print(f"{what}: {duration:.0f} s; Ctrl-C holds the arm", flush=True)
     progress = command_line.Progress(what, 100)
     try:
-        mover.follow(path, duration, record, lambda part: progress.update(round(100 * part)))
+        return mover.follow(path, duration, record, lambda part: progress.update(round(100 * part)))
     finally:
         progress.done()
 

@@ -22,7 +22,7 @@ from dvrk_gravity.diagnosis.load import Loaded, LoadSettings
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.estimation.same_motion import SameMotionSettings, Track, same_motion
+from dvrk_gravity.estimation.same_motion import SameMotionSettings, Track, same_motion, same_path
 from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.recording import DataWarning, LowPass, Recording, RecordingFile
 from dvrk_gravity.recording.data import Array
@@ -41,11 +41,14 @@ class ReferenceSettings:
             of their samples, from which on a sign was turned. Chosen: no change of the arm turns
             weight and friction round.
         slow: Hz; faster, no arm sags or swings further under a load. Chosen.
+        path: Part of a motion that lies on the reference's path, at any pace, from which on it is
+            told that only the times differ. Chosen: most of it.
     """
 
     piece: float = 1.0
     turned: float = 0.9
     slow: float = 2.0
+    path: float = 0.5
 
 
 def model_of(arm: Arm) -> TorqueModel:
@@ -103,7 +106,8 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
     if length < shortest:
         raise RecordingError(
             names[0],
-            f"shows {length:.3g} s of the motion of {names[1]}: expected the same motion, "
+            _paced(motion, other, names[1])
+            or f"shows {length:.3g} s of the motion of {names[1]}: expected the same motion, "
             f"{shortest:g} s of it at least{_elsewhere(motion, other)}",
         )
     change = _real(change, motion.effort - then, pieces, motion.rate)
@@ -148,6 +152,24 @@ def _real(change: Array, difference: Array, pieces: Sequence[slice], rate: float
         shared += (said * seen).sum(axis=0)
         square += (said * said).sum(axis=0)
     return result + fast * np.clip(shared / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+
+
+def _paced(motion: MeasuredMotion, other: MeasuredMotion, name: str) -> str:
+    """Say what to do if the path is the same, but not the times: of a machine that was busy."""
+    track, reference = (
+        Track([moved.time[p] for p in moved.parts], [moved.q[p] for p in moved.parts])
+        for moved in (motion, other)
+    )
+    assert motion.rate is not None
+    along = sum(int(part.sum()) for part in same_path(track, reference)) / motion.rate
+    shortest = LoadSettings().shortest
+    if along < max(shortest, ReferenceSettings().path * len(motion.q) / motion.rate):
+        return ""
+    return (
+        f"goes the way of {name} for {along:.1f} s, but with pauses or at another pace: expected "
+        f"{shortest:g} s at least at the same times; record both again, on a machine that keeps "
+        "pace (no other load beside excite and simulator)"
+    )
 
 
 def _elsewhere(motion: MeasuredMotion, other: MeasuredMotion) -> str:

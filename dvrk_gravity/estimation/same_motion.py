@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvrk_gravity.estimation import Array
-from dvrk_gravity.estimation.repetition import find_common_time
+from dvrk_gravity.estimation.repetition import RepetitionSettings, find_common_time
 
 
 @dataclass(frozen=True)
@@ -20,9 +21,15 @@ class SameMotionSettings:
         near: Part of a motion's spread by which positions may differ, RMS over the joints. Chosen:
             a controller holds an arm with a load a little lower, a PSM's yaw by 1.5 %; what a
             motion may differ by as a whole is 5 % (``RepetitionSettings.tolerance``).
+        further: s, after which a path has gone on if it is followed the same way. Chosen: what lies
+            on it by chance, where it crosses itself, is long elsewhere then.
+        pace: How many times as far the other may have gone meanwhile. Chosen: above the three of
+            a rehearsal (``excite``).
     """
 
     near: float = 0.02
+    further: float = 1.0
+    pace: float = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +100,37 @@ def same_motion(
         shown = other.at(when, list(other.position))
         off = np.sqrt(np.mean(((moved - shown) / spread) ** 2, axis=1))
         found.append(np.where(off < settings.near, when, np.nan))
+    return found
+
+
+def same_path(
+    track: Track, other: Track, settings: SameMotionSettings | None = None
+) -> list[NDArray[np.bool_]]:
+    """Tell which samples of one recording lie on the other's path, at whatever pace.
+
+    Args:
+        track: The one.
+        other: The other.
+        settings: When two samples show the same.
+
+    Returns:
+        By part of ``track``, (N,) masks of the samples from which on both go the same way.
+    """
+    from scipy.spatial import KDTree
+
+    settings = settings or SameMotionSettings()
+    position = np.concatenate(list(other.position))
+    # So that a distance is the RMS over the joints, in parts of the motion's spread.
+    unit = np.maximum(np.std(position, axis=0), 1e-9) * np.sqrt(position.shape[1])
+    tree = KDTree(position / unit)
+    when = np.append(np.concatenate(list(other.time)), np.nan)  # last, of what is nowhere near
+    found = []
+    for time, moved in zip(track.time, track.position, strict=True):
+        _, nearest = tree.query(moved / unit, distance_upper_bound=RepetitionSettings().tolerance)
+        later = np.searchsorted(time, time + settings.further)
+        inside = later < len(time)
+        gone = when[nearest[np.where(inside, later, 0)]] - when[nearest]
+        found.append(inside & (gone > 0.0) & (gone < settings.pace * settings.further))
     return found
 
 

@@ -177,14 +177,19 @@ class Mover:
         duration: float,
         record: Callable[[bytes], None] | None = None,
         progress: Callable[[float], None] | None = None,
-    ) -> None:
+    ) -> float:
         """Drive the arm along a path in its own time; whatever ends that early holds the arm.
+
+        Where we pause for longer than :data:`LATE`, the motion pauses with us.
 
         Args:
             path: Time since its beginning, s, to (n,) position, rad, and (n,) velocity, rad/s.
             duration: s.
             record: Gets every measured_js, as CDR bytes, while the arm moves.
             progress: Gets the part that is done, 0 to 1.
+
+        Returns:
+            By how much longer than ``duration`` it took, s of the arm's clock.
 
         Raises:
             MotionError: The arm does not follow or is not heard, or somebody else commands it.
@@ -208,6 +213,7 @@ class Mover:
                 moment = min(moment + min(now - last, LATE), (self._stamp - first) * 1e-9 + AHEAD)
                 last = now
             self._command(*path(duration))
+            return (self._stamp - first) * 1e-9 - duration
         except MotionError as error:
             self.hold()
             raise MotionError(f"{error}; the arm was told to hold") from error
