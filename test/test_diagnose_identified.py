@@ -9,6 +9,10 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
+from dvrk_gravity.diagnosis.beyond_range import beyond_range
+from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.contact import WallHypothesis
 from dvrk_gravity.identification import identify
 from dvrk_gravity.recording import Recording
 from testing import lab_effects
@@ -105,3 +109,20 @@ def test_the_extended_model_knows_how_sure_it_is_and_finds_nothing_more(tmp_path
     again = type(extended).load(tmp_path / "extended.yaml")
     assert again.uncertainty is not None
     assert diagnose(recording, again).findings == ()
+
+
+def test_a_wall_where_the_model_was_not_identified_may_be_the_model_s_own_error():
+    world, model, _ = calibrated("chain")
+    recording = world.record(world.truth(draw_other(world.arm, 3)), 3)
+    least, upper = np.quantile(recording.position[:, 0], (0.0, 0.7))
+    seen = replace(model.uncertainty, upper=np.array([upper, *model.uncertainty.upper[1:]]))
+    motion = load([recording], replace(model, uncertainty=seen)).motion
+
+    def said(position: float) -> str:
+        wall = WallHypothesis(
+            arm=world.arm, site=site.joint(0), side=1.0, setting={"position": position}
+        )
+        return beyond_range(motion, wall, np.ones(1))
+
+    assert said(upper).endswith(f"of {world.arm.joint_names[0]}")
+    assert said(least) == ""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.ambiguity import ambiguities
+from dvrk_gravity.diagnosis.beyond_range import REMEDY, beyond_range
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.extend import contradicted, extended, updated
@@ -254,6 +255,7 @@ def _finding(
     gain = held_out.gain(before, after, joints, candidate=effect.trial.candidate)
     rest_named = [other for k, other in enumerate(named) if k != i]
     alternatives = _alternatives(validation, rest_named, effect)
+    beyond = beyond_range(motion, hypothesis, theta)
     return Finding(
         effect=hypothesis.effect,
         joints=hypothesis.names,
@@ -272,12 +274,14 @@ def _finding(
             for other in effect.rejected
         ),
         sentence=sentence_of(
-            hypothesis, parameters, gain, [hypothesis.arm.joint_names[joint] for joint in joints]
+            hypothesis, parameters, gain, [hypothesis.arm.joint_names[joint] for joint in joints],
+            beyond,
         ),
         picture=picture_of(validation.data, held_out, hypothesis, joints[0], before, after),
         left_out=left_out,
-        remedy=_remedy(hypothesis, motion, not left_out),
-    )
+        remedy=REMEDY if beyond else _remedy(hypothesis, motion, not left_out),
+        beyond=beyond,
+    )  # fmt: skip
 
 
 def _remedy(hypothesis: Hypothesis, motion: MeasuredMotion, carried: bool) -> str:
