@@ -11,6 +11,7 @@ from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import DataWarning, Recording, brief, check, prepare
 from dvrk_gravity.recording.grid import resample, stale
+from dvrk_gravity.recording.impossible import jumps
 from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.signal_checks import quantisation
 from dvrk_gravity.recording.velocity import compare_velocity
@@ -253,6 +254,23 @@ def test_every_kind_of_finding_has_a_case():
     # So does what is left of a long recording: `excerpt`. What was read before: `ReadBefore`.
     of_others = {"samples_discarded", "excerpt", "read_before"}
     assert set(get_args(Kind)) == {fault[0] for fault in FAULTS} | of_the_arm | of_others
+
+
+@pytest.mark.parametrize("way", [0.3, -0.25])
+def test_an_encoder_that_jumps_and_stays_is_told_as_a_jump(way):
+    """60 rad/s for one sample of 5 ms, of a joint that moves at 1 rad/s."""
+    stays = column(CLEAN, "position", "outer_yaw", lambda p: p + way * (np.arange(len(p)) >= 3000))
+    (found,) = check(stays)
+    assert (found.kind, found.joint, found.numbers["jumps"]) == ("position_jump", "outer_yaw", 1)
+    assert "within 5 ms at 15 s" in found.text
+
+
+def test_readings_renewed_every_tenth_time_and_a_sudden_start_are_no_jumps():
+    renewed = replace(CLEAN, position=1.5 * CLEAN.position[np.arange(6000) // 10 * 10])
+    assert jumps(renewed) == []
+    slow = CLEAN.time[:600] * 10.0  # 20 Hz
+    sudden = np.tile(np.clip(5.0 * (slow - 10.0), 0.0, 1.0)[:, None], 7)
+    assert jumps(replace(CLEAN.rows(slice(0, 600)), time=slow, position=sudden)) == []
 
 
 def test_known_effort_limits_are_used():

@@ -8,7 +8,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import FASTEST, UNTIMED_STEP
-from dvrk_gravity.recording.data import Recording
+from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.grid import stale
 from dvrk_gravity.recording.signal_checks import position_unit
@@ -28,11 +28,16 @@ class PossibleSettings:
             have 0.2 to 1.0 of it the other way round (the recordings of docs/psm.md,
             docs/own_arm.md and docs/identification.md). Chosen; among neighbours' weights and
             springs the sum of one joint need not be that of its friction.
+        sudden: rad/s^2, by which a joint may be faster than a moment before. Chosen: it is at
+            FASTEST in 25 ms, within five samples at 200 Hz.
+        moment: s, on either side, whose speed tells how fast a joint moves. Chosen.
     """
 
     position_margin: float = 2.5
     effort_margin: float = 10.0
     driven: float = 0.2
+    sudden: float = 1000.0
+    moment: float = 0.1
 
 
 def beyond_the_arm(recording: Recording) -> list[DataWarning]:
@@ -94,7 +99,11 @@ def jumps(recording: Recording) -> list[DataWarning]:
     interval = np.diff(fresh.time)
     way = np.diff(fresh.position, axis=0)
     late = float(np.median(interval)) if len(interval) else 0.0
-    reach = (UNTIMED_STEP + FASTEST * (interval[:, None] + late)) * recording.scale
+    within = interval[:, None] + late
+    speeding = PossibleSettings().sudden * within**2 * recording.scale
+    going_on = _speed_around(np.abs(way), late) * (_renewed_after(way, fresh.time) + late)
+    reach = np.minimum(going_on + speeding, FASTEST * within * recording.scale)
+    reach += UNTIMED_STEP * recording.scale
     for joint in np.flatnonzero((np.abs(way) > reach).any(axis=0)).tolist():
         rows = np.flatnonzero(np.abs(way[:, joint]) > reach[:, joint])
         name, row = recording.joints[joint], int(rows[0])
@@ -120,6 +129,29 @@ def jumps(recording: Recording) -> list[DataWarning]:
             )
         )  # fmt: skip
     return findings
+
+
+def _speed_around(way: Array, interval: float) -> Array:
+    """Return (N, n) speeds just before and after each of (N, n) ways between two samples.
+
+    The way itself is left out, for it may be a jump; a reading that jumps there and back is not.
+    """
+    side = max(1, round(PossibleSettings().moment / interval))
+    total = np.cumsum(np.vstack([np.zeros(way.shape[1]), way]), axis=0)
+    rows = np.arange(len(way))
+    first, stop = np.maximum(rows - side, 0), np.minimum(rows + 1 + side, len(way))
+    others = np.maximum(stop - first - 1, 1)[:, None] * interval
+    return np.asarray((total[stop] - total[first] - way) / others)
+
+
+def _renewed_after(way: Array, time: Array) -> Array:
+    """Return (N, n) times, s, since each joint's position was another one than before (N, n) ways.
+
+    What is not read anew with every sample goes all its way when it is.
+    """
+    read = np.where(way != 0.0, time[1:, None], time[0])
+    last = np.maximum.accumulate(read, axis=0)
+    return np.asarray(time[1:, None] - np.vstack([np.full(way.shape[1], time[0]), last[:-1]]))
 
 
 def driven_motors(recording: Recording) -> list[DataWarning]:
