@@ -5,6 +5,7 @@ The motions are given, and the efforts are the model's own torques: nothing is s
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from dvrk_gravity.diagnosis.readings import try_readings
 from dvrk_gravity.effects import Gravity
 from dvrk_gravity.effects.time_delay import TimeDelay
 from dvrk_gravity.recording import Recording, check, prepare
+from dvrk_gravity.report.diagnosis import render
 from testing.world import World
 
 MODEL = World.draw(5).model()
@@ -149,6 +151,7 @@ def test_where_a_motor_turns_back_the_joints_that_it_moves_say_nothing():
     time = np.arange(0.0, 10.0, 1.0 / RATE)
     q = np.zeros((len(time), N_JOINTS))
     q[:, 1], q[:, 2] = 0.5 * time, -0.2 * np.sin(time) - 0.5 * time + 0.1 * time
+    q[:, 0] = 0.3 * time
     qd = np.gradient(q, 1.0 / RATE, axis=0)
     motor = qd[:, 1] + qd[:, 2]
     nothing = np.zeros_like(q)
@@ -160,7 +163,56 @@ def test_where_a_motor_turns_back_the_joints_that_it_moves_say_nothing():
     assert len(turning) > 1
     assert motion.stuck[turning][:, [1, 2]].all()
     assert not motion.stuck[turning - int(RATE), 1].any()
-    assert not motion.stuck[:, 3].any()
+    assert not motion.stuck[:, 0].any()
+
+
+def held_by_stiction(held: np.ndarray) -> Recording:
+    """Record a motion of all joints but the last two, whose friction takes a part of their load."""
+    time, q, qd, qdd = sines(12.0, rate=100.0)
+    q[:, 5:] = q[0, 5:]
+    qd[:, 5:] = qdd[:, 5:] = 0.0
+    effort = MODEL.torque(q, qd, qdd) + noise(len(q))
+    effort[:, 5:] += held
+    seen = q + 1e-5 * np.random.default_rng(3).normal(size=q.shape)
+    return recording(time, seen, effort)
+
+
+@pytest.mark.parametrize("held", [(0.02, -0.03), (0.1, 0.1)])
+def test_torque_that_friction_holds_at_a_joint_that_stands_still_is_no_finding(held):
+    result = diagnose(held_by_stiction(np.array(held)), MODEL)
+
+    assert result.verdict == "nothing_to_explain"
+    assert np.isnan([result.before[joint] for joint in JOINT_NAMES[5:]]).all()
+    assert json.loads(result.to_json())["rmse"]["after"][JOINT_NAMES[6]] is None
+    (line,) = [note for note in result.notes if note.startswith("not judged")]
+    assert ", ".join(JOINT_NAMES[5:]) in line
+    assert "unknown" in render(result, ["motion.csv"])
+
+
+def test_a_joint_that_stands_still_bears_its_load_where_nothing_rubs_and_at_poses():
+    arm = replace(ARM, frictionless=(JOINT_NAMES[6],))
+    standing = held_by_stiction(np.zeros(2))
+    moving = load([standing], MODEL).motion
+    smooth = load([replace(standing, arm=arm)], replace(MODEL, arm=arm)).motion
+    poses = load([replace(standing, time=None, velocity=None)], MODEL).motion
+
+    np.testing.assert_array_equal(moving.stuck.all(axis=0), [False] * 5 + [True] * 2)
+    assert not smooth.stuck[:, 6].any()
+    assert not poses.stuck.any()
+
+
+def test_a_load_is_told_by_the_joints_that_move_and_not_of_those_that_stand_still():
+    time, q, qd, qdd = sines(12.0, rate=100.0)
+    q[:, 3:] = q[0, 3:]
+    qd[:, 3:] = qdd[:, 3:] = 0.0
+    effort = MODEL.torque(q, qd, qdd) + noise(len(q))
+    effort += 2.0 * q[:, [1]] * np.array([0.0, 1.0, 0.0, 0.3, 0.0, 0.0, 0.0])
+
+    result = diagnose(recording(time, q, effort), MODEL)
+
+    (finding,) = result.findings
+    assert finding.joints == ("shoulder_pitch",)
+    assert "more joint" not in finding.sentence
 
 
 def test_a_coarse_encoder_does_not_show_the_direction_of_slow_motion():

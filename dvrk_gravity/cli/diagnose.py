@@ -179,7 +179,8 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     if diagnosis.weighed is not None:
         lines.append(f"known payload: {diagnosis.weighed.sentence}")
     lines += [f"extrapolated: {line}" for line in diagnosis.outside]
-    lines += [note for note in diagnosis.notes if note.startswith(("warning: ", "not recorded"))]
+    shown_here = ("warning: ", "not recorded", "not judged")
+    lines += [note for note in diagnosis.notes if note.startswith(shown_here)]
     lines += [f"warning: {line}" for line in brief(diagnosis.warnings)]
     lines.append(f"written: {out}/findings.json, extended_model.yaml, report.html")
     return "\n".join(lines)

@@ -163,13 +163,14 @@ def assemble(
     ]
     motion = data.motion
     qd = None if motion.static else motion.qd
+    told_of = np.where(held_out.seen, 1.0, np.nan)
     outside = outside_range(motion.model, motion.q, qd, motion.present)
     return Diagnosis(
         verdict=_verdict(findings),
         findings=tuple(findings),
         known=known(validation, held_out, minor, named, expected),
-        before=by_joint(names, held_out.rmse(first)),
-        after=by_joint(names, after),
+        before=by_joint(names, told_of * held_out.rmse(first)),
+        after=by_joint(names, told_of * after),
         floor=by_joint(names, floor),
         expected=by_joint(names, expected),
         floor_from=source,
@@ -374,6 +375,17 @@ def _certainty(data: FilteredData) -> list[str]:
     ]
 
 
+def _standing(motion: MeasuredMotion) -> list[str]:
+    """Return a line about the joints that never move, if there are any."""
+    names = [motion.arm.joint_names[joint] for joint in np.flatnonzero(motion.stands).tolist()]
+    if not names:
+        return []
+    return [
+        f"not judged: efforts of {', '.join(names)}: where a joint stands still all the time, "
+        "friction may hold any torque up to its level"
+    ]
+
+
 def _notes(loaded: Loaded, validation: CrossValidation, floor: Array) -> tuple[str, ...]:
     data = validation.data
     notes = [
@@ -390,10 +402,12 @@ def _notes(loaded: Loaded, validation: CrossValidation, floor: Array) -> tuple[s
     notes += _certainty(data)
     if data.band is not None:
         notes.append(f"torques and hypotheses compared below {data.band:g} Hz, zero-phase")
-        stuck = loaded.motion.stuck.mean(axis=0)
+        motion = loaded.motion
+        notes += _standing(motion)
+        stuck = np.where(motion.stands, 0.0, motion.stuck.mean(axis=0))
         notes += [
             f"{name} stands still for {100 * part:.0f} % of the time: left out there"
-            for name, part in zip(loaded.motion.arm.joint_names, stuck, strict=True)
+            for name, part in zip(motion.arm.joint_names, stuck, strict=True)
             if part > 0.05
         ]
     return tuple(notes)

@@ -118,6 +118,11 @@ class HeldOut:
         """(T,) which samples are held out."""
         return self._held
 
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(n,) joints of which held-out samples say something."""
+        return np.asarray(self._usable.any(axis=0))
+
     def error(
         self, candidates: Sequence[Candidate], beside: Sequence[Candidate] | None = None
     ) -> Array:
@@ -158,7 +163,8 @@ class HeldOut:
     def main_joints(self, candidate: Candidate, before: Array, after: Array) -> list[int]:
         """Return the joints by which a candidate is judged, the one that gains most first."""
         removed = 1.0 - self.rmse(after) / np.maximum(self.rmse(before), 1e-12)
-        acts = np.flatnonzero(candidate.acts).tolist()
+        acts = np.flatnonzero(candidate.acts & self.seen).tolist()
+        acts = acts or np.flatnonzero(candidate.acts).tolist()
         joints = [j for j in candidate.hypothesis.judged_at if j in acts] or acts
         if np.max(removed[joints]) <= 0.0:
             joints = acts  # a motor's friction, say, is felt by other joints

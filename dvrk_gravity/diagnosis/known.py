@@ -61,7 +61,7 @@ def known(
     moved = validation.moved(named)[held_out.rows]
     residual_rmse = held_out.rmse(held_out.error(named))
     size = held_out.rmse(np.where(validation.data.usable[held_out.rows], moved, np.nan))
-    for joint in np.flatnonzero(motion.present).tolist():
+    for joint in np.flatnonzero(motion.present & held_out.seen).tolist():
         name, unit = arm.joint_names[joint], arm.joints[joint].effort_unit
         error = float(validation.data.expected_on_another_day[joint])
         if size[joint] > error:

@@ -179,21 +179,31 @@ class MeasuredMotion:
         return self.present & (self.travel[1] > self.settings.moves * self.arm.scale)
 
     @cached_property
+    def stands(self) -> NDArray[np.bool_]:
+        """(n,) which joints friction may hold all the time; no poses, which are about that."""
+        if self.static:
+            return np.zeros(self.arm.n, dtype=bool)
+        rubs = ~np.isin(self.arm.joint_names, self.arm.frictionless)
+        return self.present & ~self.moves & rubs
+
+    @cached_property
     def speed(self) -> Array:
         """(n,) RMS speed, rad/s."""
         return np.sqrt(np.mean(self.qd**2, axis=0))
 
     @cached_property
     def stuck(self) -> NDArray[np.bool_]:
-        """(N, n) samples in which a joint that else moves stands still, if only to turn back.
+        """(N, n) samples in which a joint stands still, if only to turn back.
 
         Where friction sticks, the effort goes from one level to the other while nothing moves,
         and the filtered velocity begins before the joint does: that long is left out on either
-        side. The same holds of a motor that moves more than its own joint.
+        side. The same holds of a motor that moves more than its own joint. Where nothing rubs,
+        a joint that never moves bears what there is to bear.
         """
         result = np.zeros(self.q.shape, dtype=bool)
         if self.rate is None:
             return result
+        result[:, self.stands] = True
         for joint in np.flatnonzero(self.moves).tolist():
             result[:, joint] = self._turning(np.eye(self.arm.n)[joint], joint)
         if self.present.all():

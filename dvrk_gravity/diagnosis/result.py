@@ -94,7 +94,11 @@ class Diagnosis:
             if expects
             else (self.floor, FLOORS[self.floor_from])
         )
-        ratio = {name: self.after[name] / value for name, value in least.items() if value > 0}
+        ratio = {
+            name: self.after[name] / value
+            for name, value in least.items()
+            if value > 0 and np.isfinite(self.after[name])
+        }
         if not ratio:
             return f"Nothing was found that {against} lacks."
         most = max(ratio, key=lambda name: ratio[name])

@@ -186,11 +186,12 @@ def _errors(diagnosis: Diagnosis) -> str:
         return f"{factor * value:.{decimals}f}" if np.isfinite(value) else "unknown"
 
     for joint, floor in diagnosis.floor.items():
+        after = diagnosis.after[joint]
         rows.append(
             (
                 joint,
                 *(shown(column[joint]) for column in diagnosis.errors),
-                f"{diagnosis.after[joint] / floor:.1f}" if floor > 0.0 else "",
+                f"{after / floor:.1f}" if floor > 0.0 and np.isfinite(after) else "",
             )
         )
     head = ("joint", "before", "after", "noise floor", "expected", "after / floor")
