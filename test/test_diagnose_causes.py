@@ -18,7 +18,7 @@ from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.held_out import HeldOut
-from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis.load import UNREAD, load
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.readings import try_readings
 from dvrk_gravity.effects import Gravity
@@ -213,6 +213,34 @@ def test_a_load_is_told_by_the_joints_that_move_and_not_of_those_that_stand_stil
     (finding,) = result.findings
     assert finding.joints == ("shoulder_pitch",)
     assert "more joint" not in finding.sentence
+
+
+def test_an_effort_that_is_no_longer_read_is_no_finding_and_left_out():
+    time, q, qd, qdd = sines(20.0, rate=100.0)
+    effort = MODEL.torque(q, qd, qdd) + noise(len(q))
+    effort[800:, 3] = effort[800, 3]
+
+    result = diagnose(recording(time, q, effort), MODEL)
+
+    assert result.verdict == "nothing_to_explain"
+    (told,) = result.warnings
+    assert (told.kind, told.joint) == ("effort_frozen", JOINT_NAMES[3])
+    assert UNREAD in result.notes
+    assert result.after[JOINT_NAMES[3]] < 2.0 * result.floor[JOINT_NAMES[3]]
+
+
+def test_a_motor_that_is_not_read_leaves_open_every_joint_that_it_moves():
+    time, q, qd, qdd = sines(20.0, rate=100.0)
+    effort = ARM.actuator_effort(MODEL.torque(q, qd, qdd) + noise(len(q)))
+    effort[800:1200, 2] = effort[800, 2]
+    read = recording(time, ARM.actuator_position(q), effort, coordinates="actuator")
+    motion = load([read], MODEL).motion
+    felt = ARM.joint_effort(np.eye(N_JOINTS))[2] != 0.0
+
+    np.testing.assert_array_equal(motion.unread.any(axis=0), felt)
+    inside = (motion.time > 8.0) & (motion.time < 11.9)
+    assert motion.unread[inside][:, felt].all()
+    assert not motion.unread[(motion.time < 7.9) | (motion.time > 12.1)].any()
 
 
 def test_a_coarse_encoder_does_not_show_the_direction_of_slow_motion():

@@ -10,6 +10,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import DataWarning, Recording, brief, check, prepare
+from dvrk_gravity.recording.frozen import frozen_efforts
 from dvrk_gravity.recording.grid import resample, stale
 from dvrk_gravity.recording.impossible import jumps
 from dvrk_gravity.recording.quantization import quantum
@@ -46,6 +47,12 @@ def jittered(recording, spread):
 
 def steps(size):
     return lambda values: size * np.round(values / size)
+
+
+def stopped(values, first, stop):
+    """Repeat a value from one row up to another."""
+    rows = np.arange(len(values))
+    return np.where((rows >= first) & (rows < stop), values[first], values)
 
 
 def with_gap(recording):
@@ -136,6 +143,13 @@ FAULTS = [
         column(STATIC, "effort", "outer_yaw", lambda e: np.minimum(e + 0.02, 0.02)),
         {"effort_nm": 0.02},
         column(STATIC, "effort", "outer_yaw", steps(1e-4)),
+    ),
+    (
+        "effort_frozen",
+        "wrist_yaw",
+        column(CLEAN, "effort", "wrist_yaw", lambda e: stopped(e, 1000, 5000)),
+        {"seconds": 19.995, "from_s": 5.0, "to_s": 24.995},
+        column(CLEAN, "effort", "wrist_yaw", lambda e: stopped(e, 1000, 1150)),
     ),
     (
         "position_quantisation",
@@ -278,6 +292,39 @@ def test_known_effort_limits_are_used():
     found = [w for w in check(CLEAN, limits) if w.kind == "effort_saturation"]
     assert [w.joint for w in found] == ["wrist_roll"]
     assert check(CLEAN, dict.fromkeys(JOINT_NAMES, 0.1)) == ()
+
+
+def rests_and_goes(position):
+    """Stand still for 10 s, then go at constant speeds."""
+    late = np.clip(CLEAN.time - 10.0, 0.0, None)
+    return 0.3 + 0.2 * late
+
+
+@pytest.mark.parametrize(
+    "harmless",
+    [
+        column(CLEAN, "effort", "wrist_yaw", lambda e: np.clip(e, -1e-3, 1e-3)),
+        column(CLEAN, "effort", "wrist_yaw", steps(0.01)),
+        column(CLEAN, "effort", "wrist_yaw", lambda e: np.where(np.abs(e) < 6e-3, 0.0, 0.01)),
+        column(
+            column(CLEAN, "position", "wrist_yaw", rests_and_goes), "effort", "wrist_yaw",
+            lambda e: np.where(CLEAN.time < 10.0, 0.0, 0.011),
+        ),
+        column(STATIC, "effort", "wrist_yaw", lambda e: stopped(e, 1000, 5000)),
+    ],
+    ids=["clipped", "in coarse steps", "of two values", "of a smooth course", "of poses"],
+)  # fmt: skip
+def test_efforts_that_may_stay_the_same_are_readings(harmless):
+    assert frozen_efforts(harmless) == []
+
+
+def test_every_span_without_readings_is_left_out_and_told_in_a_line():
+    twice = column(
+        CLEAN, "effort", "wrist_yaw", lambda e: stopped(stopped(e, 400, 1400), 2000, 2600)
+    )
+    assert [span.rows for span in frozen_efforts(twice)] == [(400, 1400), (2000, 2600)]
+    (found,) = check(twice)
+    assert "from 2 to 6.995 s (5 s, 7.99 s in 2 such spans)" in found.text
 
 
 def test_units_that_only_the_velocity_reveals_are_told():

@@ -162,8 +162,8 @@ class FilteredData:
         A joint that friction holds is held by anything between the two levels: no model can
         tell which, and neither can its error.
         """
-        stuck = self.reduce(self.motion.stuck.astype(float))
-        return (stuck < self.settings.stuck) & self.motion.present
+        silent = self.reduce(self.motion.silent.astype(float))
+        return (silent < self.settings.stuck) & self.motion.present
 
     @property
     def block(self) -> NDArray[np.int64]:

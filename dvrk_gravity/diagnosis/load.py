@@ -32,10 +32,13 @@ from dvrk_gravity.recording import (
     prepare,
 )
 from dvrk_gravity.recording.excerpt import held_if_short
+from dvrk_gravity.recording.frozen import FrozenSpan, frozen_efforts
 from dvrk_gravity.recording.grid import quantum
 from dvrk_gravity.recording.read_before import counted_once
 
 Array = NDArray[np.float64]
+
+UNREAD = "efforts that are no readings (see the warnings) left out, of their joints alone"
 
 
 @dataclass(frozen=True)
@@ -138,6 +141,7 @@ def load(
             warnings += [w for w in prepared.warnings if w not in warnings]
             handling += [h for h in prepared.handling if h not in handling]
             start = 0.0 if static else (stretch.start_ns - heads[0].start_ns) * 1e-9
+            before = len(pieces)
             step, rounding = _step(stretch, model.arm), _rounding(stretch, model.arm)
             thin = 1 if rate is None else max(1, round(rate / settings.rate))
             pieces += [
@@ -148,6 +152,10 @@ def load(
                 )
                 for segment in prepared.segments
             ]
+            unread = frozen_efforts(stretch)
+            if unread and UNREAD not in handling:
+                handling.append(UNREAD)
+            pieces[before:] = [_without(piece, unread, stretch, start) for piece in pieces[before:]]
             floors.append(_noise_density(stretch, model.arm, settings))
     if not pieces:
         raise RecordingError(
@@ -254,6 +262,32 @@ def _piece(
     return MeasuredMotion(model, q, qd, qdd, effort, direction, time, parts, rate, present, step)
 
 
+def _without(
+    piece: MeasuredMotion, spans: Sequence[FrozenSpan], recording: Recording, start: float
+) -> MeasuredMotion:
+    """Return a piece that knows which of its efforts are no readings.
+
+    Args:
+        piece: Of the recording.
+        spans: Of the recording's efforts.
+        recording: Whose joints, or motors, they are of.
+        start: Of the recording, s, in the piece's time.
+    """
+    if not spans:
+        return piece
+    arm, wide = piece.arm, piece.settings.smeared
+    unread = np.zeros(piece.q.shape, dtype=bool)
+    for span in spans:
+        column = arm.joint_names.index(recording.joints[span.joint])
+        first, last = span.span
+        unread[:, column] |= (piece.time >= start + first - wide) & (
+            piece.time <= start + last + wide
+        )
+    if recording.coordinates == "actuator":
+        unread = unread @ (arm.joint_effort(np.eye(arm.n)) != 0.0)
+    return replace(piece, unread=unread)
+
+
 def _step(recording: Recording, arm: Arm) -> Array:
     """Return (n,) steps in which the joints' positions are read, rad; 0 of those that are not."""
     steps = np.zeros(arm.n)
@@ -293,6 +327,7 @@ def _join(pieces: Sequence[MeasuredMotion]) -> MeasuredMotion:
         qdd=np.vstack([piece.qdd for piece in pieces]),
         effort=np.vstack([piece.effort for piece in pieces]),
         direction=np.vstack(known) if len(known) == len(pieces) else None,
+        unread=np.vstack([np.broadcast_to(piece.unread, piece.q.shape) for piece in pieces]),
         time=np.concatenate([piece.time for piece in pieces]),
         parts=tuple(slice(a, b) for a, b in pairwise(edges)),
         clock=tuple(number for piece in pieces for number in piece.clock),
@@ -317,9 +352,16 @@ def _noise_density(recording: Recording, arm: Arm, settings: LoadSettings) -> Ar
         # Of the joints' efforts themselves: the motors' noises need not be independent.
         effort = arm.joint_effort(effort)
     high = effort - low(effort)
+    read = np.ones(high.shape, dtype=bool)
+    for span in frozen_efforts(recording):
+        read[slice(*span.rows), columns[span.joint]] = False
+    if recording.coordinates == "actuator":
+        read = ~(~read @ (arm.joint_effort(np.eye(arm.n)) != 0.0))
+    counted = np.maximum(read[low.edge : -low.edge].sum(axis=0), 1)
     frequency = np.linspace(0.0, rate / 2.0, 2000)
     # Two runs of a second-order Butterworth: amplitude 1 / (1 + (f / fc)^4).
     passed = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
-    variance = np.mean(high[low.edge : -low.edge] ** 2, axis=0) / passed
+    square = np.where(read, high**2, 0.0)[low.edge : -low.edge].sum(axis=0)
+    variance = square / counted / passed
     known = np.isin(np.arange(arm.n), columns)
     return np.where(known, np.sqrt(variance / (rate / 2.0)), np.nan)

@@ -78,6 +78,7 @@ class MeasuredMotion:
         rounding: (n,) density of the noise that the steps of the efforts leave, N·m/sqrt(Hz).
         reference: (N, n) torques that were measured in the same motion when all was well, N·m;
             they stand for the model's then. ``None``: the model's do.
+        unread: (N, n) samples whose effort is no reading, see ``recording.frozen``.
         rubs_otherwise: Joints whose friction differs from the reference's by more than that of
             another day does: all of it is to be told.
         pulls_otherwise: Joints whose springs pull otherwise than the reference's, likewise.
@@ -99,6 +100,7 @@ class MeasuredMotion:
     clock: tuple[int, ...] = ()
     rounding: Array = field(default_factory=lambda: np.zeros(()))
     reference: Array | None = None
+    unread: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((), dtype=bool))
     rubs_otherwise: tuple[int, ...] = ()
     pulls_otherwise: tuple[int, ...] = ()
     beside: Array | None = None
@@ -177,6 +179,11 @@ class MeasuredMotion:
     def moves(self) -> NDArray[np.bool_]:
         """(n,) which joints move enough to tell anything by."""
         return self.present & (self.travel[1] > self.settings.moves * self.arm.scale)
+
+    @cached_property
+    def silent(self) -> NDArray[np.bool_]:
+        """(N, n) samples whose effort says nothing: no reading, or of a joint that stands still."""
+        return self.stuck | self.unread
 
     @cached_property
     def stands(self) -> NDArray[np.bool_]:

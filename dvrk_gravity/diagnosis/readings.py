@@ -96,6 +96,7 @@ def read_as(motion: MeasuredMotion, reading: Reading) -> MeasuredMotion:
         qdd=motion.qdd @ reading.motion.T,
         effort=motion.effort @ reading.effort.T,
         direction=direction,
+        unread=np.broadcast_to(motion.unread, motion.q.shape) @ (reading.effort.T != 0.0),
         rounding=np.sqrt((motion.rounding * np.ones(motion.arm.n)) ** 2 @ reading.effort.T**2),
     )
 
@@ -112,7 +113,7 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     rows = np.linspace(0, len(motion.q) - 1, min(_SETTINGS.samples, len(motion.q))).astype(int)
     block = np.arange(len(rows)) * _SETTINGS.blocks // len(rows)
     few = _thinned(motion, rows)
-    usable = ~motion.stuck[rows]
+    usable = ~motion.silent[rows]
     before = _beside_friction(few.residual, few, usable) ** 2 * usable
     as_it_is = _expected(few)
     pulling = tuple(term for term in motion.model.terms if not term.FRICTION)
@@ -223,6 +224,7 @@ def _thinned(motion: MeasuredMotion, rows: NDArray[np.int_]) -> MeasuredMotion:
         qdd=motion.qdd[rows],
         effort=motion.effort[rows],
         direction=None if motion.direction is None else motion.direction[rows],
+        unread=np.broadcast_to(motion.unread, motion.q.shape)[rows],
         time=motion.time[rows],
         parts=(slice(0, len(rows)),),
     )

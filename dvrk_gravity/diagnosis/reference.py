@@ -89,6 +89,7 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
     rough = NearbyTorque.fit(other)
     # What friction leaves of the reference is of that phase; friction, of how the arm moves now.
     rubbed, carried = other.effort - rough.friction_torque(other), rough.inertial_torque(other)
+    rubbed = np.where(other.unread, np.nan, rubbed)
     then, nearby = (
         track.at(told, [torque[p] for p in other.parts]) for torque in (rubbed, carried)
     )
@@ -241,6 +242,7 @@ def _cut(motion: MeasuredMotion, pieces: Sequence[slice]) -> MeasuredMotion:
         qdd=motion.qdd[rows],
         effort=motion.effort[rows],
         reference=motion.reference[rows],
+        unread=np.broadcast_to(motion.unread, motion.q.shape)[rows],
         time=motion.time[rows],
         parts=tuple(slice(a, b) for a, b in pairwise(edges)),
         clock=tuple(of),

@@ -9,6 +9,7 @@ import numpy as np
 
 from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
+from dvrk_gravity.recording.frozen import frozen
 from dvrk_gravity.recording.grid import TimingSettings
 from dvrk_gravity.recording.impossible import beyond_the_arm, driven_motors, jumps
 from dvrk_gravity.recording.signal_checks import (
@@ -80,7 +81,7 @@ def check_signals(
         if found:
             return (*findings, *found)
         findings += [*sampling(recording), *ripple(recording), *_velocity(recording)]
-        findings += driven_motors(recording)
+        findings += [*driven_motors(recording), *frozen(recording)]
     findings += [*saturation(recording, effort_limits or {}), *quantisation(recording)]
     return tuple(findings)
 

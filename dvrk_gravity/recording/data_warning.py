@@ -19,6 +19,7 @@ Kind = Literal[
     "velocity_mismatch",
     "effort_ripple",
     "effort_saturation",
+    "effort_frozen",
     "position_quantisation",
     "velocity_quantisation",
     "effort_quantisation",

@@ -21,7 +21,7 @@ from dvrk_gravity.recording.data_warning import DataWarning, Kind
 from dvrk_gravity.recording.files import join
 
 # Found once is found; of the other kinds, most of the time must show it.
-ONCE: tuple[Kind, ...] = ("gaps", "effort_saturation")
+ONCE: tuple[Kind, ...] = ("gaps", "effort_saturation", "effort_frozen")
 
 
 @dataclass(frozen=True)
