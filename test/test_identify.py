@@ -18,7 +18,7 @@ from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.dynamic_fit import estimate
-from dvrk_gravity.identification.motion import read_motions
+from dvrk_gravity.identification.motion import read_motions, stands
 from dvrk_gravity.identification.moves import start_columns
 from dvrk_gravity.identification.problem import pose
 from dvrk_gravity.identification.table import fit_text
@@ -75,6 +75,47 @@ def truth(
 @pytest.fixture(scope="module")
 def fit():
     return identify([truth(1)], ARM)
+
+
+def test_torque_that_friction_held_at_a_joint_that_stood_still_is_not_in_the_model():
+    moving = truth(1)
+    held = np.array([1, 1, 1, 1, 1, 1, 0])
+    position = held * moving.position + 0.3 * (1 - held)
+    stiction = held * moving.effort + 0.01 * (1 - held)
+    stiction += NOISE[6] * np.random.default_rng(3).normal(size=(len(stiction), 1)) * (1 - held)
+    standing = replace(moving, position=position, velocity=held * moving.velocity, effort=stiction)
+    found = identify([standing], ARM, "joint", ["coulomb_friction", "elastic_cable"])
+    cable = found.model.term("elastic_cable")
+    assert cable is None or not cable.coefficients[:, 6].any()
+    assert abs(found.model.torque(position[0])[6]) < 0.005
+    assert found.verdict.level == "do_not_compensate"
+    assert "stood still all the time" in found.verdict.joints["wrist_roll"].reason
+    assert found.verdict.joints["wrist_roll"].record == "a motion of wrist_roll, too"
+    assert found.verdict.joints["shoulder_pitch"].level == "good"
+    assert any("not fitted: efforts of wrist_roll:" in line for line in found.handling)
+    json.dumps(found.to_json(), allow_nan=False)
+
+
+def test_where_nothing_rubs_a_joint_that_stood_still_is_fitted():
+    lower, upper = np.zeros(7), np.array([1.0, 1, 1, 1, 1, 1, 0.001])
+    assert stands(lower, upper, ARM).tolist() == [False] * 6 + [True]
+    assert not stands(lower, upper, replace(ARM, frictionless=("wrist_roll",))).any()
+
+
+def test_efforts_that_are_no_longer_read_are_fitted_and_compared_without(fit):
+    clean = truth(1)
+    effort = clean.effort.copy()
+    effort[1200:, 5] = effort[1200, 5]
+    frozen = replace(clean, effort=effort)
+    found = identify([frozen], ARM, "joint")
+    friction = parameter(found, "coulomb_friction.joint[wrist_yaw]").value
+    assert friction == pytest.approx(COULOMB[5], rel=0.3)
+    assert found.held_out["wrist_yaw"].nrmse < 2.0 * fit.held_out["wrist_yaw"].nrmse
+    (told,) = [warning for warning in found.warnings if warning.kind == "effort_frozen"]
+    assert told.joint == "wrist_yaw"
+    compared = evaluate(fit.model, [frozen], "joint")
+    assert compared.samples < 0.6 * evaluate(fit.model, [clean], "joint").samples
+    assert compared.joints["wrist_yaw"].nrmse < 2.0 * fit.held_out["wrist_yaw"].nrmse
 
 
 def parameter(fit, name: str):

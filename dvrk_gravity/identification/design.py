@@ -46,6 +46,7 @@ class Design:
         state: (N, n) arrays: the motion at those samples.
         rate: Samples a second.
         measured: (N, n) whether the torque was measured; else both ``x`` and ``y`` are zero.
+        told: (N, n) whether it says something besides; else it is predicted, and not fitted.
     """
 
     columns: Columns
@@ -56,6 +57,17 @@ class Design:
     state: State
     rate: float
     measured: NDArray[np.bool_]
+    told: NDArray[np.bool_]
+
+    @property
+    def fitted(self) -> NDArray[np.bool_]:
+        """(N, n) samples that a fit is made to."""
+        return self.measured & self.told
+
+    @property
+    def compared(self) -> NDArray[np.bool_]:
+        """(N, n) samples that errors are of: of motors that are never fitted all."""
+        return self.measured & (self.told | ~self.fitted.any(axis=0))
 
 
 def build_design(
@@ -71,7 +83,7 @@ def build_design(
         progress: Called with the share that is done, 0 to 1.
     """
     total = sum(len(motion) for motion in motions)
-    x, y, measured, time, part, q, qd = [], [], [], [], [], [], []
+    x, y, measured, told, time, part, q, qd = [], [], [], [], [], [], [], []
     done = 0
     rate, settings = motions[0].filter.rate, DesignSettings()
     for index, motion in enumerate(motions):
@@ -101,6 +113,7 @@ def build_design(
             rows = slice(start + offset, stop, stride)
             y.append(motion.effort[rows])
             measured.append(np.tile(motion.measured, (len(y[-1]), 1)))
+            told.append(np.broadcast_to(motion.told, motion.effort.shape)[rows])
             time.append(motion.time[rows])
             part.append(np.full(len(y[-1]), index))
             q.append(motion.state.q[rows])
@@ -117,4 +130,5 @@ def build_design(
         State(np.concatenate(q), np.concatenate(qd)),
         rate,
         np.concatenate(measured),
+        np.concatenate(told),
     )

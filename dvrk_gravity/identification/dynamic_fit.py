@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation.covariance import Uncertainty, autocorrelated_scores, sandwich
 from dvrk_gravity.estimation.normal_equations import Solution, fit
 from dvrk_gravity.estimation.splits import Folds, FoldSettings
@@ -24,7 +25,7 @@ from dvrk_gravity.identification.model_uncertainty import (
     model_uncertainty,
     stood_in_for,
 )
-from dvrk_gravity.identification.motion import Source, read_motions
+from dvrk_gravity.identification.motion import Source, head, read_motions, without_standing
 from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.physical import certificate, physical_links
 from dvrk_gravity.identification.problem import Problem, choose, pose, solved
@@ -100,13 +101,20 @@ def fit_dynamic(
         RecordingError: A recording that cannot serve.
     """
     motions = read_motions(recordings, arm, coordinates, cutoff)
-    problem = pose(motions.parts, arm, effects, lambda share: report("regressor", share), form=form)
+    parts, standing = without_standing(motions.parts, arm)
+    if not any(part.told.any() for part in parts):
+        raise RecordingError(
+            head(recordings[0]).source,
+            f"tells no motor's torque, where {', '.join(standing)} stand still: expected motions "
+            "of all joints",
+        )
+    problem = pose(parts, arm, effects, lambda share: report("regressor", share), form=form)
     posed = problem
     problem, chosen = choose(
         problem, starts(problem.design.columns, effects),
         lambda share: report("choice of terms", share),
     )  # fmt: skip
-    problem, chosen, said = around_calibration(problem, chosen, motions.parts, report)
+    problem, chosen, said = around_calibration(problem, chosen, parts, report)
     selection = problem.selection
     columns, design = problem.design.columns, problem.design
     found = estimate(problem, chosen, physical)
@@ -132,15 +140,25 @@ def fit_dynamic(
         identifiability=replace(found.identifiability, statements=statements),
         choices=tuple(selection.choices),
         warnings=motions.warnings,
-        handling=motions.handling,
+        handling=(*motions.handling, *_not_fitted(standing)),
         validation=how_validated(problem.folds),
         coordinates=coordinates,
-        samples=sum(len(motion) for motion in motions.parts),
+        samples=sum(len(motion) for motion in parts),
         physical={} if found.links is None else certificate(arm, found.links),
         traces=_traces(design, found.blind, coordinates),
         holding=found.holding,
         verdict=verdict,
     )
+
+
+def _not_fitted(standing: Sequence[str]) -> list[str]:
+    """Return a line about joints that never move, if there are any."""
+    if not standing:
+        return []
+    return [
+        f"not fitted: efforts of {', '.join(standing)}: where a joint stands still all the time, "
+        "friction may hold any torque up to its level"
+    ]
 
 
 def estimate(problem: Problem, chosen: Sequence[int], physical: bool = False) -> ColumnFit:
@@ -175,9 +193,10 @@ def _spread(
 ) -> Uncertainty:
     """Return the covariance of some columns' coefficients from (N, n) weighted residuals."""
     design = problem.design
+    x = design.x[:, :, list(index)]  # a copy
+    x[~design.told] = 0.0
     meat = autocorrelated_scores(
-        design.x[:, :, list(index)], fitted, unseen, design.part, design.rate,
-        problem.weighting.motor, design.measured,
+        x, fitted, unseen, design.part, design.rate, problem.weighting.motor, design.compared,
     )  # fmt: skip
     return sandwich(solution, meat)
 
@@ -269,7 +288,7 @@ def _model(
 def _errors(design: Design, predicted: Array, coordinates: Coordinates) -> dict[str, JointError]:
     arm = design.columns.arm
     # The errors are those of recordings of all joints.
-    rows = design.measured.all(axis=1)
+    rows = design.compared.all(axis=1)
     measured, predicted = design.y[rows], predicted[rows]
     if coordinates == "joint":
         measured, predicted = arm.joint_effort(measured), arm.joint_effort(predicted)

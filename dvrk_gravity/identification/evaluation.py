@@ -181,7 +181,8 @@ def _evaluate_dynamic(
     traces, positions, velocities = [], [], []
     recorded = np.zeros(arm.n, dtype=bool)
     for motion in motions.parts:
-        core = slice(motion.filter.edge, len(motion) - motion.filter.edge)
+        core = np.arange(motion.filter.edge, len(motion) - motion.filter.edge)
+        core = core[np.broadcast_to(motion.told, motion.effort.shape)[core].all(axis=1)]
         predicted = motion.filter(arm.actuator_effort(model.prediction(motion.state)))
         q, qd = motion.state.q, motion.state.qd
         assert qd is not None
@@ -206,6 +207,10 @@ def _evaluate_dynamic(
                 coordinates,
                 False,
             )
+        )
+    if not any(len(trace.measured) for trace in traces):
+        raise RecordingError(
+            recordings[0].source, "holds no time at which the efforts of all joints are readings"
         )
     result = _result(traces, coordinates, detected, motions.warnings, motions.handling)
     q, qd = np.concatenate(positions), np.concatenate(velocities)

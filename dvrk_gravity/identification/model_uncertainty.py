@@ -58,7 +58,7 @@ class KnownError:
 
 def known_error(design: Design, blind: Array, band: float) -> KnownError:
     """Return the error of (N, n) torques at the motors that fits predicted without seeing them."""
-    rows = design.measured.all(axis=1)
+    rows = design.compared.all(axis=1)
     error = design.columns.arm.joint_effort(design.y - blind)[rows]
     longest = int(NoiseSettings().longest * design.rate)
     together = correlation_time(error, design.part[rows], longest) / design.rate

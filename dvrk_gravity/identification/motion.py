@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import chain
+from dataclasses import dataclass, field, replace
+from itertools import chain, compress
 from numbers import Real
 
 import numpy as np
@@ -26,6 +26,7 @@ from dvrk_gravity.recording import (
     Trajectory,
     read_trajectory,
 )
+from dvrk_gravity.recording.checks import CheckSettings
 from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.pieces import parts_of
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
@@ -59,6 +60,7 @@ class CalibrationMotion:
         state: (N, n) positions, velocities, accelerations in joint space.
         effort: (N, n) torque at the motors, low-passed, N·m; zero where not measured.
         measured: (n,) motors whose torque was measured.
+        told: (N, n) samples of the motors whose torque says something; by default all.
         filter: The low-pass of ``effort``, at the rate of these samples.
         source: Index of the recording that it came from.
     """
@@ -69,6 +71,7 @@ class CalibrationMotion:
     measured: NDArray[np.bool_]
     filter: LowPass
     source: int
+    told: NDArray[np.bool_] = field(default_factory=lambda: np.ones((), dtype=bool))
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -329,9 +332,50 @@ def _motion(
         effort = arm.actuator_effort(effort)
     if not measured.all():
         effort = np.where(measured, effort, 0.0)
+    told = ~_unread(stretch, trajectory, arm, coordinates)
     return CalibrationMotion(
-        stretch.time, State(q, qd, qdd), effort, measured, stretch.filter, source
+        stretch.time, State(q, qd, qdd), effort, measured, stretch.filter, source, told
     )
+
+
+def _unread(
+    stretch: Stretch, trajectory: Trajectory, arm: Arm, coordinates: Coordinates
+) -> NDArray[np.bool_]:
+    """Return (N, n) samples of motors in whose low-passed torque there are no readings."""
+    unread = np.zeros((len(stretch.time), arm.n), dtype=bool)
+    reach = stretch.filter.edge / stretch.filter.rate
+    for span in trajectory.frozen:
+        first, last = span.span
+        inside = (stretch.time > first - reach) & (stretch.time < last + reach)
+        unread[inside, arm.joint_names.index(trajectory.joints[span.joint])] = True
+    return unread if coordinates == "actuator" else _felt(unread, arm)
+
+
+def _felt(joints: NDArray[np.bool_], arm: Arm) -> NDArray[np.bool_]:
+    """Return (…, n) motors that take a part of the torque of some of (…, n) joints."""
+    return np.asarray(joints @ (arm.actuator_to_joint != 0.0))
+
+
+def without_standing(
+    motions: Sequence[CalibrationMotion], arm: Arm
+) -> tuple[list[CalibrationMotion], tuple[str, ...]]:
+    """Return motions of which the torque says nothing where a joint never moves, and these joints.
+
+    Friction may hold any torque there up to its level. A motor says nothing if it takes a part of
+    such a joint's.
+    """
+    lower = np.min([motion.state.q.min(axis=0) for motion in motions], axis=0)
+    upper = np.max([motion.state.q.max(axis=0) for motion in motions], axis=0)
+    standing = stands(lower, upper, arm)
+    felt = _felt(standing, arm)
+    parts = [replace(motion, told=motion.told & ~felt) for motion in motions]
+    return parts, tuple(compress(arm.joint_names, standing))
+
+
+def stands(lower: Array, upper: Array, arm: Arm) -> NDArray[np.bool_]:
+    """Return (n,) joints that friction may hold all the time, by their least and greatest q."""
+    rubs = ~np.isin(arm.joint_names, arm.frictionless)
+    return np.asarray((upper - lower < CheckSettings().still * arm.scale) & rubs)
 
 
 def motors_measured(

@@ -55,9 +55,9 @@ class Weighting:
         motor's error relative to its torque counts alike: a correlated residual, of a model that
         bends to it, tells a variance only roughly.
         """
-        relative = self.power * self.certainty
-        typical = np.exp(np.mean(np.log(relative)))
-        return np.asarray(np.sqrt(relative * typical) / self.power)
+        relative, counts = self.power * self.certainty, self.sample.any(axis=0)
+        typical = np.exp(np.mean(np.log(relative[counts])))
+        return np.where(counts, np.sqrt(relative * typical) / self.power, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ def weigh(design: Design) -> Weighting:
     With every column in, what remains is noise and not a missing term, so that no structure is
     taken for outliers.
     """
-    columns, seen = design.columns, design.measured
+    columns, seen = design.columns, design.compared
     spread = np.maximum(WeightSettings().first_guess * design.y.std(axis=0, where=seen), 1e-6)
 
     def fitted(state: RobustState[Array]) -> tuple[Array, Array]:
@@ -165,15 +165,15 @@ def weigh(design: Design) -> Weighting:
         theta = fit(equations, motor, columns.scale, columns.positive).theta
         return theta, design.y - design.x @ theta
 
-    start: RobustState[Array] = RobustState(np.ones_like(design.y), spread)
-    found = reweighted(fitted, start, RobustSettings(), used=seen)
+    start: RobustState[Array] = RobustState(design.told.astype(float), spread)
+    found = reweighted(fitted, start, RobustSettings(), used=design.fitted)
     assert found.residual is not None
     return _weighting(design, found.weight * found.residual, found.weight)
 
 
 def _weighting(design: Design, residual: Array, sample: Array) -> Weighting:
     """Return what (n, m) residuals say, beside (n, m) robust weights."""
-    seen = design.measured
+    seen = design.compared
     together = correlation_time(residual, design.part, int(NoiseSettings().longest * design.rate))
     variance = np.maximum(residual.var(axis=0, where=seen), 1e-12)
     power = np.maximum(np.mean(design.y**2, axis=0, where=seen), 1e-12)

@@ -121,7 +121,8 @@ class ColumnSelection:
         Every motor's error counts relative to what it was, so that small wrist torques weigh
         as much as the shoulder's.
         """
-        gain = self._by_motor(before, after).mean(axis=1)
+        told = max(1, int(np.count_nonzero(before.any(axis=0))))
+        gain = self._by_motor(before, after).sum(axis=1) / told
         return float(gain.sum()), float(np.std(gain, ddof=1) * np.sqrt(len(gain)))
 
     def _by_motor(self, before: Array, after: Array) -> Array:
@@ -221,7 +222,7 @@ class ColumnSelection:
         gain, uncertainty = self.compare(before, after)
         removed = self._by_motor(before, after).sum(axis=0)
         joint = int(np.argmax(removed if gain > 0.0 else -removed))
-        power = np.array([test.power[joint] for test in self.test]).sum()
+        power = max(float(np.sum([test.power[joint] for test in self.test])), 1e-300)
         old, new = (float(np.sqrt(e.sum(0)[joint] / power)) for e in (before, after))
         name = self.columns.arm.joint_names[joint]
         reason = improvement("cross-validated error", gain, uncertainty, kept)
@@ -263,12 +264,14 @@ def split_equations(
     Args:
         design: All samples.
         folds: What is held out.
-        weight: (n, m) robust weights, for the fits; the tests count every sample in full.
+        weight: (n, m) robust weights, for the fits; the tests count every sample that says
+            something in full.
     """
     whole = NormalEquations.of(design.x, design.y, weight)
     train, test = [], []
     for tested, excluded in zip(folds.tested, folds.excluded, strict=True):
         x, y, w = design.x[excluded], design.y[excluded], weight[excluded]
         train.append(whole - NormalEquations.of(x, y, w))
-        test.append(NormalEquations.of(design.x[tested], design.y[tested]))
+        counted = design.told[tested].astype(float)
+        test.append(NormalEquations.of(design.x[tested], design.y[tested], counted))
     return whole, train, test

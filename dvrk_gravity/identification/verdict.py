@@ -11,6 +11,7 @@ from dvrk_gravity.arms.description import SCALES, Joint, thousandth
 from dvrk_gravity.identification.holding import HoldingSettings
 from dvrk_gravity.identification.result import Holding, JointError, JointVerdict, Verdict, in_words
 from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
+from dvrk_gravity.recording.checks import CheckSettings
 from dvrk_gravity.recording.data import Array, Coordinates
 
 GOOD, USABLE, POOR = VERDICTS
@@ -105,6 +106,14 @@ def judge(
     comparable = (_comparable(efforts, arm).tolist() for efforts in (limits, arm.effort_limit))
     for joint, limit, at_joint in zip(arm.joints, *comparable, strict=True):
         name = joint.name
+        if not static and _stood(joint, holding[name], arm):
+            joints[name] = JointVerdict(
+                POOR,
+                "stood still all the time: its effort, which its friction may hold any part of, "
+                "was not fitted",
+                f"a motion of {name}, too",
+            )
+            continue
         found = [
             _of_error(
                 joint, errors[name], training[name], settings, limit, static, name in with_friction
@@ -124,6 +133,12 @@ def judge(
         "; ".join(dict.fromkeys(verdict.record for verdict in named.values())),
         joints,
     )
+
+
+def _stood(joint: Joint, holding: Holding, arm: Arm) -> bool:
+    """Tell whether friction may have held a joint all the time."""
+    still = CheckSettings().still * SCALES[joint.kind]
+    return holding.upper - holding.lower < still and joint.name not in arm.frictionless
 
 
 def compared(

@@ -17,6 +17,7 @@ from dvrk_gravity.recording.checks import check_signals
 from dvrk_gravity.recording.data import Array, Coordinates, Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.filters import LowPass, derivative
+from dvrk_gravity.recording.frozen import FrozenSpan, frozen_efforts
 from dvrk_gravity.recording.gaps import Gaps
 from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
 from dvrk_gravity.recording.pieces import Findings, Piece, blocks, with_margins
@@ -69,6 +70,7 @@ class Trajectory:
         handling: What was done, one sentence each.
         coordinates: What the columns are, or ``None`` where it is not known.
         still: Where joints that were not recorded stood: *joint* position by name, rad.
+        frozen: Where efforts are no readings.
     """
 
     source: str
@@ -78,6 +80,7 @@ class Trajectory:
     handling: tuple[str, ...]
     coordinates: Coordinates | None = None
     still: Mapping[str, float] = field(default_factory=dict)
+    frozen: tuple[FrozenSpan, ...] = ()
 
 
 def read_trajectory(
@@ -122,7 +125,10 @@ def read_trajectory(
     derived = derived_joints(first, warnings)
     stretches = work.stretches(first, derived)
     warnings += work.warnings()
-    return Trajectory(first.source, first.joints, stretches, warnings, work.handling(derived))
+    return Trajectory(
+        first.source, first.joints, stretches, warnings, work.handling(derived),
+        frozen=tuple(work.frozen),
+    )  # fmt: skip
 
 
 def _filters(first: Recording, rate: float, cutoff: float) -> tuple[LowPass, LowPass]:
@@ -156,9 +162,11 @@ class _Work:
         self._gaps = Gaps(low, longest_bridged(low.rate, low.cutoff))
         self._stale = self._samples = 0
         self._gridded = False
+        self.frozen: list[FrozenSpan] = []
 
     def add(self, piece: Piece) -> None:
         """Filter a piece, and keep a part of the samples of its block."""
+        self.frozen += frozen_efforts(piece.recording)
         old = stale(piece.recording)
         self._stale += int(old[piece.first : piece.stop].sum())
         self._samples += piece.stop - piece.first
@@ -257,6 +265,8 @@ class _Work:
             lines.append(f"{self._stale} stale samples replaced by interpolation")
         if derived:
             lines.append(f"velocity differentiated from position: {', '.join(derived)}")
+        if self.frozen:
+            lines.append("efforts that are no readings (see the warnings) left out")
         lines += self._gaps.handling()
         if self._gridded:
             lines.append(f"interpolated (Akima) onto a uniform grid at {self._low.rate:.6g} Hz")
