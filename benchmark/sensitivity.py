@@ -86,6 +86,7 @@ from dvrk_gravity.identification.verdict import VerdictSettings
 from dvrk_gravity.planning import MotionLimits
 from dvrk_gravity.recording import Recording, prepare
 from dvrk_gravity.recording.checks import CheckSettings
+from dvrk_gravity.recording.frozen import FrozenSettings
 from dvrk_gravity.recording.gaps import LossSettings
 from dvrk_gravity.recording.grid import TimingSettings
 from dvrk_gravity.recording.impossible import PossibleSettings
@@ -342,6 +343,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (CheckSettings, READING),
     (PossibleSettings, READING),
     (SignalSettings, READING),
+    (FrozenSettings, READING),
     (QuantumSettings, READING),
     (PoseSettings, POSES),
     (PosedSettings, POSES),
