@@ -27,6 +27,20 @@ class QuantumSettings:
     most: float = 0.9
 
 
+def velocity_error(step: float, band: float, rate: float) -> float:
+    """Return the RMS error that steps of a position give its derivative below a band.
+
+    Rounding is white noise of variance step^2/12 (Bennett 1948), here through an ideal low-pass and
+    a derivative.
+
+    Args:
+        step: Of the position.
+        band: Hz.
+        rate: Of independent errors, Hz: that of the samples, or of the steps if they are rarer.
+    """
+    return float(step / np.sqrt(12.0) * 2.0 * np.pi * band * np.sqrt(2.0 * band / rate / 3.0))
+
+
 def quantum(values: Array) -> float:
     """Return the step of quantised values ``(N,)``, or 0 if they are not multiples of a step.
 

@@ -12,7 +12,7 @@ from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
 from dvrk_gravity.recording.filters import LowPass
 from dvrk_gravity.recording.grid import speed, split_at_gaps, stale
-from dvrk_gravity.recording.quantization import quantum
+from dvrk_gravity.recording.quantization import quantum, velocity_error
 from dvrk_gravity.recording.sample_times import retimed
 
 
@@ -24,6 +24,10 @@ class SignalSettings:
         stale: Part of the samples that repeat the one before while the arm moves. Chosen.
         read_jitter: Way of samples off their stamps, RMS in sampling intervals. Chosen.
         coarse_position: One encoder step a sample, as a part of the joint's RMS velocity. Chosen.
+        coarse_velocity: Error of the derived velocity below ``step_band``, likewise: at 200 Hz that
+            of ``coarse_position``. In faster samples a step is a larger velocity, and the error in
+            the band is none the greater.
+        step_band: Hz, that motion is looked at below (``diagnosis.load``).
         coarse: One step, as a part of the signal's standard deviation. Chosen.
         pinned_run: Equal extreme readings in a row, while the joint moves. Chosen.
         pinned_share: Part of static poses with the same extreme effort. Chosen.
@@ -39,6 +43,8 @@ class SignalSettings:
     stale: float = 0.01
     read_jitter: float = 0.2
     coarse_position: float = 0.1
+    coarse_velocity: float = 0.0047
+    step_band: float = 20.0
     coarse: float = 0.05
     pinned_run: int = 5
     pinned_share: float = 0.02
@@ -212,7 +218,7 @@ def quantisation(recording: Recording) -> list[DataWarning]:
         if rough is not None and rate is not None:
             typical = float(np.sqrt(np.mean(rough[:, column] ** 2)))
             step = quantum(recording.position[:, column])
-            if typical > 0.0 and step * rate > settings.coarse_position * typical:
+            if _coarse(step, rate, typical):
                 findings.append(
                     DataWarning(
                         "position_quantisation",
@@ -245,6 +251,16 @@ def quantisation(recording: Recording) -> list[DataWarning]:
                     )
                 )
     return findings
+
+
+def _coarse(step: float, rate: float, typical: float) -> bool:
+    """Tell whether encoder steps are coarse for a joint of some RMS velocity."""
+    settings = SignalSettings()
+    if typical <= 0.0 or step * rate <= settings.coarse_position * typical:
+        return False
+    band = min(settings.step_band, rate / 5.0)
+    error = velocity_error(step, band, min(rate, typical / step))
+    return error > settings.coarse_velocity * typical
 
 
 def position_unit(recording: Recording, joint: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.filters import LowPass, derivative
 from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
-from dvrk_gravity.recording.quantization import quantum
+from dvrk_gravity.recording.quantization import quantum, velocity_error
 
 DEGREE = np.pi / 180.0
 
@@ -117,13 +117,11 @@ def compare_velocity(recording: Recording) -> tuple[VelocityFit | None, ...]:
     column, acceleration = low(grid.velocity)[inner], derivative(derived, nominal)[inner]
     derived = derived[inner]
     samples = 2.0 * low.cutoff * len(derived) / nominal
-    # White noise of variance step^2/12 through an ideal low-pass and a derivative.
-    gain = 2.0 * np.pi * low.cutoff * np.sqrt(2.0 * low.cutoff / nominal / 3.0)
     fits: list[VelocityFit | None] = []
     for j in range(len(recording.joints)):
         x, y, a = derived[:, j], column[:, j], acceleration[:, j]
         spread = float(np.std(x))
-        noise = quantum(longest.position[:, j]) / np.sqrt(12.0) * gain
+        noise = velocity_error(quantum(longest.position[:, j]), low.cutoff, nominal)
         if spread <= max(settings.noise * noise, settings.slowest):
             fits.append(None)
             continue
