@@ -30,6 +30,7 @@ import numpy as np
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from dvrk_gravity.diagnosis.ambiguity import AmbiguitySettings
 from dvrk_gravity.diagnosis.assemble import ShapelessSettings
+from dvrk_gravity.diagnosis.beyond_range import BeyondSettings
 from dvrk_gravity.diagnosis.cross_validation import CrossValidationSettings
 from dvrk_gravity.diagnosis.extend import ExtensionSettings
 from dvrk_gravity.diagnosis.filtered_data import FilterSettings
@@ -307,6 +308,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (ReadRightlySettings, DIAGNOSIS),
     (ShapelessSettings, DIAGNOSIS),
     (AmbiguitySettings, DIAGNOSIS),
+    (BeyondSettings, DIAGNOSIS),
     (ExtrapolationSettings, DIAGNOSIS),
     (FrictionChangeSettings, DIAGNOSIS),
     (NoiseSettings, DIAGNOSIS),
