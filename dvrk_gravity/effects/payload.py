@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import GRAVITY, Arm
 from dvrk_gravity.arms.tree import Tree, build_tree
 from dvrk_gravity.effects.base import rigid_body, site
 from dvrk_gravity.effects.base.arrays import Array, as_value
@@ -36,10 +36,20 @@ _WEIGHTLESS = np.zeros(3)
 
 
 _LEAST = 1e-4  # kg, of which the place can be told
+_HEAVY, _AWAY = 5.0, 1.0  # kg and m. Chosen
 _FARTHEST = 1.0  # m, from the link's frame: no link of these arms is longer
 _PLACED = 0.05  # m, half of a 95 % interval, within which a centre of mass is worth telling, ...
 _PART_OF_WAY = 0.5  # ... or this part of its distance
 _UNSEEN = 1e-6  # m, of an interval about 0 along a joint's axis, where a mass makes no torque
+
+
+def heaviest(arm: Arm) -> float:
+    """Return the mass, kg, that a link may carry: what the strongest joint holds a metre away.
+
+    Not less than 5 kg, of an arm whose efforts are small or whose reach is.
+    """
+    turns = [joint.effort_limit for joint in arm.joints if joint.effort_unit != "N"]
+    return max(_HEAVY, max(turns, default=0.0) / (GRAVITY * _AWAY))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +72,7 @@ class Payload(Term):
     REMEDY = "take off what the link carries"
     NOT_FITTED = "what a link carries is in the parameters of links, which are fitted anyway"
     MEANINGS = meanings(
-        mass=Meaning("kg", 0.0, least=0.0, greatest=5.0),
+        mass=Meaning("kg", 0.0, least=0.0),
         **{f"first_moment_{axis}": Meaning("kg·m") for axis in AXES},
         **{axis: Meaning("m", label=f"centre, {axis} of the link's frame") for axis in AXES},
     )
@@ -78,7 +88,10 @@ class Payload(Term):
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         """See :meth:`Term.schema`."""
         return (
-            Parameter("payload.mass", 0.0, "kg", "mass carried by a link", lower=0.0, upper=10.0),
+            Parameter(
+                "payload.mass", 0.0, "kg", "mass carried by a link",
+                lower=0.0, upper=2.0 * heaviest(arm),
+            ),
             Parameter(
                 "payload.first_moment", (), "kg·m", "mass times its place in the link's frame",
                 lower=-10.0, upper=10.0, lengths=(3,),
@@ -238,7 +251,8 @@ class PayloadHypothesis(Hypothesis):
     def plausible(self, theta: Array) -> bool:
         """See :meth:`Hypothesis.plausible`: beside a reference it may have been taken off."""
         taken_off = self.beside_reference and theta[0] < 0.0
-        return super().plausible(-theta if taken_off else theta)
+        light = bool(abs(theta[0]) <= heaviest(self.arm))
+        return light and super().plausible(-theta if taken_off else theta)
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """See :meth:`Hypothesis.merge`; beside a payload that is there it is part of the link."""
