@@ -45,7 +45,9 @@ class Scores:
     def __init__(self, p_value: float) -> None:
         self.weight = np.ones(7)
         self.known_error, self.model_size = np.full(7, -1.0), 0
-        self.data = SimpleNamespace(friction=np.zeros((4, 7)), known_error=self.known_error)
+        self.data = SimpleNamespace(
+            friction=np.zeros((4, 7)), known_error=self.known_error, torque_rms=np.zeros(7)
+        )
         self._p_value = p_value
 
     def score(self, candidates) -> Score:

@@ -146,6 +146,11 @@ class FilteredData:
         return np.zeros(self.motion.arm.n) if known is None else np.nan_to_num(known.error)
 
     @cached_property
+    def torque_rms(self) -> Array:
+        """(n,) RMS torque of the joints, N·m."""
+        return np.asarray(np.sqrt(np.mean(self.motion.effort**2, axis=0)))
+
+    @cached_property
     def friction(self) -> Array:
         """(T, n) torque of the model's friction, N·m; see :func:`model_error.friction_torque`."""
         return self.reduce(friction_torque(self.motion))

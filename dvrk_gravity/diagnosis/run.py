@@ -298,11 +298,11 @@ def _minor(
     validation.significance = Significance(validation.data, lenient)
     chosen = [effect.trial.candidate for effect in selected]
     chosen += [trial.candidate for trial in unknown]
-    settings = replace(SelectionSettings(), consequence=0.0)
+    settings = replace(SelectionSettings(), consequence=0.0, share=0.0)
     selection = Selection(validation, pool, _silent, settings=settings)
     validation.weigh(validation.out_of_fold(chosen))
-    # What is more than the known error was a finding, had held-out blocks confirmed it.
-    most = SelectionSettings().consequence * validation.known_error
+    # What is more was a finding, had held-out blocks confirmed it.
+    most = SelectionSettings().least(validation, validation.known_error)
     told: list[EffectTrial] = []
     for trial in selection.best(chosen, validation.score(chosen)):
         joints = {joint for earlier in told for joint in earlier.candidate.hypothesis.joints}

@@ -40,6 +40,8 @@ class SelectionSettings:
             Kass and Raftery (1995).
         consequence: Times a joint's expected error that a finding's torque must be, RMS: at one, a
             finding is as large as all that the model is known to miss. Chosen.
+        share: Part of a joint's torque, RMS, that it must be as well, of a model that was
+            identified. Chosen: no torque constant is known as well.
     """
 
     alpha: float = 0.01
@@ -51,6 +53,17 @@ class SelectionSettings:
     equal: float = 0.02
     equal_least: float = 3.0
     consequence: float = 1.0
+    share: float = 0.003
+
+    def least(self, validation: CrossValidation, error: Array) -> Array:
+        """Return (n,) the least torque, RMS, that is of consequence, N·m.
+
+        Args:
+            validation: The validation.
+            error: (n,) that is expected of the model, N·m; zero where it does not tell.
+        """
+        share = np.where(error > 0.0, self.share * validation.data.torque_rms, 0.0)
+        return np.maximum(self.consequence * error, share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +228,7 @@ class Selection:
         self.count = max(self.count, len(pool))
         known = {candidate.hypothesis.key for candidate in selected} | self._excluded
         pool = [candidate for candidate in pool if candidate.hypothesis.key not in known]
-        least = settings.consequence * validation.known_error
+        least = settings.least(validation, validation.known_error)
         screened = validation.screen(selected, pool, settings.screened, least)
         trials = [self.evaluate(selected, candidate, before) for candidate in screened]
         if not trials:
@@ -267,7 +280,7 @@ class Selection:
         most = float(np.max(removed[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
         expected = self._other_day.explains(candidate, theta, beside)
-        least = settings.consequence * self._other_day.error(beside)
+        least = settings.least(self.validation, self._other_day.error(beside))
         matters = used & (size >= least)
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
         passes = passes and bool(matters.any())
