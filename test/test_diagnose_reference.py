@@ -92,6 +92,7 @@ def test_a_load_is_weighed_without_a_model(world, bare, loaded):
     assert found.model.verdict == "do_not_compensate"  # it holds the change alone
     assert "that the reference does not know" in found.sentence
     assert not [words for words in (found.sentence, load.remedy) if "model" in words]
+    assert "a --model beside the reference tells it" in found.caveat
     with pytest.raises(ConfigError, match="only what changed against a reference"):
         Settings.from_parameters(found.model.parameters())
 

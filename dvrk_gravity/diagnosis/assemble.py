@@ -190,6 +190,7 @@ def assemble(
         model=model,
         band=data.band,
         beside_reference=motion.reference is not None,
+        with_model=motion.reference is None or bool(motion.model.terms),
         outside=outside,
         of_file=motion.model.of_file,
     )

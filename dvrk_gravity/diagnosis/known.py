@@ -13,6 +13,7 @@ from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import ERROR, PARAMETERS, Known
 from dvrk_gravity.diagnosis.held_out import HeldOut, estimates
 from dvrk_gravity.diagnosis.selection import EffectTrial
+from dvrk_gravity.effects import is_friction
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.quantity import quantity
 
@@ -116,12 +117,15 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     theta, covariance = validation.fit([*named, candidate])
     rows = slice(len(theta) - candidate.size, len(theta))
     parameters = estimates(hypothesis, theta[rows], covariance[rows, rows], {})
-    no_news = "less than the model is known to miss"
+    claim, no_news = hypothesis.claim(parameters), "less than the model is known to miss"
+    if np.any(trial.size > validation.known_error):
+        no_news = "next to nothing of the joint's torque"
     if trial.other_day:
         no_news = (
             "no more than friction changes by from one day to another, as other joints' has here"
         )
-    claim = hypothesis.claim(parameters)
+        if not is_friction(hypothesis.effect):
+            claim = f"friction is another one, much as if {claim}"
     return Known(
         hypothesis.effect, hypothesis.names, parameters,
         f"{claim}; that is significant, and {no_news}",

@@ -48,6 +48,7 @@ class Diagnosis:
             none is.
         band: Hz; errors are of what lies below this. ``None`` of static poses.
         beside_reference: The recordings are compared with a reference, not with the model.
+        with_model: There is a model, on trial or beside a reference.
         outside: Where joints are beyond what the model was identified on, one sentence each.
         of_file: What an arm's own file states was on trial.
     """
@@ -70,6 +71,7 @@ class Diagnosis:
     weighed: Weighed | None = None
     band: float | None = None
     beside_reference: bool = False
+    with_model: bool = True
     outside: tuple[str, ...] = ()
     of_file: bool = False
 
@@ -128,11 +130,15 @@ class Diagnosis:
         """What to bear in mind about the findings, in a sentence; ``""`` if nothing."""
         if not (self.beside_reference and self.findings):
             return ""
+        no_model = (
+            ". A tilt of the base or a joint's zero is told as other causes: a --model beside the "
+            "reference tells it"
+        )
         return (
             "against a reference all counts that differs between two recordings, friction that "
             "warmth or another day changes, too: made in one sitting, one after the other, they "
             "tell the change alone. Of a load on a link that turns, mass times place is surer than "
-            "the mass, which its inertia tells"
+            f"the mass, which its inertia tells{'' if self.with_model else no_model}"
         )
 
     @property
