@@ -13,6 +13,7 @@ from dvrk_gravity.recording import DataWarning, Recording, brief, check, prepare
 from dvrk_gravity.recording.frozen import frozen_efforts
 from dvrk_gravity.recording.grid import resample, stale
 from dvrk_gravity.recording.impossible import jumps
+from dvrk_gravity.recording.impossible import jumps
 from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.signal_checks import quantisation
 from dvrk_gravity.recording.velocity import compare_velocity
@@ -545,3 +546,8 @@ def test_a_terminal_says_what_is_alike_at_several_joints_of_the_first():
     assert lines[0].startswith(f"{first}: position has steps of 0.02 rad")
     assert lines[0].endswith(f"; likewise {', '.join(others)}")
     assert lines[1] == "one gap of 0.8 s"
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_a_sample_or_two_hold_no_jump(samples):
+    assert jumps(CLEAN.rows(np.arange(samples))) == []

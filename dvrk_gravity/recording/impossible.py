@@ -99,6 +99,8 @@ def jumps(recording: Recording) -> list[DataWarning]:
     interval = np.diff(fresh.time)
     way = np.diff(fresh.position, axis=0)
     late = float(np.median(interval)) if len(interval) else 0.0
+    if late <= 0.0:  # one sample, or stamps of which most repeat others
+        return []
     within = interval[:, None] + late
     speeding = PossibleSettings().sudden * within**2 * recording.scale
     going_on = _speed_around(np.abs(way), late) * (_renewed_after(way, fresh.time) + late)
