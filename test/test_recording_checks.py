@@ -13,7 +13,6 @@ from dvrk_gravity.recording import DataWarning, Recording, brief, check, prepare
 from dvrk_gravity.recording.frozen import frozen_efforts
 from dvrk_gravity.recording.grid import resample, stale
 from dvrk_gravity.recording.impossible import jumps
-from dvrk_gravity.recording.impossible import jumps
 from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.signal_checks import quantisation
 from dvrk_gravity.recording.velocity import compare_velocity
