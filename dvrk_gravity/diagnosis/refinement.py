@@ -98,11 +98,6 @@ def _reading_beside(
     """
     settings, hypothesis = RefinementSettings(), candidate.hypothesis
     motion = validation.data.motion
-    causes = [
-        None if other.hypothesis.OF_ACTING or other.hypothesis.of_model
-        else other.hypothesis.build(motion, other.hypothesis.setting)
-        for other in others
-    ]  # fmt: skip
     last = np.full(candidate.size, np.inf)
     for _ in range(settings.fixed_points):
         *fitted, (_, theta) = split(
@@ -114,12 +109,12 @@ def _reading_beside(
         named = hypothesis.describe(theta, hypothesis.setting)
         setting = dict(hypothesis.setting) | {n: named[n] for n in hypothesis.fixed_point}
         hypothesis = replace(hypothesis, setting=setting)
-        torques = (
-            columns @ values
-            for columns, (_, values) in zip(causes, fitted, strict=True)
-            if columns is not None
-        )
-        beside = sum(torques, np.zeros(motion.q.shape))
+        # Columns of all samples are large: one cause's at a time.
+        beside = np.zeros(motion.q.shape)
+        for other, values in fitted:
+            cause = other.hypothesis
+            if not (cause.OF_ACTING or cause.of_model):
+                beside += cause.build(motion, cause.setting) @ values
         candidate = validation.candidate(hypothesis, replace(motion, beside=beside))
     return candidate
 
