@@ -26,6 +26,8 @@ class RefinementSettings:
         fixed_points: Rounds in the search for a setting that its own fit tells: it converges
             quadratically, and halves the way where it begins too far. Chosen: a bound on time.
         tolerance: Change of such a setting, of its size, at which the search ends. Chosen.
+        products: Log-likelihood that a reading of other causes' torque has to bring: odds of 20 to
+            one, "strong" in the scale of Kass and Raftery (1995).
     """
 
     edge_step: float = 0.03
@@ -34,6 +36,7 @@ class RefinementSettings:
     steps: int = 12
     fixed_points: int = 10
     tolerance: float = 1e-3
+    products: float = 3.0
 
 
 def begun(
@@ -90,16 +93,33 @@ def refined(
 def _reading_beside(
     validation: CrossValidation, candidate: Candidate, others: Sequence[Candidate]
 ) -> Candidate:
-    """Return a reading of what acts, of the torque of other causes, too.
+    """Return a reading of what acts, of the torque of other causes, too, if that fits better.
 
     Efforts that read a part too much read that of a payload's torque as well, and late ones that of
-    friction: products of two causes, which no sum of both holds. How large the others are, the fit
-    beside the reading tells; the one is found from the other, by turns.
+    friction: products of two causes, which no sum of both holds. Friction that is another one looks
+    like a reading, and reads nothing of other causes.
+    """
+    alone = _read(validation, candidate, others, of_others=False)
+    if not others:
+        return alone
+    whole = _read(validation, candidate, others, of_others=True)
+    gain = validation.misfit([*others, alone]) - validation.misfit([*others, whole])
+    return whole if gain > RefinementSettings().products else alone
+
+
+def _read(
+    validation: CrossValidation, candidate: Candidate, others: Sequence[Candidate], of_others: bool
+) -> Candidate:
+    """Return a reading of what the model says that acts, or of other causes' torque, too.
+
+    How large the others are, the fit beside the reading tells; the one is found from the other, by
+    turns.
     """
     settings, hypothesis = RefinementSettings(), candidate.hypothesis
     motion = validation.data.motion
+    candidate = validation.candidate(hypothesis)
     last = np.full(candidate.size, np.inf)
-    for _ in range(settings.fixed_points):
+    for _ in range(settings.fixed_points if of_others or hypothesis.fixed_point else 0):
         *fitted, (_, theta) = split(
             [*others, candidate], validation.parameters([*others, candidate])
         )
@@ -111,7 +131,7 @@ def _reading_beside(
         hypothesis = replace(hypothesis, setting=setting)
         # Columns of all samples are large: one cause's at a time.
         beside = np.zeros(motion.q.shape)
-        for other, values in fitted:
+        for other, values in fitted if of_others else ():
             cause = other.hypothesis
             if not (cause.OF_ACTING or cause.of_model):
                 beside += cause.build(motion, cause.setting) @ values
