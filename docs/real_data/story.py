@@ -174,7 +174,7 @@ def _errors(diagnosis: Diagnosis) -> Iterator[str]:
     yield "| joint | before | after | floor |"
     yield "|---|---|---|---|"
     for joint, before in diagnosis.before.items():
-        if before == 0.0:
+        if not before > 0.0:  # not recorded, or not judged
             continue
         floor = diagnosis.floor[joint]
         told = f"{1e3 * floor:.2f}" if np.isfinite(floor) else "not known"

@@ -41,6 +41,8 @@ class ReferenceSettings:
             of their samples, from which on a sign was turned. Chosen: no change of the arm turns
             weight and friction round.
         slow: Hz; faster, no arm sags or swings further under a load. Chosen.
+        loud: Part of the efforts' difference, RMS, from which on it matters whether what is faster
+            is noise. Chosen.
         path: Part of a motion that lies on the reference's path, at any pace, from which on it is
             told that only the times differ. Chosen: most of it.
     """
@@ -48,6 +50,7 @@ class ReferenceSettings:
     piece: float = 1.0
     turned: float = 0.9
     slow: float = 2.0
+    loud: float = 0.7
     path: float = 0.5
 
 
@@ -133,9 +136,9 @@ def _real(change: Array, difference: Array, pieces: Sequence[slice], rate: float
     """Return (N, n) what of a change of the links' torque is in the efforts, and no noise, N·m.
 
     It is as noisy as the accelerations that it was computed from, of which the efforts know
-    nothing: what is faster than an arm sags and swings further, by the part of it that they show,
-    by least squares between 0 and 1. What is slower all, for a load that the arm swings further
-    with would be taken for it.
+    nothing. What is faster than an arm sags and swings further, if it is a large part of that by
+    which the efforts differ, by the part of it that they show, by least squares between 0 and 1.
+    What is slower all, for a load that the arm swings further with would be taken for it.
 
     Args:
         change: (N, n) by which the links' torques are said to differ, for the motions do, N·m.
@@ -143,8 +146,9 @@ def _real(change: Array, difference: Array, pieces: Sequence[slice], rate: float
         pieces: Which samples count.
         rate: Hz.
     """
-    slow, compare = (LowPass(min(f, rate / 6.0), rate) for f in (ReferenceSettings().slow, BAND))
-    shared, square = np.zeros((2, change.shape[1]))
+    settings = ReferenceSettings()
+    slow, compare = (LowPass(min(f, rate / 6.0), rate) for f in (settings.slow, BAND))
+    shared, square, differs = np.zeros((3, change.shape[1]))
     result, fast = np.array(change), np.zeros_like(change)
     for piece in pieces:
         result[piece] = slow(change[piece])
@@ -152,7 +156,9 @@ def _real(change: Array, difference: Array, pieces: Sequence[slice], rate: float
         said, seen = compare(fast[piece]), compare(difference[piece] - slow(difference[piece]))
         shared += (said * seen).sum(axis=0)
         square += (said * said).sum(axis=0)
-    return result + fast * np.clip(shared / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+        differs += (seen * seen).sum(axis=0)
+    part = np.clip(shared / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    return result + fast * np.where(square > settings.loud**2 * differs, part, 1.0)
 
 
 def _paced(motion: MeasuredMotion, other: MeasuredMotion, name: str) -> str:
