@@ -56,8 +56,8 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
     """Return the motion as it is to be read.
 
     Another reading must be significant by a rough measure, do about as well as the best hypothesis
-    by that of the hypotheses, and gain on the held-out blocks what a hypothesis must: the model's
-    parameters move beside all of them.
+    by that of the hypotheses, and gain on the held-out blocks what a hypothesis must, with
+    certainty: the model's parameters move beside all of them.
     """
     say("building hypotheses")
     wrong: list[WrongReading] = []
@@ -87,7 +87,9 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         if before is None:
             before = as_read_before(loaded.motion, validation.data, held_out)
         _, gained = reading_gain(scores[0], before, after, held_out)
-        if gain <= least or gained.relative <= held_out.settings.least_removed:
+        # All that follows stands on it.
+        certain = gained.low > 0.0 and gained.relative > held_out.settings.least_removed
+        if gain <= least or not certain:
             del validation, pool
             validation, pool = prepared(loaded.motion)
             break
