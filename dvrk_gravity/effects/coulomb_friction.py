@@ -29,7 +29,7 @@ from dvrk_gravity.effects.base.friction_sites import (
     removable,
     where,
 )
-from dvrk_gravity.effects.base.meaning import MORE, Estimate, meanings, size
+from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.base.merging import array
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.polynomial import Range
@@ -73,8 +73,9 @@ class CoulombFriction(LinearTerm):
     REMEDY = "if it is new, look at {joint}'s cables, bearings and brake"
     TITLE = "Coulomb friction"
     MEANINGS = meanings(
-        positive=size("N·m", MORE, "moving up"), negative=size("N·m", MORE, "moving down")
-    )
+        positive=size("N·m", MORE, "moving up"), negative=size("N·m", MORE, "moving down"),
+        factor=Meaning("", 1.0, MORE, "factor of all friction", percent=True),
+    )  # fmt: skip
     FRICTION = True
     EVERYWHERE = True
 
@@ -253,6 +254,12 @@ class CoulombFriction(LinearTerm):
         """See :meth:`Effect.hypotheses`; of poses only where their direction is known."""
         if motion.static and motion.direction is None:
             return
+        rubs = motion.friction.any(axis=0)
+        if not motion.static and not motion.model.of_file and rubs.sum() > 1:
+            yield AllFrictionHypothesis(
+                arm=motion.arm, site=site.THE_ARM, joints=tuple(np.flatnonzero(rubs).tolist()),
+                form="all", removable=1.0,
+            )  # fmt: skip
         for friction_site in friction_sites(motion):
             setting: dict[str, float] = {}
             if not motion.static:
@@ -342,6 +349,47 @@ class CoulombHypothesis(Hypothesis):
             return f"{where} has {way} Coulomb friction than {self.against}: {levels}"
         levels = f"{told['positive']} moving up, {told['negative']} moving down"
         return f"{where} has another Coulomb friction than {self.against}: {levels}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AllFrictionHypothesis(Hypothesis):
+    """All friction that the model has is another one by a factor, of whatever kind it is: warmth.
+
+    Joint by joint that takes as many hypotheses as there are joints, and each alone explains less
+    than one wrong cause that all of them feel.
+    """
+
+    EFFECT = CoulombFriction
+
+    variable: str = "velocity"
+    directed: bool = True
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return motion.friction[:, :, None]
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"factor": 1.0 + float(theta[0])}
+
+    def claim(self, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Hypothesis.claim`."""
+        return f"there is {self._told(parameters)['factor']} friction than in {self.against}"
+
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
+        """See :meth:`Hypothesis.merge`; of what is linear in its parameters."""
+        changed = dict(values)
+        for term in motion.model.terms:
+            if not (term.FRICTION and isinstance(term, LinearTerm)):
+                continue
+            had = term.parameters()
+            for name, value in term.with_theta((1.0 + theta[0]) * term.theta).parameters().items():
+                if value != had[name]:
+                    more = array(self.arm, {name: value}, name) - array(self.arm, had, name)
+                    changed[name] = tuple((array(self.arm, values, name) + more).tolist())
+        return changed
 
 
 def with_coulomb(arm: Arm, values: Values, where: site.Site, levels: Array) -> dict[str, Any]:
