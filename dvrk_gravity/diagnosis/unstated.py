@@ -19,7 +19,8 @@ def unstated(validation: CrossValidation, pool: Sequence[Candidate]) -> list[Can
         validation: What compares hypotheses.
         pool: Those that need no search.
     """
-    names = little_said_of(validation.data.motion)
+    names = {term.NAME for term in effects.terms() if term.EVERYWHERE}
+    names &= little_said_of(validation.data.motion)
     found: dict[tuple[str, tuple[int, ...]], Candidate] = {}
     for candidate in pool:
         hypothesis = candidate.hypothesis
@@ -40,10 +41,10 @@ def unstated(validation: CrossValidation, pool: Sequence[Candidate]) -> list[Can
 
 
 def little_said_of(motion: MeasuredMotion) -> set[str]:
-    """Return names of effects that every arm has, and of which an arm's own file says little.
+    """Return names of what arms have and an arm's own file says little of: friction, rotors.
 
     What it says, if anything, is a placeholder as often as not: many have one damping throughout.
     """
     if not motion.model.of_file or motion.reference is not None:
         return set()
-    return {term.NAME for term in effects.terms() if term.EVERYWHERE}
+    return {term.NAME for term in effects.terms() if term.EVERYWHERE or term.FRICTION}

@@ -213,6 +213,11 @@ class WallHypothesis(Hypothesis):
             f"{self._told(parameters)['position']}, with {stiffness.magnitude.shown}"
         )
 
+    def remedy(self, carried: bool) -> str:
+        """See :meth:`Hypothesis.remedy`: what always pulls from a position on may be a cable."""
+        more = f"look at the cables and springs across {self.names[0]}, one may pull from there on"
+        return f"{super().remedy(carried)}; or {more}"
+
 
 def _window(time: Array, residual: Array) -> tuple[float, float] | None:
     """Return begin and end of the while in which a residual is off its median most."""

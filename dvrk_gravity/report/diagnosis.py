@@ -42,7 +42,7 @@ _VERDICTS = {
     "nothing_to_explain": "nothing to explain",
     "explained": "explained",
     "partly_explained": "partly explained",
-    "ambiguous": "explained, but not by one cause alone",
+    "ambiguous": "explained, but more than one cause could be it",
     "unexplained": "unexplained",
 }
 _BINS = 24
