@@ -6,18 +6,21 @@ Every seed draws an arm of MuJoCo's (testing/mujoco_world.py), records a calibra
 identifies it, and then records other motions of the same arm with nothing hidden. Hypotheses of
 every effect are fitted to each, chosen at random and not by what they explain: what a parameter is
 estimated to be is an error then. Counted is how often the 95 % region of a hypothesis' parameters
-holds zero, with several sizes of ``SignificanceSettings.coherent``.
+holds zero: of noise alone; with a part of the known error (``SignificanceSettings.coherent``), as
+of a model whose calibration is not kept; of the change beside what its calibration shows of the
+cause, by which is judged; and as findings are told.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
@@ -25,20 +28,24 @@ from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.pool import hypotheses
 from testing.clean_motions import clean_motions, of_each_arm
 
+Array = NDArray[np.float64]
+
 EACH = 6  # hypotheses of an effect in a recording
-COHERENT = (0.0, 0.1, 0.15, 0.2, 0.3)
+REGIONS = ("noise", "part", "change", "told")
 Held = tuple[str, str, tuple[bool, ...]]
-"""Arm, effect, and whether the region holds zero with each of ``COHERENT``."""
+"""Arm, effect, and whether each of ``REGIONS`` holds zero."""
 
 
 def regions(name: str, seed: int) -> list[Held]:
     """Return of the hypotheses in every motion of an arm whether their regions hold zero."""
     random, found = np.random.default_rng([seed, 1]), []
     for model, recording in clean_motions(name, seed, random):
-        validation = CrossValidation(FilteredData.of(load([recording], model).motion))
+        motion = load([recording], model).motion
+        validation, then = CrossValidation(FilteredData.of(motion)), AtCalibration.of(motion)
+        assert then is not None
         for candidate in _sample(validation, random):
             validation.weigh(validation.out_of_fold([candidate]), final=True)
-            held = tuple(_holds_zero(validation, candidate, part) for part in COHERENT)
+            held = tuple(_hold_zero(validation, candidate, then))
             found.append((name, candidate.hypothesis.effect, held))
     return found
 
@@ -56,10 +63,19 @@ def _sample(validation: CrossValidation, random: np.random.Generator) -> Iterato
         yield from (candidates[i] for i in chosen)
 
 
-def _holds_zero(validation: CrossValidation, candidate: Candidate, coherent: float) -> bool:
-    significance = validation.significance
-    significance.settings = replace(significance.settings, coherent=coherent)
-    theta, covariance = validation.fit([candidate])
+def _hold_zero(
+    validation: CrossValidation, candidate: Candidate, then: AtCalibration
+) -> Iterator[bool]:
+    """Yield whether each of ``REGIONS`` holds zero."""
+    for part in (0.0, validation.significance.settings.coherent):
+        yield _holds_zero(*validation.fit([candidate], part))
+    expected = then.comes_back(validation, [candidate], 0)
+    theta, covariance = expected.theta, expected.covariance
+    yield _holds_zero(theta - expected.mean, covariance + expected.variance)
+    yield _holds_zero(theta, covariance + expected.spread)
+
+
+def _holds_zero(theta: Array, covariance: Array) -> bool:
     told = np.diag(covariance) > 0.0  # a column that is zero has no estimate
     sd = np.sqrt(np.diag(covariance)[told])
     correlation = covariance[np.ix_(told, told)] / np.outer(sd, sd)
@@ -86,7 +102,7 @@ def main(given: Sequence[str] | None = None) -> int:
     for name, seed, held in of_each_arm(regions, __doc__, given):
         found += held
         print(f"{name} {seed}: {len(held)} hypotheses", file=sys.stderr, flush=True)
-    heading = "".join(f"{part:7g}" for part in COHERENT)
+    heading = "".join(f"{region:>7s}" for region in REGIONS)
     print(f"{'% that hold zero':24s} {'of':>5s}  {heading}")
     print(_table((effect, held) for _, effect, held in found))
     print(_table((arm, held) for arm, _, held in found))

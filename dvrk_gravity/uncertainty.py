@@ -9,7 +9,7 @@ that stayed on data which the fit had not seen.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms.description import Joint
+from dvrk_gravity.calibration_samples import CalibrationSamples
 from dvrk_gravity.effects import LinearTerm, State, Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import array_file
@@ -60,6 +61,8 @@ class ModelUncertainty:
         lower: (n,) least true position that it was identified on.
         upper: (n,) greatest one.
         speed: (n,) greatest speed.
+        calibration: What it was identified on, of which the error is what stays; ``None`` where
+            that is not kept: of poses, and of models that were not allowed all terms.
     """
 
     coefficients: Mapping[str, Array]
@@ -72,6 +75,7 @@ class ModelUncertainty:
     lower: Array
     upper: Array
     speed: Array
+    calibration: CalibrationSamples | None = None
 
     @property
     def size(self) -> int:
@@ -156,6 +160,9 @@ class ModelUncertainty:
         for name, theta in self.coefficients.items():
             arrays[f"coefficients/{name}"] = theta
             arrays[f"deviations/{name}"] = self.deviations[name]
+        if self.calibration is not None:
+            for name, array in self.calibration.arrays().items():
+                arrays[f"calibration/{name}"] = array
         array_file.write(path, arrays)
 
     @classmethod
@@ -173,7 +180,7 @@ class ModelUncertainty:
                     for name, array in arrays.items()
                     if name.startswith(f"{kind}/")
                 }
-                for kind in ("coefficients", "deviations")
+                for kind in ("coefficients", "deviations", "calibration")
             }
             found = cls(
                 named["coefficients"], named["deviations"], arrays["offset"], arrays["gravity"],
@@ -183,7 +190,16 @@ class ModelUncertainty:
         except (KeyError, TypeError, ValueError) as error:
             raise _unusable(path, f"an uncertainty as identify writes it ({error})") from error
         found._check(path)
-        return found
+        kept = named["calibration"]
+        if not kept:
+            return found
+        try:
+            samples = CalibrationSamples.from_arrays(kept, len(found.offset))
+        except KeyError as error:
+            raise _unusable(path, f"an array calibration/{error.args[0]}") from error
+        except (TypeError, ValueError) as error:
+            raise _unusable(path, str(error)) from error
+        return replace(found, calibration=samples)
 
     def _check(self, path: Path) -> None:
         if self.offset.ndim != 2:

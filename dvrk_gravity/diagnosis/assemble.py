@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.ambiguity import ambiguities
+from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.beyond_range import REMEDY, beyond_range
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
@@ -86,6 +87,7 @@ def assemble(
     minor: Sequence[EffectTrial],
     other_day: Sequence[Candidate],
     pool: Sequence[Candidate],
+    at_calibration: AtCalibration | None,
 ) -> Diagnosis:
     """Put everything together; see :class:`dvrk_gravity.diagnosis.run.Outcome`."""
     held_out, data = HeldOut(validation), validation.data
@@ -107,7 +109,9 @@ def assemble(
     if contradictory:
         model, left_out = extended(loaded.motion, found, contradictory)
     if found:
-        model = updated(model, validation, named, held_out, contradictory)
+        model = updated(
+            model, validation, named, held_out, contradictory, not any(left_out) and not wrong
+        )
     first = read_rightly = held_out.as_read()
     of_any_arm = little_said_of(data.motion)
     if wrong:
@@ -121,11 +125,11 @@ def assemble(
     findings = [reading_finding(reading, *readings, held_out) for reading in wrong]
     effect_findings = []
     for i, effect in enumerate(selected):
-        rows = slices[i]
-        parameters = estimates(
-            effect.trial.candidate.hypothesis, theta[rows],
-            covariance[rows, rows] + scale**2 * np.outer(theta[rows], theta[rows]), spreads[i],
-        )  # fmt: skip
+        rows, hypothesis = slices[i], effect.trial.candidate.hypothesis
+        spread = covariance[rows, rows] + scale**2 * np.outer(theta[rows], theta[rows])
+        if at_calibration is not None:
+            spread += at_calibration.comes_back(validation, named, i).spread
+        parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
         finding = _finding(held_out, validation, selected, i, parameters, theta[rows], left_out[i])
         effect_findings.append(finding)
     findings += ordered(effect_findings, of_any_arm)

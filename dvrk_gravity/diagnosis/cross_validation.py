@@ -264,11 +264,13 @@ class CrossValidation:
         return np.asarray(np.sqrt(square) / np.where(self.weight > 0.0, self.weight, 1.0))
 
     def p_value(
-        self, before: Score, after: Score, candidate: Candidate, inflation: Array, tried: int
-    ) -> float:
+        self, before: Score, after: Score, candidate: Candidate, inflation: Array, tried: int,
+        news: float = 1.0,
+    ) -> float:  # fmt: skip
         """Return the one-sided p-value of the gain over the blocks where a candidate acts.
 
-        It is the best of as many as were tried, each the best of those that it stands for.
+        It is the best of as many as were tried, each the best of those that it stands for; of the
+        gain only a part may be news.
 
         See :meth:`Significance.p_value`.
         """
@@ -281,7 +283,7 @@ class CrossValidation:
         gained = self.significance.gain(before.rms**2, after.rms**2, samples).sum()
         spared = self.significance.of_model(before.improbable - after.improbable)
         return self.significance.p_value(
-            (before.loss - after.loss)[acts], float(gained) + spared, candidate.size,
+            (before.loss - after.loss)[acts], news * (float(gained) + spared), candidate.size,
             tried * candidate.hypothesis.searched, candidate.hypothesis.transient,
         )  # fmt: skip
 
@@ -377,16 +379,30 @@ class CrossValidation:
         longer = float(np.max(self.significance.correlation(np.where(self._usable, error, 0.0))))
         return theta, self._prior_weight * longer * regression.inverse
 
-    def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
+    def fit(
+        self, candidates: Sequence[Candidate], coherent: float | None = None
+    ) -> tuple[Array, Array]:
         """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
+
+        Args:
+            candidates: The candidates.
+            coherent: Part of the known error that may look like a cause; by default
+                ``Significance.coherent``.
+        """
+        part = self.significance.coherent if coherent is None else coherent
+        theta, covariance, by_known_error = self.fit_in_parts(candidates)
+        return theta, covariance + part**2 * by_known_error
+
+    def fit_in_parts(self, candidates: Sequence[Candidate]) -> tuple[Array, Array, Array]:
+        """Return parameters (k,), and their covariances (k, k) of noise and by the known error.
 
         See :func:`block_fit.block_fit`; as many blocks together as errors hang together.
         """
-        coherent_error = self.significance.settings.coherent * self.known_error * self.weight
         return block_fit(
             self.regression(candidates), self._weighted.target,
             np.repeat(self._block // self._clustered, self.joints),
-            OwnParameters(self.model_size, self._prior_weight), coherent_error, self._counts,
+            OwnParameters(self.model_size, self._prior_weight), self.known_error * self.weight,
+            self._counts,
         )  # fmt: skip
 
     def misfit(self, candidates: Sequence[Candidate]) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
+from dvrk_gravity.calibration_samples import CalibrationSamples
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
@@ -19,6 +20,7 @@ from dvrk_gravity.effects import LinearTerm, Term
 from dvrk_gravity.effects.base.effect import Hypothesis, Values
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel, model_parameters
+from dvrk_gravity.recording import LowPass
 from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
 
 Array = NDArray[np.float64]
@@ -107,6 +109,7 @@ def updated(
     named: Sequence[Candidate],
     held_out: HeldOut,
     left_out: Mapping[int, str],
+    whole: bool,
 ) -> TorqueModel:
     """Return an extended model with what the recording tells of its own parameters.
 
@@ -119,6 +122,8 @@ def updated(
         named: What was found.
         held_out: The held-out samples, for the error that is known from now on.
         left_out: Why some of what was found is not merged, by its index.
+        whole: The model has all of what was found. What it had not would count as known from now
+            on, were the recording's samples kept.
     """
     motion = validation.data.motion
     before = motion.model.uncertainty
@@ -180,8 +185,27 @@ def updated(
         lower=np.minimum(before.lower, motion.true_q.min(axis=0)),
         upper=np.maximum(before.upper, motion.true_q.max(axis=0)),
         speed=np.maximum(before.speed, np.abs(motion.qd).max(axis=0)),
+        calibration=_samples(validation.data) if whole else None,
     )
     return replace(moved, uncertainty=uncertainty)
+
+
+def _samples(data: FilteredData) -> CalibrationSamples | None:
+    """Return what an extended model keeps of the recording that it was extended by."""
+    motion = data.motion
+    if data.band is None or motion.rate is None or not motion.present.all() or motion.unread.any():
+        return None
+    low = LowPass(data.band, motion.rate)
+    inside = [p for p in motion.parts if p.stop - p.start > 3 * low.edge]
+    filtered = ((part, low(motion.effort[part])) for part in inside)
+    parts = (
+        tuple(
+            values[low.edge : -low.edge]
+            for values in (motion.q[part], motion.qd[part], motion.qdd[part], effort)
+        )
+        for part, effort in filtered
+    )
+    return CalibrationSamples.of(parts, motion.rate)
 
 
 def _within(

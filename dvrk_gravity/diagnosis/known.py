@@ -120,6 +120,8 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     claim, no_news = hypothesis.claim(parameters), "less than the model is known to miss"
     if np.any(trial.size > validation.known_error):
         no_news = "next to nothing of the joint's torque"
+    if trial.seen_before:
+        no_news = "no more than what the model was identified on shows of it"
     if trial.other_day:
         no_news = (
             "no more than friction changes by from one day to another, as other joints' has here"

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.assemble import assemble
+from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed
@@ -82,6 +83,7 @@ class Outcome:
         minor: Effects that are significant, and smaller than what the model is known to miss.
         other_day: Friction that changed as it does from one day to another: chosen, but no news.
         pool: Hypotheses that need no search.
+        at_calibration: What was there when the model was identified.
     """
 
     loaded: Loaded
@@ -93,6 +95,7 @@ class Outcome:
     minor: tuple[EffectTrial, ...]
     other_day: tuple[Candidate, ...]
     pool: tuple[Candidate, ...]
+    at_calibration: AtCalibration | None
 
 
 def diagnose(
@@ -157,6 +160,7 @@ def diagnose(
     diagnosis = assemble(
         outcome.loaded, outcome.wrong, outcome.validation, outcome.selected, outcome.unknown,
         outcome.unconfirmed, outcome.minor, outcome.other_day, outcome.pool,
+        outcome.at_calibration,
     )  # fmt: skip
     if known_payload is not None:
         diagnosis = replace(
@@ -208,7 +212,10 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     loaded, validation, pool = read.loaded, read.validation, read.pool
     # One link before all of them: what every mass together explains is no cause yet.
     sparse = [candidate for candidate in pool if not candidate.hypothesis.of_model]
-    selection = Selection(validation, sparse, say, expected=unstated(validation, pool))
+    at_calibration = AtCalibration.of(loaded.motion)
+    selection = Selection(
+        validation, sparse, say, expected=unstated(validation, pool), at_calibration=at_calibration
+    )
     say("weighing hypotheses")
     chosen = selection.run()
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
@@ -230,9 +237,10 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
         return again
     other_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
     selected = [effect for effect in selected if not effect.trial.other_day]
-    minor = _minor(validation, sparse, selected, unknown)
+    minor = _minor(validation, sparse, selected, unknown, at_calibration)
     return Outcome(loaded, read.wrong, validation, tuple(selected), tuple(unknown),
-                   tuple(unconfirmed), tuple(minor), tuple(other_day), tuple(pool))  # fmt: skip
+                   tuple(unconfirmed), tuple(minor), tuple(other_day), tuple(pool),
+                   at_calibration)  # fmt: skip
 
 
 def _with_changes_told(
@@ -286,10 +294,12 @@ def _minor(
     pool: Sequence[Candidate],
     selected: Sequence[SelectedEffect],
     unknown: Sequence[EffectTrial],
+    at_calibration: AtCalibration | None,
 ) -> list[EffectTrial]:
-    """Return what is significant beside the findings, and less than the model's known error.
+    """Return what is significant beside the findings, and no news.
 
-    Of that error, too, it may be a part: what the model is known to miss has causes as well.
+    It is less than the model's known error, of which, too, it may be a part: what the model is
+    known to miss has causes as well; or there was as much of it when the model was identified.
     """
     if not validation.known_error.any():
         return []
@@ -299,7 +309,9 @@ def _minor(
     chosen = [effect.trial.candidate for effect in selected]
     chosen += [trial.candidate for trial in unknown]
     settings = replace(SelectionSettings(), consequence=0.0, share=0.0)
-    selection = Selection(validation, pool, _silent, settings=settings)
+    selection = Selection(
+        validation, pool, _silent, settings=settings, at_calibration=at_calibration
+    )
     validation.weigh(validation.out_of_fold(chosen))
     # What is more was a finding, had held-out blocks confirmed it.
     most = SelectionSettings().least(validation, validation.known_error)
@@ -307,7 +319,8 @@ def _minor(
     for trial in selection.best(chosen, validation.score(chosen)):
         joints = {joint for earlier in told for joint in earlier.candidate.hypothesis.joints}
         apart = joints.isdisjoint(trial.candidate.hypothesis.joints)
-        if trial.passes and apart and not np.any(trial.size > most):
+        small = trial.passes and not np.any(trial.size > most)
+        if apart and (small or trial.seen_before):
             told.append(trial)
     return told[: _SETTINGS.most_minor]
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.other_day import OtherDay
@@ -84,6 +85,7 @@ class EffectTrial(Trial[Candidate]):
             ``CrossValidation.inflation``.
         other_day: Where it is of consequence, friction changed by as much at other joints: that is
             to be expected on another day, and no finding.
+        seen_before: It would pass, had what the model was identified on not shown as much of it.
     """
 
     score: Score
@@ -93,6 +95,7 @@ class EffectTrial(Trial[Candidate]):
     size: Array
     inflation: float
     other_day: bool
+    seen_before: bool
 
     @property
     def candidate(self) -> Candidate:
@@ -115,6 +118,7 @@ class Selection:
         always: Parameters of the model itself that are fitted anew beside every hypothesis.
         expected: What is likely there before anything is seen: it needs not be found, and nothing
             is looked for in its place.
+        at_calibration: What was there when the model was identified, and is no news.
         settings: When a hypothesis is selected.
         count: Number of hypotheses that are tried at each step.
     """
@@ -127,6 +131,7 @@ class Selection:
         always: Sequence[Candidate] = (),
         settings: SelectionSettings | None = None,
         expected: Sequence[Candidate] = (),
+        at_calibration: AtCalibration | None = None,
     ) -> None:
         """Start with nothing selected but what always moves along, and what is expected.
 
@@ -137,12 +142,14 @@ class Selection:
             always: Parameters of the model itself that are fitted anew beside every hypothesis.
             settings: When a hypothesis is selected.
             expected: What is likely there before anything is seen.
+            at_calibration: What was there when the model was identified.
         """
         self.validation = validation
         self.settings = settings or SelectionSettings()
         self._other_day = OtherDay(validation)
         self.always = list(always)
         self.expected = list(expected)
+        self.at_calibration = at_calibration
         self.pool = list(pool)
         self.count = len(pool)
         self._excluded: set[tuple[object, ...]] = set()
@@ -283,12 +290,23 @@ class Selection:
         least = settings.least(self.validation, self._other_day.error(beside))
         matters = used & (size >= least)
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
-        passes = passes and bool(matters.any())
+        passes = passes and possible and bool(matters.any())
+        news = self._news(candidate, beside) if passes else 1.0
+        if news < 1.0:
+            p_value = self.validation.p_value(before, after, candidate, inflation, self.count, news)
+        seen_before = passes and p_value >= settings.alpha
         return EffectTrial(
-            candidate, gain, passes and possible, after, p_value, most, possible,
+            candidate, gain, passes and not seen_before, after, p_value, most, possible,
             np.where(expected, 0.0, size), float(np.max(inflation[candidate.acts])),
-            bool(np.any(expected & (size > 0.0))) and not np.any(matters & ~expected),
+            bool(np.any(expected & (size > 0.0))) and not np.any(matters & ~expected), seen_before,
         )  # fmt: skip
+
+    def _news(self, candidate: Candidate, beside: Sequence[Candidate]) -> float:
+        """Return which part of the evidence of a candidate the calibration did not show."""
+        if self.at_calibration is None:
+            return 1.0
+        together = [*beside, candidate]
+        return self.at_calibration.comes_back(self.validation, together, len(beside)).news
 
     def _without(
         self, selected: Sequence[Candidate], looked_at: Iterable[Candidate]

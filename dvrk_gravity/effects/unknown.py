@@ -89,26 +89,29 @@ class NamelessHypothesis(Hypothesis):
 
 
 def nameless(motion: Motion, joints: Sequence[int]) -> Iterator[NamelessHypothesis]:
-    """Yield smooth functions of every variable on some joints."""
+    """Yield smooth functions of every variable on some joints, over the range of a motion."""
     arm, moving = motion.arm, np.flatnonzero(motion.moves).tolist()
     kinds = ("position",) if motion.static else tuple(_VARIABLES)
+    ranges = {kind: _ranges(_VARIABLES[kind](motion)) for kind in kinds}
     for joint in joints:
         for other in moving:
             for kind in kinds:
                 form = f"{kind} of {arm.joint_names[other]}"
-                basis = partial(_of_variable, kind=kind, other=other)
+                basis = partial(_of_variable, kind=kind, other=other, over=ranges[kind][other])
                 yield _smooth(arm, joint, form, f"the {form}", kind, basis, other)
         if not motion.static:
             yield _smooth(arm, joint, "time", "time", "time", _of_time)
             if motion.moves[joint]:
                 for other in moving:
                     form = f"its direction and the position of {arm.joint_names[other]}"
-                    basis = partial(_by_direction, joint=joint, other=other)
+                    basis = partial(
+                        _by_direction, joint=joint, other=other, over=ranges["position"][other]
+                    )
                     yield _smooth(arm, joint, form, form, "position", basis)
         for other in moving:
             if other != joint and motion.moves[joint]:
                 pair = f"{arm.joint_names[joint]} and {arm.joint_names[other]}"
-                basis = partial(_products, joint=joint, other=other)
+                basis = partial(_products, joint=joint, other=other, way=motion.travel)
                 form = f"positions of {pair} together"
                 yield _smooth(arm, joint, form, f"the {form}", "position", basis)
 
@@ -128,30 +131,36 @@ def _smooth(
     )  # fmt: skip
 
 
-def _of_variable(motion: Motion, kind: str, other: int) -> Array:
-    return _hats(_VARIABLES[kind](motion)[:, other], _CENTRES)
+def _of_variable(motion: Motion, kind: str, other: int, over: tuple[float, float]) -> Array:
+    return _hats(_VARIABLES[kind](motion)[:, other], _CENTRES, over)
 
 
 def _of_time(motion: Motion) -> Array:
-    return _hats(motion.time, _IN_TIME)
+    ((low, high),) = _ranges(motion.time[:, None])
+    return _hats(motion.time, _IN_TIME, (low, high))
 
 
-def _by_direction(motion: Motion, joint: int, other: int) -> Array:
+def _by_direction(motion: Motion, joint: int, other: int, over: tuple[float, float]) -> Array:
     direction = motion.sign(site.joint(joint).row(motion.arm))
-    return direction[:, None] * _hats(motion.q[:, other], _BY_DIRECTION)
+    return direction[:, None] * _hats(motion.q[:, other], _BY_DIRECTION, over)
 
 
-def _hats(values: Array, count: int) -> Array:
-    """Return (N, count) Gaussian bells over the range of (N,) values, held at its edges."""
-    low, high = np.percentile(values, [1.0, 99.0])
-    centres = np.linspace(low, max(high, low + 1e-6), count)
+def _ranges(values: Array) -> list[tuple[float, float]]:
+    """Return the range of each column of (N, n) values, but for the ends of their tails."""
+    low, high = np.percentile(values, [1.0, 99.0], axis=0)
+    return list(zip(low.tolist(), np.maximum(high, low + 1e-6).tolist(), strict=True))
+
+
+def _hats(values: Array, count: int, over: tuple[float, float]) -> Array:
+    """Return (N, count) Gaussian bells over a range of (N,) values, held at its edges."""
+    centres = np.linspace(*over, count)
     width = float(np.median(np.diff(centres)))
-    return np.exp(-0.5 * ((np.clip(values, low, high)[:, None] - centres) / width) ** 2)
+    return np.exp(-0.5 * ((np.clip(values, *over)[:, None] - centres) / width) ** 2)
 
 
-def _products(motion: Motion, joint: int, other: int) -> Array:
-    """Return (N, 15) products of Chebyshev polynomials of two joints' positions."""
-    middle, half = motion.travel
+def _products(motion: Motion, joint: int, other: int, way: tuple[Array, Array]) -> Array:
+    """Return (N, 15) products of Chebyshev polynomials of two joints' positions over a way."""
+    middle, half = way
     x = np.clip((motion.q - middle) / half, -_REACH, _REACH)
     first, second = (np.polynomial.chebyshev.chebvander(x[:, k], _DEGREE) for k in (joint, other))
     products = (first[:, :, None] * second[:, None, :]).reshape(len(x), -1)

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 MAX_BYTES = 100_000_000
 
 
-def write(path: Path, arrays: Mapping[str, Array]) -> None:
+def write(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
     """Write arrays by name, whole or not at all.
 
     Raises:

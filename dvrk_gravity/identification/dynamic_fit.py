@@ -17,6 +17,7 @@ from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.holding import holding
 from dvrk_gravity.identification.identifiability import describe
+from dvrk_gravity.identification.kept_samples import kept_samples
 from dvrk_gravity.identification.kinematic_search import around_calibration
 from dvrk_gravity.identification.model_uncertainty import (
     KnownError,
@@ -125,12 +126,14 @@ def fit_dynamic(
     verdict = judge(held_out, training, found.holding, arm, coordinates)
     model = _model(columns, chosen, found.solution, found.links)
     error = known_error(design, found.blind, cutoff)
+    kept = kept_samples(parts, arm)
     if effects is not None and form is Columns:
         error = _with_all_terms(posed, cutoff, error, report)
+        kept = None  # what it was not allowed to explain is no error that it has to have
     theta = np.zeros(len(columns.columns))
     theta[list(chosen)] = found.solution.theta
     uncertainty = model_uncertainty(
-        columns, theta, *_posterior(problem, chosen, theta, found), error, model
+        columns, theta, *_posterior(problem, chosen, theta, found), error, model, kept
     )
     return Fit(
         model=replace(model, verdict=verdict.level, reason=verdict.reason, uncertainty=uncertainty),

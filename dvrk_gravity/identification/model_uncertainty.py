@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.calibration_samples import CalibrationSamples
 from dvrk_gravity.estimation.covariance import Uncertainty
 from dvrk_gravity.estimation.noise import NoiseSettings, correlation_time
 from dvrk_gravity.estimation.normal_equations import prior_precision
@@ -125,6 +126,7 @@ def model_uncertainty(
     spread: Uncertainty,
     error: KnownError,
     model: TorqueModel,
+    kept: CalibrationSamples | None,
     settings: PosteriorSettings | None = None,
 ) -> ModelUncertainty:
     """Return the posterior of a model's coefficients.
@@ -136,6 +138,7 @@ def model_uncertainty(
         spread: Covariance of theirs; what the prior moved them by counts as uncertain, too.
         error: What the model left.
         model: The model made of them.
+        kept: What shows of what that error depends; ``None``: nothing does.
         settings: Which directions count.
     """
     directions = _uncertain_directions(spread, columns.scale[list(index)], settings)
@@ -164,6 +167,7 @@ def model_uncertainty(
         lower=columns.valid.lower,
         upper=columns.valid.upper,
         speed=error.speed,
+        calibration=kept,
     )
 
 

@@ -1,0 +1,29 @@
+"""What an identification keeps of its recordings beside the model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.calibration_samples import Array, CalibrationSamples
+from dvrk_gravity.identification.motion import CalibrationMotion
+
+
+def kept_samples(parts: Sequence[CalibrationMotion], arm: Arm) -> CalibrationSamples | None:
+    """Return the first samples of which all is known; ``None`` if there are none.
+
+    Parts that lack a motor's torque for a while or altogether, or were recorded at another rate
+    than the first, are left out: there would be nothing to see of the model's error there.
+    """
+    rate = parts[0].filter.rate
+
+    def arrays() -> Iterator[tuple[Array, ...]]:
+        for part in parts:
+            if part.filter.rate != rate or not (part.measured.all() and part.told.all()):
+                continue
+            q, qd, qdd = part.state.q, part.state.qd, part.state.qdd
+            assert qd is not None
+            assert qdd is not None
+            yield q, qd, qdd, arm.joint_effort(part.effort)
+
+    return CalibrationSamples.of(arrays(), rate)
