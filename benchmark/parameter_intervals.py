@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from dvrk_gravity.diagnosis.at_calibration import AtCalibration
+from dvrk_gravity.diagnosis.at_calibration import AtCalibration, Expected
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
@@ -67,12 +68,16 @@ def _hold_zero(
     validation: CrossValidation, candidate: Candidate, then: AtCalibration
 ) -> Iterator[bool]:
     """Yield whether each of ``REGIONS`` holds zero."""
-    for part in (0.0, validation.significance.settings.coherent):
-        yield _holds_zero(*validation.fit([candidate], part))
-    expected = then.comes_back(validation, [candidate], 0)
-    theta, covariance = expected.theta, expected.covariance
-    yield _holds_zero(theta - expected.mean, covariance + expected.variance)
-    yield _holds_zero(theta, covariance + expected.spread)
+    significance = validation.significance
+    told = significance.settings
+    significance.settings = replace(told, coherent=0.0)
+    yield _holds_zero(*validation.fit([candidate]))
+    significance.settings = told
+    yield _holds_zero(*validation.fit([candidate]))
+    theta, covariance = validation.fit([candidate])
+    back = then.comes_back(candidate) or Expected(0.0 * theta, 0.0 * covariance)
+    yield _holds_zero(theta - back.mean, covariance + back.variance)
+    yield _holds_zero(theta, covariance + back.spread)
 
 
 def _holds_zero(theta: Array, covariance: Array) -> bool:

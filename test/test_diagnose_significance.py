@@ -11,17 +11,9 @@ KNOWN = np.array([0.02, 0.01, 0.0])  # N·m; the last joint's is not known
 SAMPLES = np.full(3, 100.0)
 
 
-def significance_of(kept: bool) -> Significance:
-    return Significance(
-        SimpleNamespace(
-            known_error=KNOWN, band=8.0, samples_per_independent=2.5, calibration_kept=kept
-        )
-    )
-
-
 @pytest.fixture
 def significance() -> Significance:
-    return significance_of(kept=False)
+    return Significance(SimpleNamespace(known_error=KNOWN, band=8.0, samples_per_independent=2.5))
 
 
 def gain(significance: Significance, before: float, after: float) -> list[float]:
@@ -52,5 +44,3 @@ def test_a_joint_whose_error_is_known_has_fewer_samples_that_count(significance)
     white = np.random.default_rng(0).normal(size=(4000, 3))
     inflation = significance.inflation(white, SAMPLES)
     assert inflation == pytest.approx([3.25, 3.25, 1.0], abs=0.05)
-    beside_calibration = significance_of(kept=True).inflation(white, SAMPLES)
-    assert beside_calibration == pytest.approx([2.0, 2.0, 1.0], abs=0.05)

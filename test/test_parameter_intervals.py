@@ -64,7 +64,9 @@ def test_they_are_as_wide_as_estimates_scatter_when_the_known_error_looks_like_t
     validation = CrossValidation(data)
     part = validation.significance.settings.coherent
     _, covariance = validation.fit([candidate])
-    _, without = validation.fit([candidate], 0.0)
+    told = validation.significance.settings
+    validation.significance.settings = replace(told, coherent=0.0)
+    _, without = validation.fit([candidate])
     random, scattered = np.random.default_rng(0), []
     size = np.sqrt(np.mean(candidate.columns() ** 2, axis=0))
     shapes = [

@@ -127,8 +127,9 @@ def assemble(
     for i, effect in enumerate(selected):
         rows, hypothesis = slices[i], effect.trial.candidate.hypothesis
         spread = covariance[rows, rows] + scale**2 * np.outer(theta[rows], theta[rows])
-        if at_calibration is not None:
-            spread += at_calibration.comes_back(validation, named, i).spread
+        back = None if at_calibration is None else at_calibration.comes_back(named[i])
+        if back is not None:
+            spread += back.spread
         parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
         finding = _finding(held_out, validation, selected, i, parameters, theta[rows], left_out[i])
         effect_findings.append(finding)

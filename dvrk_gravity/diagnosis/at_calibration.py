@@ -8,7 +8,6 @@ more of it, or less.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,29 +24,28 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """Parameters of a cause, and what of them is expected though nothing has changed.
+    """What of a cause is expected though nothing has changed.
 
     Attributes:
-        theta: (k,) parameters in the recording on trial.
-        covariance: (k, k) of them.
-        mean: (k,) what comes back of them.
-        variance: (k, k) of that.
+        mean: (k,) parameters.
+        variance: (k, k) of them.
     """
 
-    theta: Array
-    covariance: Array
     mean: Array
     variance: Array
 
-    @property
-    def news(self) -> float:
-        """Which part of the evidence of the cause is of a change.
+    def news(self, theta: Array, covariance: Array) -> float:
+        """Return which part of the evidence of a cause is of a change.
 
         By squared distances, each in units of its covariance (Mahalanobis): of the parameters from
         what is expected, over that from zero.
+
+        Args:
+            theta: (k,) parameters in the recording on trial.
+            covariance: (k, k) of them.
         """
-        change = _distance(self.theta - self.mean, self.covariance + self.variance)
-        whole = _distance(self.theta, self.covariance)
+        whole = _distance(theta, covariance)
+        change = _distance(theta - self.mean, covariance + self.variance)
         return min(change / whole, 1.0) if whole > 0.0 else 1.0
 
     @property
@@ -66,7 +64,7 @@ class AtCalibration:
     def __init__(self, validation: CrossValidation) -> None:
         """Take a validation of these samples."""
         self._validation = validation
-        self._found: dict[tuple[object, ...], tuple[Array, Array] | None] = {}
+        self._found: dict[tuple[object, ...], Expected | None] = {}
 
     @classmethod
     def of(cls, motion: MeasuredMotion) -> AtCalibration | None:
@@ -88,51 +86,35 @@ class AtCalibration:
         validation = CrossValidation(replace(data, residual=left))
         return cls(validation)
 
-    def comes_back(
-        self, validation: CrossValidation, candidates: Sequence[Candidate], index: int
-    ) -> Expected:
-        """Return what of a cause is expected where nothing has changed.
+    def comes_back(self, candidate: Candidate) -> Expected | None:
+        """Return what of a cause is expected where nothing has changed; ``None``: nothing.
 
-        Before any data a part of the known error looks like any cause
-        (``SignificanceSettings.coherent``), of which what was left at calibration tells how much
-        comes back: by Bayes' rule, for Gaussian errors. Where that is more than such a part, its
-        prior is as much wider (empirical Bayes: Efron and Morris 1973).
-
-        Args:
-            validation: Of the recording on trial.
-            candidates: As they are fitted together.
-            index: Which of them.
+        A part of the known error may look like any cause, in one motion and not in another
+        (``SignificanceSettings.coherent``). What was left at calibration is expected to come back
+        as far as it is more than that: of parameters phi with covariance F there,
+        (1 - 1/s) phi ± (1 - 1/s) F, with s = phi' F^-1 phi / k where that is above 1, after James
+        and Stein (1961) with the variance as Efron and Morris (1973) have it. What does not come
+        back with the arm's state, or was not felt there, is not expected.
         """
-        edges = np.cumsum([0, *(candidate.size for candidate in candidates)])
-        own = slice(edges[index], edges[index + 1])
-        settings = validation.significance.settings
-        parts = validation.fit_in_parts(candidates)
-        theta, noise, by_known_error = parts[0][own], *(part[own, own] for part in parts[1:])
-        covariance = noise + settings.changed**2 * by_known_error
-        prior = (settings.coherent**2 - settings.changed**2) * by_known_error
-        then = self._left(candidates[index])
-        if then is None:
-            return Expected(theta, covariance, np.zeros(len(theta)), prior)
-        left, error = then
-        more = max(1.0, _distance(left, prior + error) / len(left))
-        gain = more * prior @ _inverse(more * prior + error)
-        return Expected(theta, covariance, gain @ left, more * (prior - gain @ prior))
+        hypothesis = candidate.hypothesis
+        key = (*hypothesis.key, candidate.size, *sorted(hypothesis.setting.items()))
+        if key not in self._found:
+            self._found[key] = self._expected(candidate)
+        return self._found[key]
 
-    def _left(self, on_trial: Candidate) -> tuple[Array, Array] | None:
-        """Return parameters (k,) of a candidate at calibration, and their covariance (k, k).
-
-        ``None`` of what does not come back with the arm's state, or did not show.
-        """
-        hypothesis = on_trial.hypothesis
+    def _expected(self, on_trial: Candidate) -> Expected | None:
+        hypothesis, validation = on_trial.hypothesis, self._validation
         if hypothesis.transient or hypothesis.of_model:
             return None
-        key = (*hypothesis.key, on_trial.size, *sorted(hypothesis.setting.items()))
-        if key not in self._found:
-            validation = self._validation
-            candidate = validation.candidate(hypothesis)
-            felt = bool(validation.size(candidate, np.ones(candidate.size)).any())
-            self._found[key] = validation.fit([candidate], 0.0) if felt else None
-        return self._found[key]
+        candidate = validation.candidate(hypothesis)
+        if not validation.size(candidate, np.ones(candidate.size)).any():
+            return None
+        theta, covariance = validation.fit([candidate])
+        more = _distance(theta, covariance) / len(theta)
+        if more <= 1.0:
+            return None
+        part = 1.0 - 1.0 / more
+        return Expected(part * theta, part * covariance)
 
 
 def _distance(theta: Array, covariance: Array) -> float:

@@ -28,13 +28,13 @@ class OwnParameters:
 
 def block_fit(
     regression: Regression, target: Array, block: NDArray[np.int64],
-    own_parameters: OwnParameters, known_error: Array, counts: Array,
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Return parameters (k,) but for the model's own, and two covariances (k, k) of them.
+    own_parameters: OwnParameters, coherent_error: Array, counts: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return parameters (k,) but for the model's own, and their covariance (k, k).
 
-    The first is the jackknife's over blocks, and what the model's parameters, which are not free,
-    may be off by as it says; the second what all of its known error would add if it looked like a
-    cause, joint by joint: times the square of the part that does. That of few blocks is widened so that normal 95 % intervals are as wide as Student's with one degree of
+    The covariance is the jackknife's over blocks, and what the model's parameters, which are not
+    free, may be off by as it says, and the part of its known error that looks like a cause. That of
+    few blocks is widened so that normal 95 % intervals are as wide as Student's with one degree of
     freedom less than there are blocks (Cameron and Miller 2015, section VI).
 
     Args:
@@ -42,7 +42,7 @@ def block_fit(
         target: (N n,).
         block: (N n,) number of the block.
         own_parameters: The model's own parameters.
-        known_error: (n,) RMS error of the model, in units of the weights.
+        coherent_error: (n,) RMS error that may look like a cause, in units of the weights.
         counts: (n,) samples that count.
     """
     from scipy.stats import norm
@@ -60,14 +60,13 @@ def block_fit(
     inverse = regression.inverse[first:]
     coupling = inverse[:, :first]
     held = own_parameters.prior * coupling @ regression.ridge[:first, :first] @ coupling.T
-    coherent = _coherent(design, inverse, first, known_error, counts)
+    held += _coherent(design, inverse, first, coherent_error, counts)
     wider = student.ppf(norm.cdf(NORMAL_95), max(len(pieces) - 1, 1)) / NORMAL_95
-    wider *= wider
-    return theta[first:], wider * (covariance[first:, first:] + held), wider * coherent
+    return theta[first:], wider**2 * (covariance[first:, first:] + held)
 
 
 def _coherent(
-    design: Array, inverse: Array, first: int, known_error: Array, counts: Array
+    design: Array, inverse: Array, first: int, coherent_error: Array, counts: Array
 ) -> Array:
     """Return the (k, k) covariance of what a known error that looks like a cause adds.
 
@@ -77,15 +76,15 @@ def _coherent(
         design: (N n, d + k) weighted columns, the model's own first.
         inverse: (k, d + k) rows of the inverse of the normal equations' matrix.
         first: d.
-        known_error: (n,) RMS error.
+        coherent_error: (n,) RMS error.
         counts: (n,) samples that count.
     """
-    columns = design.reshape(-1, len(known_error), design.shape[1]).transpose(1, 2, 0)
+    columns = design.reshape(-1, len(coherent_error), design.shape[1]).transpose(1, 2, 0)
     # As errors of that RMS over the usable samples: D_j' W x_jk / RMS(x_jk).
     products = np.matmul(columns, columns[:, first:].transpose(0, 2, 1))
     square = np.einsum("jkk->jk", products[:, first:]) / counts[:, None]
     per_rms = np.where(square > 0.0, 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0)), 0.0)
-    scaled = products * (known_error[:, None] * per_rms)[:, None]
+    scaled = products * (coherent_error[:, None] * per_rms)[:, None]
     # A square: of columns that are all but the same it stays one to the last digit.
     root = inverse @ np.hstack(list(scaled))
     return np.asarray(root @ root.T)

@@ -379,30 +379,16 @@ class CrossValidation:
         longer = float(np.max(self.significance.correlation(np.where(self._usable, error, 0.0))))
         return theta, self._prior_weight * longer * regression.inverse
 
-    def fit(
-        self, candidates: Sequence[Candidate], coherent: float | None = None
-    ) -> tuple[Array, Array]:
+    def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
-
-        Args:
-            candidates: The candidates.
-            coherent: Part of the known error that may look like a cause; by default
-                ``Significance.coherent``.
-        """
-        part = self.significance.coherent if coherent is None else coherent
-        theta, covariance, by_known_error = self.fit_in_parts(candidates)
-        return theta, covariance + part**2 * by_known_error
-
-    def fit_in_parts(self, candidates: Sequence[Candidate]) -> tuple[Array, Array, Array]:
-        """Return parameters (k,), and their covariances (k, k) of noise and by the known error.
 
         See :func:`block_fit.block_fit`; as many blocks together as errors hang together.
         """
+        coherent_error = self.significance.settings.coherent * self.known_error * self.weight
         return block_fit(
             self.regression(candidates), self._weighted.target,
             np.repeat(self._block // self._clustered, self.joints),
-            OwnParameters(self.model_size, self._prior_weight), self.known_error * self.weight,
-            self._counts,
+            OwnParameters(self.model_size, self._prior_weight), coherent_error, self._counts,
         )  # fmt: skip
 
     def misfit(self, candidates: Sequence[Candidate]) -> float:

@@ -145,12 +145,6 @@ class FilteredData:
         known = self.motion.model.uncertainty
         return np.zeros(self.motion.arm.n) if known is None else np.nan_to_num(known.error)
 
-    @property
-    def calibration_kept(self) -> bool:
-        """Whether the model shows what its known error depends on."""
-        known = self.motion.model.uncertainty
-        return known is not None and known.calibration is not None
-
     @cached_property
     def torque_rms(self) -> Array:
         """(n,) RMS torque of the joints, N·m."""

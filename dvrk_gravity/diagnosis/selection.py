@@ -303,10 +303,14 @@ class Selection:
 
     def _news(self, candidate: Candidate, beside: Sequence[Candidate]) -> float:
         """Return which part of the evidence of a candidate the calibration did not show."""
-        if self.at_calibration is None:
+        expected = (
+            None if self.at_calibration is None else self.at_calibration.comes_back(candidate)
+        )
+        if expected is None:
             return 1.0
-        together = [*beside, candidate]
-        return self.at_calibration.comes_back(self.validation, together, len(beside)).news
+        theta, covariance = self.validation.fit([*beside, candidate])
+        own = slice(len(theta) - candidate.size, len(theta))
+        return expected.news(theta[own], covariance[own, own])
 
     def _without(
         self, selected: Sequence[Candidate], looked_at: Iterable[Candidate]

@@ -23,9 +23,6 @@ class SignificanceSettings:
             motion, as a standard deviation: what a state shows comes back with it, and blocks of
             one motion do not tell. Regions of causes that are not there then hold zero in 96 %,
             without it in 83 % (`benchmark/parameter_intervals.py --seeds 401 411`).
-        changed: What there is of that in one motion and not in another; the rest comes back, and
-            the samples of the model's calibration, where they are kept, tell it
-            (:class:`AtCalibration`). Regions then hold zero in … %.
         least: Part of the known error, and what becomes smaller than that is no evidence: that an
             error is known to be there does not say that it must be. One, by that.
         freedom: Degrees of freedom of the posterior covariance of the model's parameters, and of
@@ -34,7 +31,6 @@ class SignificanceSettings:
     """
 
     coherent: float = 0.15
-    changed: float = 0.1
     least: float = 1.0
     freedom: float = 30.0
 
@@ -44,15 +40,12 @@ class Significance:
 
     Attributes:
         settings: What the model's known error is taken to be.
-        coherent: Part of it that may look like any one cause.
     """
 
     def __init__(self, data: FilteredData, settings: SignificanceSettings | None = None) -> None:
         """Take what is known of errors before any fit."""
         self.settings = settings or SignificanceSettings()
         self._data = data
-        settings = self.settings
-        self.coherent = settings.changed if data.calibration_kept else settings.coherent
 
     def log_likelihood(self, mean: Array, samples: Array) -> Array:
         """Return (n,) log-likelihoods of (n,) mean squares of (n,) independent errors."""
@@ -119,7 +112,7 @@ class Significance:
             product: (R, n) of what is left with the torque, N·m, zero where nothing counts.
             samples: (n,) independent ones.
         """
-        known = np.where(self._data.known_error > 0.0, self.coherent, 0.0)
+        known = np.where(self._data.known_error > 0.0, self.settings.coherent, 0.0)
         return self.correlation(product) + samples * known**2
 
     def correlation(self, error: Array) -> Array:

@@ -254,12 +254,6 @@ class CoulombFriction(LinearTerm):
         """See :meth:`Effect.hypotheses`; of poses only where their direction is known."""
         if motion.static and motion.direction is None:
             return
-        rubs = motion.friction.any(axis=0)
-        if not motion.static and not motion.model.of_file and rubs.sum() > 1:
-            yield AllFrictionHypothesis(
-                arm=motion.arm, site=site.THE_ARM, joints=tuple(np.flatnonzero(rubs).tolist()),
-                form="all", removable=1.0,
-            )  # fmt: skip
         for friction_site in friction_sites(motion):
             setting: dict[str, float] = {}
             if not motion.static:
@@ -271,6 +265,12 @@ class CoulombFriction(LinearTerm):
                     arm=motion.arm, site=friction_site, joints=(friction_site.index,),
                     setting=setting, refine=tuple(setting), one_level=one_level, removable=most,
                 )  # fmt: skip
+        rubs = motion.friction.any(axis=0)
+        if not motion.static and not motion.model.of_file and rubs.sum() > 1:
+            yield AllFrictionHypothesis(
+                arm=motion.arm, site=site.THE_ARM, joints=tuple(np.flatnonzero(rubs).tolist()),
+                form="all", removable=1.0,
+            )  # fmt: skip
 
     def at(self, where: site.Site) -> float:
         """Return the larger level at a site, N·m; at a joint its motor's is felt as well."""
