@@ -70,8 +70,8 @@ class Outcome:
         verdict: Of the diagnosis.
         found: Effect and joints of every finding, in order.
         certain: Of each, whether it was told without `perhaps`.
-        place: ``first``, ``alternative``, ``later``, ``wrong``, ``missed``; of a clean recording
-            ``silent`` or ``alarm``.
+        place: ``first``, ``alternative``, ``later``, ``wrong``, ``known`` (told as no news, where
+            there is no finding), ``missed``; of a clean recording ``silent`` or ``alarm``.
         further: Findings beside the one that is right.
         errors: Relative error of each parameter that was hidden and estimated.
         inside: Whether the true one lies within its 95 % interval.
@@ -172,8 +172,11 @@ def compare(outcome: Outcome, hidden: Hidden, diagnosis: Diagnosis, arm: Arm) ->
         outcome.place = "alternative"
     elif any(right):
         outcome.place = "later"
+    elif findings:
+        outcome.place = "wrong"
     else:
-        outcome.place = "wrong" if findings else "missed"
+        no_news = any(fits(hidden, each.effect, each.joints, arm) for each in diagnosis.known)
+        outcome.place = "known" if no_news else "missed"
     outcome.further = len(findings) - (any(right) or any(listed))
     own = [f for f, fit in zip(findings, right, strict=True) if fit and f.effect == hidden.effect]
     if not own:
@@ -223,9 +226,9 @@ def report(title: str, outcomes: Sequence[Outcome], identified: Mapping[str, flo
     clean = [outcome for outcome in good if outcome.effect == "nothing"]
     lines = [
         f"{title}: what was hidden, and where it is named",
-        f"  {'':<22} {'n':>3} {'first':>6} {'+alt.':>6} {'later':>6} {'wrong':>6} {'missed':>6} "
-        f"{'further':>8} {'values':>8} {'in ci95':>8}   first or alternative by size "
-        + " / ".join(_band(i) for i in range(3)),
+        f"  {'':<22} {'n':>3} {'first':>6} {'+alt.':>6} {'later':>6} {'wrong':>6} {'known':>6} "
+        f"{'missed':>6} {'further':>8} {'values':>8} {'in ci95':>8}   "
+        "first or alternative by size " + " / ".join(_band(i) for i in range(3)),
     ]
     for effect in dict.fromkeys(outcome.effect for outcome in hidden):
         lines.append(_row(effect, [outcome for outcome in hidden if outcome.effect == effect]))
@@ -294,7 +297,10 @@ def _band(number: int) -> str:
 
 
 def _row(name: str, rows: Sequence[Outcome]) -> str:
-    counts = [_count(rows, place) for place in ("first", "alternative", "later", "wrong", "missed")]
+    counts = [
+        _count(rows, place)
+        for place in ("first", "alternative", "later", "wrong", "known", "missed")
+    ]
     counts[1] += counts[0]
     bands = []
     for low, high in pairwise(RATIOS):
