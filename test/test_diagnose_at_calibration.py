@@ -73,7 +73,8 @@ def test_what_comes_back_is_known_and_no_finding(world, exact, model):
     assert diagnosis.verdict == "nothing_to_explain"
     assert any(
         each.joints == (name,)
-        and "no more than what the model was identified on shows of it" in each.sentence
+        and "not beside what the recording that the model was identified on shows of it"
+        in each.sentence
         for each in diagnosis.known
     )
 

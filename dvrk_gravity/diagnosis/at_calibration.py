@@ -21,6 +21,8 @@ from dvrk_gravity.diagnosis.motion import MeasuredMotion
 
 Array = NDArray[np.float64]
 
+_PARTS = np.linspace(0.0, 1.0, 21)  # of what is expected, that are tried; the first: nothing
+
 
 @dataclass(frozen=True, eq=False)
 class Expected:
@@ -38,15 +40,19 @@ class Expected:
         """Return which part of the evidence of a cause is of a change.
 
         By squared distances, each in units of its covariance (Mahalanobis): of the parameters from
-        what is expected, over that from zero.
+        the nearest between nothing and all that is expected, over that from nothing. Another
+        motion may show less of it, and that is no news either.
 
         Args:
             theta: (k,) parameters in the recording on trial.
             covariance: (k, k) of them.
         """
         whole = _distance(theta, covariance)
-        change = _distance(theta - self.mean, covariance + self.variance)
-        return min(change / whole, 1.0) if whole > 0.0 else 1.0
+        change = min(
+            _distance(theta - part * self.mean, covariance + part**2 * self.variance)
+            for part in _PARTS.tolist()
+        )
+        return change / whole if whole > 0.0 else 1.0
 
     @property
     def spread(self) -> Array:

@@ -117,18 +117,16 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     theta, covariance = validation.fit([*named, candidate])
     rows = slice(len(theta) - candidate.size, len(theta))
     parameters = estimates(hypothesis, theta[rows], covariance[rows, rows], {})
-    claim, no_news = hypothesis.claim(parameters), "less than the model is known to miss"
+    claim, no_news = hypothesis.claim(parameters), "and less than the model is known to miss"
     if np.any(trial.size > validation.known_error):
-        no_news = "next to nothing of the joint's torque"
+        no_news = "and next to nothing of the joint's torque"
     if trial.seen_before:
-        no_news = "no more than what the model was identified on shows of it"
+        no_news = "but not beside what the recording that the model was identified on shows of it"
     if trial.other_day:
-        no_news = (
-            "no more than friction changes by from one day to another, as other joints' has here"
-        )
+        no_news = "and no more than friction changes by from one day to another, as other joints' has here"
         if not is_friction(hypothesis.effect):
             claim = f"friction is another one, much as if {claim}"
     return Known(
         hypothesis.effect, hypothesis.names, parameters,
-        f"{claim}; that is significant, and {no_news}",
+        f"{claim}; that is significant, {no_news}",
     )  # fmt: skip
