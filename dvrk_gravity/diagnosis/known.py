@@ -123,7 +123,10 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     if trial.seen_before:
         no_news = "but not beside what the recording that the model was identified on shows of it"
     if trial.other_day:
-        no_news = "and no more than friction changes by from one day to another, as other joints' has here"
+        no_news = (
+            "and no more than friction changes by from one day to another, as other joints' has "
+            "here"
+        )
         if not is_friction(hypothesis.effect):
             claim = f"friction is another one, much as if {claim}"
     return Known(
