@@ -40,6 +40,7 @@ from dvrk_gravity.diagnosis.model_error import ExtrapolationSettings, FrictionCh
 from dvrk_gravity.diagnosis.motion import MotionSettings
 from dvrk_gravity.diagnosis.nameless import NamelessSettings
 from dvrk_gravity.diagnosis.nearby import NearbySettings
+from dvrk_gravity.diagnosis.no_news import NoNewsSettings
 from dvrk_gravity.diagnosis.overlap import OverlapSettings
 from dvrk_gravity.diagnosis.places import PlaceSettings
 from dvrk_gravity.diagnosis.read_rightly import ReadRightlySettings
@@ -294,6 +295,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (JudgementSettings, DIAGNOSIS),
     (CrossValidationSettings, DIAGNOSIS),
     (SignificanceSettings, DIAGNOSIS),
+    (NoNewsSettings, DIAGNOSIS),
     (OverlapSettings, DIAGNOSIS),
     (RefinementSettings, DIAGNOSIS),
     (FilterSettings, DIAGNOSIS),

@@ -16,9 +16,7 @@ from dvrk_gravity.diagnosis.beyond_range import REMEDY, beyond_range
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.extend import contradicted, extended, updated
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import (
-    FLOORS,
     Alternative,
     Finding,
     Rejected,
@@ -28,6 +26,7 @@ from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed, estimates, set
 from dvrk_gravity.diagnosis.known import expected_error, known
 from dvrk_gravity.diagnosis.load import Loaded
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.notes import notes
 from dvrk_gravity.diagnosis.other_findings import (
     as_read_before,
     error_beside,
@@ -183,7 +182,7 @@ def assemble(
         held_out=held_out.samples,
         warnings=loaded.warnings,
         notes=(
-            *_notes(loaded, validation, floor),
+            *notes(loaded, validation, floor),
             *(f"{line}: {_EXTRAPOLATED}" for line in outside),
             *(str(effect) for effect in unconfirmed),
             *(
@@ -360,60 +359,3 @@ def _verdict(findings: Sequence[Finding]) -> Verdict:
     if any(finding.alternatives for finding in findings):
         return "ambiguous"
     return "explained"
-
-
-def _certainty(data: FilteredData) -> list[str]:
-    """Return how sure the model was taken to be, one sentence each."""
-    motion = data.motion
-    uncertainty = motion.model.uncertainty
-    if motion.reference is not None:
-        return ["in the place of a model stood what the reference measured at the same phase"]
-    if uncertainty is None:
-        why = f" ({motion.model.unsure})" if motion.model.unsure else ""
-        return [
-            f"the model does not tell how sure it is{why}: its parameters were taken as exact and, "
-            "where much was left, as free as links plausibly weigh (their prior in "
-            "docs/diagnosis.md)"
-        ]
-    return [
-        f"the model's parameters could move in {uncertainty.size} directions as far as their "
-        "identification left them uncertain, and its known error counted as noise"
-    ]
-
-
-def _standing(motion: MeasuredMotion) -> list[str]:
-    """Return a line about the joints that never move, if there are any."""
-    names = [motion.arm.joint_names[joint] for joint in np.flatnonzero(motion.stands).tolist()]
-    if not names:
-        return []
-    return [
-        f"not judged: efforts of {', '.join(names)}: where a joint stands still all the time, "
-        "friction may hold any torque up to its level"
-    ]
-
-
-def _notes(loaded: Loaded, validation: CrossValidation, floor: Array) -> tuple[str, ...]:
-    data = validation.data
-    notes = [
-        *loaded.handling,
-        f"{data.count} blocks, every third held out of fit and choice; "
-        "the others in five folds for cross-validation",
-    ]
-    if data.repetition is not None:
-        notes.append(
-            f"the motion repeats every {data.repetition.period:.4g} s, {data.copies:.3g} times "
-            "in all: a block is one phase of every period"
-        )
-    notes.append(f"noise floor: {FLOORS[data.noise_source(floor)]}")
-    notes += _certainty(data)
-    if data.band is not None:
-        notes.append(f"torques and hypotheses compared below {data.band:g} Hz, zero-phase")
-        motion = loaded.motion
-        notes += _standing(motion)
-        stuck = np.where(motion.stands, 0.0, motion.stuck.mean(axis=0))
-        notes += [
-            f"{name} stands still for {100 * part:.0f} % of the time: left out there"
-            for name, part in zip(motion.arm.joint_names, stuck, strict=True)
-            if part > 0.05
-        ]
-    return tuple(notes)

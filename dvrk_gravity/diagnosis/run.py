@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed
 from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.nameless import with_nameless
+from dvrk_gravity.diagnosis.no_news import no_news
 from dvrk_gravity.diagnosis.overlap import spanned
 from dvrk_gravity.diagnosis.places import SelectedEffect, explained, merge, refine
 from dvrk_gravity.diagnosis.read_rightly import read_rightly
@@ -27,8 +27,7 @@ from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
 from dvrk_gravity.diagnosis.reference_error import pulling_otherwise, rubbing_otherwise
 from dvrk_gravity.diagnosis.result import Diagnosis
-from dvrk_gravity.diagnosis.selection import EffectTrial, Selection, SelectionSettings
-from dvrk_gravity.diagnosis.significance import Significance
+from dvrk_gravity.diagnosis.selection import EffectTrial, Selection
 from dvrk_gravity.diagnosis.unstated import unstated
 from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects.base.site import Kind
@@ -57,13 +56,11 @@ class RunSettings:
         moving_gain: Log-likelihood that they must then bring, all costs taken off: what five
             parameters cost. Chosen.
         attempts: At a choice that the held-out blocks confirm: a bound on time.
-        most_minor: Effects told that are significant and of no consequence, one a joint. Chosen.
     """
 
     doubtful: float = 1.5
     moving_gain: float = 20.0
     attempts: int = 3
-    most_minor: int = 3
 
 
 _SETTINGS = RunSettings()
@@ -237,7 +234,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
         return again
     other_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
     selected = [effect for effect in selected if not effect.trial.other_day]
-    minor = _minor(validation, sparse, selected, unknown, at_calibration)
+    minor = no_news(validation, sparse, selected, unknown, at_calibration)
     return Outcome(loaded, read.wrong, validation, tuple(selected), tuple(unknown),
                    tuple(unconfirmed), tuple(minor), tuple(other_day), tuple(pool),
                    at_calibration)  # fmt: skip
@@ -287,42 +284,6 @@ def _of_joints(named: Sequence[Candidate], first: int) -> dict[int, list[int]]:
                 found.setdefault(joint, []).extend(range(first, last))
         first = last
     return found
-
-
-def _minor(
-    validation: CrossValidation,
-    pool: Sequence[Candidate],
-    selected: Sequence[SelectedEffect],
-    unknown: Sequence[EffectTrial],
-    at_calibration: AtCalibration | None,
-) -> list[EffectTrial]:
-    """Return what is significant beside the findings, and no news.
-
-    It is less than the model's known error, of which, too, it may be a part: what the model is
-    known to miss has causes as well; or there was as much of it when the model was identified.
-    """
-    if not validation.known_error.any():
-        return []
-    validation = copy(validation)
-    lenient = replace(validation.significance.settings, least=0.0)
-    validation.significance = Significance(validation.data, lenient)
-    chosen = [effect.trial.candidate for effect in selected]
-    chosen += [trial.candidate for trial in unknown]
-    settings = replace(SelectionSettings(), consequence=0.0, share=0.0)
-    selection = Selection(
-        validation, pool, _silent, settings=settings, at_calibration=at_calibration
-    )
-    validation.weigh(validation.out_of_fold(chosen))
-    # What is more was a finding, had held-out blocks confirmed it.
-    most = SelectionSettings().least(validation, validation.known_error)
-    told: list[EffectTrial] = []
-    for trial in selection.best(chosen, validation.score(chosen)):
-        joints = {joint for earlier in told for joint in earlier.candidate.hypothesis.joints}
-        apart = joints.isdisjoint(trial.candidate.hypothesis.joints)
-        small = trial.passes and not np.any(trial.size > most)
-        if apart and (small or trial.seen_before):
-            told.append(trial)
-    return told[: _SETTINGS.most_minor]
 
 
 def _with_model_moving(

@@ -1,0 +1,70 @@
+"""What is significant, and no news: less than the model is known to miss, or there before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dvrk_gravity.diagnosis.at_calibration import AtCalibration
+from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.places import SelectedEffect
+from dvrk_gravity.diagnosis.selection import EffectTrial, Selection, SelectionSettings
+from dvrk_gravity.diagnosis.significance import Significance
+
+
+@dataclass(frozen=True)
+class NoNewsSettings:
+    """How much of it is told.
+
+    Attributes:
+        most: Effects, one a joint. Chosen.
+    """
+
+    most: int = 3
+
+
+def no_news(
+    validation: CrossValidation,
+    pool: Sequence[Candidate],
+    selected: Sequence[SelectedEffect],
+    unknown: Sequence[EffectTrial],
+    at_calibration: AtCalibration | None,
+) -> list[EffectTrial]:
+    """Return what is significant beside the findings, and no news.
+
+    It is less than the model's known error, of which, too, it may be a part: what the model is
+    known to miss has causes as well; or there was as much of it when the model was identified.
+
+    Args:
+        validation: What compares hypotheses.
+        pool: Those that need no search.
+        selected: Named findings.
+        unknown: Structure without a name.
+        at_calibration: What was there when the model was identified.
+    """
+    if not validation.known_error.any():
+        return []
+    validation = copy(validation)
+    lenient = replace(validation.significance.settings, least=0.0)
+    validation.significance = Significance(validation.data, lenient)
+    chosen = [effect.trial.candidate for effect in selected]
+    chosen += [trial.candidate for trial in unknown]
+    settings = replace(SelectionSettings(), consequence=0.0, share=0.0)
+    selection = Selection(
+        validation, pool, lambda line: None, settings=settings, at_calibration=at_calibration
+    )
+    validation.weigh(validation.out_of_fold(chosen))
+    # What is more was a finding, had held-out blocks confirmed it.
+    most = SelectionSettings().least(validation, validation.known_error)
+    told: list[EffectTrial] = []
+    for trial in selection.best(chosen, validation.score(chosen)):
+        joints = {joint for earlier in told for joint in earlier.candidate.hypothesis.joints}
+        apart = joints.isdisjoint(trial.candidate.hypothesis.joints)
+        small = trial.passes and not np.any(trial.size > most)
+        if apart and (small or trial.seen_before):
+            told.append(trial)
+    return told[: NoNewsSettings().most]
