@@ -79,7 +79,10 @@ class AtCalibration:
         kept = None if uncertainty is None else uncertainty.calibration
         if uncertainty is None or kept is None or motion.reference is not None:
             return None
-        if len(kept.q) < LoadSettings().shortest * kept.rate or not motion.present.all():
+        shortest = LoadSettings().shortest * kept.rate
+        if max(part.stop - part.start for part in kept.parts) < shortest:
+            return None
+        if not motion.present.all():
             return None
         then = MeasuredMotion(
             motion.model, kept.q, kept.qd, kept.qdd, kept.effort, None,

@@ -15,15 +15,17 @@ def kept_samples(parts: Sequence[CalibrationMotion], arm: Arm) -> CalibrationSam
     Parts that lack a motor's torque for a while or altogether, or were recorded at another rate
     than the first, are left out: there would be nothing to see of the model's error there.
     """
-    rate = parts[0].filter.rate
+    whole = [part for part in parts if part.measured.all() and part.told.all()]
+    if not whole:
+        return None
+    rate = whole[0].filter.rate
 
     def arrays() -> Iterator[tuple[Array, ...]]:
-        for part in parts:
-            if part.filter.rate != rate or not (part.measured.all() and part.told.all()):
-                continue
-            q, qd, qdd = part.state.q, part.state.qd, part.state.qdd
-            assert qd is not None
-            assert qdd is not None
-            yield q, qd, qdd, arm.joint_effort(part.effort)
+        for part in whole:
+            if part.filter.rate == rate:
+                q, qd, qdd = part.state.q, part.state.qd, part.state.qdd
+                assert qd is not None
+                assert qdd is not None
+                yield q, qd, qdd, arm.joint_effort(part.effort)
 
     return CalibrationSamples.of(arrays(), rate)
