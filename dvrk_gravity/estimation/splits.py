@@ -228,6 +228,8 @@ def _laid_out(seen: CommonTime, rate: float) -> tuple[Array, float, list[float]]
     turns: list[float] = []
     for index, period in enumerate(seen.periods):
         rows = np.flatnonzero(seen.group == index)
+        if not len(rows):  # of which the filter has left nothing
+            continue
         if period is None:
             since = np.round((seen.time[rows] - seen.time[rows].min()) * rate)
             there, rank = np.unique(since, return_inverse=True)

@@ -1,4 +1,4 @@
-"""Efforts that stay the same, to the last bit, while their joint moves: readings that stopped."""
+"""Efforts that stay the same, to the last bit, while their joint moves: stopped, or clipped."""
 
 from __future__ import annotations
 
@@ -24,12 +24,15 @@ class FrozenSettings:
         least: rad/s, of that change at least (a tenth in m/s). Chosen: a joint that is held.
         steps: Of the effort in the standard deviation of its other samples: one of coarser steps
             may be the same for long. Chosen, as ``SignalSettings.coarse``.
+        clipped: s, for which the greatest or least effort is the same where a limit holds it.
+            Chosen: five readings at 200 Hz, as ``SignalSettings.pinned_run``.
     """
 
     longest: float = 1.0
     change: float = 1.0
     least: float = 0.02
     steps: float = 20.0
+    clipped: float = 0.025
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,33 @@ def frozen_efforts(recording: Recording) -> list[FrozenSpan]:
                 continue
             span = float(time[first]), float(time[stop - 1])
             found.append(FrozenSpan(joint, (first, stop), span, value))
+    return found
+
+
+def clipped_efforts(recording: Recording) -> list[FrozenSpan]:
+    """Return where efforts are at a limit, their greatest or least, while their joint moves.
+
+    What the arm took was more than was read. Of poses, and of a short recording, nothing is known.
+    """
+    rate, effort, time = recording.rate, recording.effort, recording.time
+    if rate is None or effort is None or time is None or len(recording) < 100:
+        return []
+    settings, found = FrozenSettings(), []
+    least = max(2, int(np.ceil(settings.clipped * rate)))
+    rough: Array | None = None
+    for joint, column in enumerate(effort.T):
+        edges = np.flatnonzero(np.diff(column, prepend=np.nan, append=np.nan)).tolist()
+        ends = {float(column.min()), float(column.max())} - {0.0}
+        runs = [(a, b) for a, b in pairwise(edges) if b - a >= least and float(column[a]) in ends]
+        if not runs or np.std(column) < settings.steps * _step(column):
+            continue
+        rough = speed(recording) if rough is None else rough
+        moving = 0.1 * np.sqrt(np.mean(rough[:, joint] ** 2))
+        found += [
+            FrozenSpan(joint, (a, b), (float(time[a]), float(time[b - 1])), float(column[a]))
+            for a, b in runs
+            if np.mean(np.abs(rough[a:b, joint])) > max(moving, settings.least / 2.0)
+        ]
     return found
 
 

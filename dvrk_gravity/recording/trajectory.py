@@ -17,7 +17,7 @@ from dvrk_gravity.recording.checks import check_signals
 from dvrk_gravity.recording.data import Array, Coordinates, Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.filters import LowPass, derivative
-from dvrk_gravity.recording.frozen import FrozenSpan, frozen_efforts
+from dvrk_gravity.recording.frozen import FrozenSpan, clipped_efforts, frozen_efforts
 from dvrk_gravity.recording.gaps import Gaps
 from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
 from dvrk_gravity.recording.pieces import Findings, Piece, blocks, with_margins
@@ -70,7 +70,7 @@ class Trajectory:
         handling: What was done, one sentence each.
         coordinates: What the columns are, or ``None`` where it is not known.
         still: Where joints that were not recorded stood: *joint* position by name, rad.
-        frozen: Where efforts are no readings.
+        frozen: Where efforts are no readings, or clipped ones.
     """
 
     source: str
@@ -167,6 +167,7 @@ class _Work:
     def add(self, piece: Piece) -> None:
         """Filter a piece, and keep a part of the samples of its block."""
         self.frozen += frozen_efforts(piece.recording)
+        self.frozen += clipped_efforts(piece.recording)
         old = stale(piece.recording)
         self._stale += int(old[piece.first : piece.stop].sum())
         self._samples += piece.stop - piece.first
@@ -266,7 +267,7 @@ class _Work:
         if derived:
             lines.append(f"velocity differentiated from position: {', '.join(derived)}")
         if self.frozen:
-            lines.append("efforts that are no readings (see the warnings) left out")
+            lines.append("efforts that are no readings, or clipped (see the warnings), left out")
         lines += self._gaps.handling()
         if self._gridded:
             lines.append(f"interpolated (Akima) onto a uniform grid at {self._low.rate:.6g} Hz")
