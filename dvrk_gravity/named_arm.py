@@ -83,6 +83,12 @@ def arm_of(values: Mapping[str, Any]) -> Arm:
     arm = arm.holding(_held(values.get(_HELD.name, "")))
     declared = {entry.name: entry for entry in arm_parameters(arm) if entry is not ARM_PARAMETER}
     given = {name: values[name] for name in declared if values.get(name)}
+    joints = given.get(_GEOMETRY, ())
+    if isinstance(joints, list | tuple) and joints and len(joints) != arm.n:
+        raise ConfigError(
+            ARM_PARAMETER.name, values.get(ARM_PARAMETER.name, f"nothing, which is {arm.name}"),
+            f"an arm of {len(joints)} joints, as {_GEOMETRY} has it",
+        )  # fmt: skip
     checked = check_all(declared, given)
     if known := checked.get(_GEOMETRY):
         _require_geometry(arm, as_array(known, arm.n, 0.0))

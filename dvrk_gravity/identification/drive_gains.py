@@ -33,6 +33,8 @@ from dvrk_gravity.identification.rigid_columns import RIGID
 from dvrk_gravity.recording import Recording, RecordingFile
 from dvrk_gravity.recording.data import Array, Coordinates
 
+_FARTHEST = 5.0  # m, from a link's frame, of what somebody fastens to it
+
 
 @dataclass(frozen=True)
 class GainSettings:
@@ -109,9 +111,22 @@ class KnownPayload:
         check_mass(self.mass)
         if self.centre is not None and not np.isfinite(self.centre).all():
             raise ConfigError("--payload-centre", self.centre, "finite coordinates, m")
+        if self.centre is not None and np.max(np.abs(self.centre)) > _FARTHEST:
+            raise ConfigError(
+                "--payload-centre", self.centre,
+                f"coordinates in the link's frame of at most {_FARTHEST:g} m (m, not mm)",
+            )  # fmt: skip
         link = self.link or last_link(arm)
         arm.body(link)
         return arm.body_names.index(link)
+
+    @property
+    def where(self) -> str:
+        """What else may be wrong if it tells nothing, in words; ``""`` if nothing was said."""
+        said = [f"--payload-link {self.link}"] if self.link else []
+        if self.centre is not None:
+            said.append(f"--payload-centre {','.join(f'{part:g}' for part in self.centre)}")
+        return f" (or is it not at {' '.join(said)}?)" if said else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +229,7 @@ def drive_gains(
         raise ConfigError(
             "--known-payload", load.mass,
             "a load that changes the torque of some joint: it tells no gain to "
-            f"{100 * settings.certain:.0f} %",
+            f"{100 * settings.certain:.0f} %{load.where}",
         )  # fmt: skip
     mean = float(np.exp(np.mean(np.log(found.gain[determined]))))
     return DriveGains(
