@@ -19,12 +19,13 @@ from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.effects import LinearTerm, Term
 from dvrk_gravity.effects.base.effect import Hypothesis, Values
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import TorqueModel, model_parameters
+from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel, model_parameters
 from dvrk_gravity.recording import LowPass
 from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
 
 Array = NDArray[np.float64]
 
+_EXTENDED = "extended by diagnose: evaluate it on another recording"
 _ROUNDING = 1e-9  # of a term's largest coefficient
 
 
@@ -100,7 +101,11 @@ def extended(
         values, reasons[i] = changed, ""
     names = {term.NAME for term in effects.terms()}
     other_terms = tuple(term for term in motion.model.terms if term.NAME not in names)
-    return replace(model, terms=(*model.terms, *other_terms)), tuple(reasons)
+    model = replace(model, terms=(*model.terms, *other_terms))
+    if "" in reasons and model.verdict != VERDICTS[-1]:
+        # Of this model nobody has said that it is good; one that is not to be used stays so.
+        model = replace(model, verdict=NO_VERDICT, reason=_EXTENDED)
+    return model, tuple(reasons)
 
 
 def updated(
