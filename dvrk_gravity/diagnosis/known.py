@@ -15,6 +15,7 @@ from dvrk_gravity.diagnosis.held_out import HeldOut, estimates
 from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.effects import is_friction
 from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.quantity import quantity
 
 Array = NDArray[np.float64]
@@ -123,10 +124,9 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     if trial.seen_before:
         no_news = "but not beside what the recording that the model was identified on shows of it"
     if trial.other_day:
-        no_news = (
-            "and no more than friction changes by from one day to another, as other joints' has "
-            "here"
-        )
+        no_news = "and no more than friction changes by from one day to another"
+        if hypothesis.site.kind is not Kind.ARM:
+            no_news += ", as other joints' has here"
         if not is_friction(hypothesis.effect):
             claim = f"friction is another one, much as if {claim}"
     return Known(
