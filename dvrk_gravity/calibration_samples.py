@@ -84,24 +84,30 @@ class CalibrationSamples:
         return {**by_joint, "part": self.part.astype(np.int32), "rate": np.array(self.rate)}
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Array], joints: int) -> CalibrationSamples:
+    def from_arrays(
+        cls, arrays: Mapping[str, Array], joints: int, band: float
+    ) -> CalibrationSamples:
         """Return the samples that a file holds.
 
         Args:
             arrays: By name.
             joints: Number of joints.
+            band: Hz, up to which their efforts tell something.
 
         Raises:
             KeyError: Naming an array that is missing.
             ValueError: Saying what one had to be.
         """
         by_joint = {name: arrays[name] for name in _BY_JOINT}
-        part, rate = arrays["part"], float(arrays["rate"])
+        part, rate = arrays["part"], arrays["rate"]
+        if part.ndim != 1 or not len(part):
+            raise ValueError("calibration/part with one number a sample")
         for name, array in by_joint.items():
             if array.shape != (len(part), joints) or not np.isfinite(array).all():
                 raise ValueError(f"finite calibration/{name} of shape {(len(part), joints)}")
         if not (np.isin(np.diff(part), (0.0, 1.0)).all() and part[:1] == [0.0]):
             raise ValueError("calibration/part that counts from 0")
-        if not 0.0 < rate < np.inf:
-            raise ValueError("finite calibration/rate above 0")
-        return cls(**by_joint, part=part.astype(np.int64), rate=rate)
+        # As Nyquist has it.
+        if rate.ndim or not 2.0 * band < rate < np.inf:
+            raise ValueError(f"finite calibration/rate above {2.0 * band:g} Hz, twice the band")
+        return cls(**by_joint, part=part.astype(np.int64), rate=float(rate))

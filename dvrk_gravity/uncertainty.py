@@ -194,7 +194,7 @@ class ModelUncertainty:
         if not kept:
             return found
         try:
-            samples = CalibrationSamples.from_arrays(kept, len(found.offset))
+            samples = CalibrationSamples.from_arrays(kept, len(found.offset), found.band)
         except KeyError as error:
             raise _unusable(path, f"an array calibration/{error.args[0]}") from error
         except (TypeError, ValueError) as error:

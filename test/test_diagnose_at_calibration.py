@@ -135,7 +135,11 @@ def test_a_file_gives_the_samples_back(model, tmp_path):
         (lambda kept: {"q": kept["q"][:-1]}, "finite calibration/q of shape"),
         (lambda kept: {"effort": np.nan * kept["effort"]}, "finite calibration/effort of shape"),
         (lambda kept: {"part": kept["part"] + 1}, "calibration/part that counts from 0"),
-        (lambda kept: {"rate": -kept["rate"]}, "finite calibration/rate above 0"),
+        (lambda kept: {"part": kept["part"][:, None]}, "calibration/part with one number a sample"),
+        (lambda kept: {"part": kept["part"][0]}, "calibration/part with one number a sample"),
+        (lambda kept: {"rate": -kept["rate"]}, "finite calibration/rate above"),
+        (lambda kept: {"rate": 0.001 * kept["rate"]}, "finite calibration/rate above 11.3 Hz"),
+        (lambda kept: {"rate": kept["rate"] * np.ones(2)}, "finite calibration/rate above"),
         (lambda kept: {"qd": None}, "an array calibration/qd"),
     ],
 )

@@ -10,23 +10,47 @@ from test_arms_dynamics import UR5
 
 from dvrk_gravity import Arm, diagnose, evaluate, identify
 from dvrk_gravity.arms.tree import nominal_inertias
+from dvrk_gravity.model import TorqueModel
 from testing.plain_world import PlainWorld
 
 TILT = np.radians(4.0)
 
 
-@pytest.mark.usefixtures("four_folds")
-def test_a_tilt_is_told_alone_though_nothing_showed_what_weighs_on_the_upright_joint():
+@pytest.fixture(scope="module")
+def world() -> PlainWorld:
     arm = Arm.load(UR5)
-    world = PlainWorld.of(arm, nominal_inertias(arm))
-    model = identify(replace(world.record(1, 20.0), arm=None), arm).model
-    leaning = replace(world, arm=replace(arm, base_rpy=(0.0, TILT, 0.0)))
+    return PlainWorld.of(arm, nominal_inertias(arm))
 
-    diagnosis = diagnose(replace(leaning.record(2, 15.0), arm=None), model)
+
+@pytest.fixture(scope="module")
+def model(world) -> TorqueModel:
+    return identify(replace(world.record(1, 20.0), arm=None), world.arm).model
+
+
+def leaning(world: PlainWorld, tilt: float) -> PlainWorld:
+    return replace(world, arm=replace(world.arm, base_rpy=(0.0, tilt, 0.0)))
+
+
+@pytest.mark.usefixtures("four_folds")
+def test_a_tilt_is_told_alone_though_nothing_showed_what_weighs_on_the_upright_joint(world, model):
+    tilted = leaning(world, TILT)
+
+    diagnosis = diagnose(replace(tilted.record(2, 15.0), arm=None), model)
 
     (found,) = diagnosis.findings
     assert (found.effect, found.in_model) == ("base_tilt", True)
     assert found.parameters["pitch"].value == pytest.approx(TILT, rel=0.1)
-    other = replace(leaning.record(3, 10.0), arm=None)
+    other = replace(tilted.record(3, 10.0), arm=None)
     before, after = (evaluate(each, other).joints for each in (model, diagnosis.model))
     assert after["shoulder_pan_joint"].rmse < 0.4 * before["shoulder_pan_joint"].rmse
+
+
+@pytest.mark.usefixtures("four_folds")
+def test_a_large_tilt_is_told_as_exactly(world, model):
+    large = 0.5
+
+    (found,) = diagnose(replace(leaning(world, large).record(2, 15.0), arm=None), model).findings
+
+    assert found.effect == "base_tilt"
+    assert found.parameters["pitch"].value == pytest.approx(large, abs=0.005)
+    assert found.parameters["pitch"].low < large < found.parameters["pitch"].high

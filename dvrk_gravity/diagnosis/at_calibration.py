@@ -39,19 +39,17 @@ class Expected:
     def news(self, theta: Array, covariance: Array) -> float:
         """Return which part of the evidence of a cause is of a change.
 
-        By squared distances, each in units of its covariance (Mahalanobis): of the parameters from
-        the nearest between nothing and all that is expected, over that from nothing. Another
-        motion may show less of it, and that is no news either.
+        By squared distances in units of the covariance (Mahalanobis): of the parameters from the
+        nearest between nothing and all that is expected, over that from nothing. Another motion
+        may show less of it, and that is no news either. How uncertain it is what comes back widens
+        intervals only: a calibration that hardly tells must not swallow what another motion shows.
 
         Args:
             theta: (k,) parameters in the recording on trial.
             covariance: (k, k) of them.
         """
         whole = _distance(theta, covariance)
-        change = min(
-            _distance(theta - part * self.mean, covariance + part**2 * self.variance)
-            for part in _PARTS.tolist()
-        )
+        change = min(_distance(theta - part * self.mean, covariance) for part in _PARTS.tolist())
         return change / whole if whole > 0.0 else 1.0
 
     @property

@@ -7,6 +7,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.candidate import Candidate
@@ -14,6 +15,8 @@ from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.places import SelectedEffect
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection, SelectionSettings
 from dvrk_gravity.diagnosis.significance import Significance
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -61,10 +64,22 @@ def no_news(
     # What is more was a finding, had held-out blocks confirmed it.
     most = SelectionSettings().least(validation, validation.known_error)
     told: list[EffectTrial] = []
-    for trial in selection.best(chosen, validation.score(chosen)):
-        joints = {joint for earlier in told for joint in earlier.candidate.hypothesis.joints}
-        apart = joints.isdisjoint(trial.candidate.hypothesis.joints)
-        small = trial.passes and not np.any(trial.size > most)
-        if apart and (small or trial.seen_before):
+    trials = selection.best(chosen, validation.score(chosen))
+    for_all = [trial for trial in trials if _no_news(trial, most)][:1]
+    if for_all and for_all[0].candidate.hypothesis.composite:
+        # One for all joints: others are told as far as they differ from it.
+        beside = [*chosen, for_all[0].candidate]
+        trials = selection.best(beside, validation.score(beside))
+        told += for_all
+    joints: set[int] = set()
+    for trial in trials:
+        own = trial.candidate.hypothesis.joints
+        if _no_news(trial, most) and joints.isdisjoint(own):
             told.append(trial)
+            joints.update(own)
     return told[: NoNewsSettings().most]
+
+
+def _no_news(trial: EffectTrial, most: Array) -> bool:
+    """Tell whether a trial is of something, and no finding."""
+    return (trial.passes and not np.any(trial.size > most)) or trial.seen_before

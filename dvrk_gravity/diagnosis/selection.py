@@ -43,6 +43,8 @@ class SelectionSettings:
             finding is as large as all that the model is known to miss. Chosen.
         share: Part of a joint's torque, RMS, that it must be as well, of a model that was
             identified. Chosen: no torque constant is known as well.
+        alike: Part of the square of causes' torque at a joint that one for all of them may miss.
+            Chosen: half, as of friction that is another day's.
     """
 
     alpha: float = 0.01
@@ -55,6 +57,7 @@ class SelectionSettings:
     equal_least: float = 3.0
     consequence: float = 1.0
     share: float = 0.003
+    alike: float = 0.5
 
     def least(self, validation: CrossValidation, error: Array) -> Array:
         """Return (n,) the least torque, RMS, that is of consequence, N·m.
@@ -153,6 +156,7 @@ class Selection:
         self.pool = list(pool)
         self.count = len(pool)
         self._excluded: set[tuple[object, ...]] = set()
+        self._pieces: dict[tuple[object, ...], Candidate] = {}
         self.report = report
 
     def exclude(self, hypotheses: Iterable[Hypothesis]) -> None:
@@ -295,11 +299,38 @@ class Selection:
         if news < 1.0:
             p_value = self.validation.p_value(before, after, candidate, inflation, self.count, news)
         seen_before = passes and p_value >= settings.alpha
+        other_day = bool(np.any(expected & (size > 0.0))) and not np.any(matters & ~expected)
+        # What a day does to all friction it need not do to all alike.
+        if passes and candidate.hypothesis.composite and not other_day:
+            passes = self._alike(candidate, beside, after, theta, inflation)
         return EffectTrial(
             candidate, gain, passes and not seen_before, after, p_value, most, possible,
-            np.where(expected, 0.0, size), float(np.max(inflation[candidate.acts])),
-            bool(np.any(expected & (size > 0.0))) and not np.any(matters & ~expected), seen_before,
+            np.where(expected, 0.0, size), float(np.max(inflation[candidate.acts])), other_day,
+            seen_before,
         )  # fmt: skip
+
+    def _alike(
+        self, candidate: Candidate, beside: Sequence[Candidate], after: Score, theta: Array,
+        inflation: Array,
+    ) -> bool:  # fmt: skip
+        """Tell whether what a candidate takes to be alike at several joints is.
+
+        Not where the same in pieces, each with a size of its own, explains clearly more, and it
+        reproduces less than half of what these are at some joint, by more than the known error.
+        """
+        validation, freed = self.validation, candidate.hypothesis.freed
+        assert freed is not None
+        if freed.key not in self._pieces:
+            self._pieces[freed.key] = validation.candidate(freed)
+        pieces = self._pieces[freed.key]
+        together = [*beside, pieces]
+        more = validation.score(together).likelihood - after.likelihood
+        if more <= self.settings.equal_least * float(np.max(inflation[candidate.acts])):
+            return True
+        each = validation.torque(pieces, split(together, validation.parameters(together))[-1][1])
+        missed = np.mean((each - validation.torque(candidate, theta)) ** 2, axis=0)
+        least = self.settings.least(validation, validation.known_error) ** 2
+        return not np.any((missed > least) & (missed > self.settings.alike * np.mean(each**2, 0)))
 
     def _news(self, candidate: Candidate, beside: Sequence[Candidate]) -> float:
         """Return which part of the evidence of a candidate the calibration did not show."""

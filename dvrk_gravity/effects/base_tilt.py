@@ -68,15 +68,22 @@ class TiltHypothesis(Hypothesis):
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`.
 
-        The slope half-way makes slope times angle right to second order.
+        What a turn adds before and after the other one, on average (Shapley's value): so both
+        together are the torque of the tilt, however large it is.
         """
-        at = (0.5 * setting["roll"], 0.5 * setting["pitch"])
-        here = _tilted_torque(motion, *at)
-        roll = (_tilted_torque(motion, at[0] + _STEP, at[1]) - here) / _STEP
-        pitch = (_tilted_torque(motion, at[0], at[1] + _STEP) - here) / _STEP
-        columns = [roll, pitch]
+        roll, pitch = (
+            angle if abs(angle) > _STEP else _STEP for angle in (setting["roll"], setting["pitch"])
+        )
+        level, rolled, pitched, both = (
+            _tilted_torque(motion, *angles)
+            for angles in ((0.0, 0.0), (roll, 0.0), (0.0, pitch), (roll, pitch))
+        )
+        columns = [
+            (rolled - level + both - pitched) / (2.0 * roll),
+            (pitched - level + both - rolled) / (2.0 * pitch),
+        ]
         if not self.knows_shaft:
-            shaft = np.zeros((2, *roll.shape))
+            shaft = np.zeros((2, *level.shape))
             shaft[:, :, 0] = _shaft_torque(motion.true_q)
             columns += [*shaft]
         return np.stack(columns, axis=2)

@@ -11,6 +11,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.base.all_friction import FACTOR, AllFriction
 from dvrk_gravity.effects.base.arrays import (
     Array,
     as_array,
@@ -74,7 +75,6 @@ class CoulombFriction(LinearTerm):
     TITLE = "Coulomb friction"
     MEANINGS = meanings(
         positive=size("N·m", MORE, "moving up"), negative=size("N·m", MORE, "moving down"),
-        factor=Meaning("", 1.0, MORE, "factor of all friction", percent=True),
     )  # fmt: skip
     FRICTION = True
     EVERYWHERE = True
@@ -85,6 +85,14 @@ class CoulombFriction(LinearTerm):
     motor_positive: Array
     motor_negative: Array
     transition_velocity: Array
+
+    @classmethod
+    def meaning(cls, name: str) -> Meaning:
+        """See :meth:`Effect.meaning`; factors are of some kind of friction, or all of it."""
+        if name.endswith(FACTOR):
+            label = f"{name.replace('_', ' ')}, all joints"
+            return Meaning("", 1.0, MORE, label, percent=True)
+        return super().meaning(name)
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
@@ -265,12 +273,7 @@ class CoulombFriction(LinearTerm):
                     arm=motion.arm, site=friction_site, joints=(friction_site.index,),
                     setting=setting, refine=tuple(setting), one_level=one_level, removable=most,
                 )  # fmt: skip
-        rubs = motion.friction.any(axis=0)
-        if not motion.static and not motion.model.of_file and rubs.sum() > 1:
-            yield AllFrictionHypothesis(
-                arm=motion.arm, site=site.THE_ARM, joints=tuple(np.flatnonzero(rubs).tolist()),
-                form="all", removable=1.0,
-            )  # fmt: skip
+        yield from AllFrictionHypothesis.of(motion)
 
     def at(self, where: site.Site) -> float:
         """Return the larger level at a site, N·m; at a joint its motor's is felt as well."""
@@ -352,44 +355,10 @@ class CoulombHypothesis(Hypothesis):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AllFrictionHypothesis(Hypothesis):
-    """All friction that the model has is another one by a factor, of whatever kind it is: warmth.
-
-    Joint by joint that takes as many hypotheses as there are joints, and each alone explains less
-    than one wrong cause that all of them feel.
-    """
+class AllFrictionHypothesis(AllFriction):
+    """Friction of every kind: Coulomb's is most of it, and lends its name."""
 
     EFFECT = CoulombFriction
-
-    variable: str = "velocity"
-    directed: bool = True
-
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
-        return motion.friction[:, :, None]
-
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
-        return {"factor": 1.0 + float(theta[0])}
-
-    def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
-        return f"there is {self._told(parameters)['factor']} friction than in {self.against}"
-
-    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`; of what is linear in its parameters."""
-        changed = dict(values)
-        for term in motion.model.terms:
-            if not (term.FRICTION and isinstance(term, LinearTerm)):
-                continue
-            had = term.parameters()
-            for name, value in term.with_theta((1.0 + theta[0]) * term.theta).parameters().items():
-                if value != had[name]:
-                    more = array(self.arm, {name: value}, name) - array(self.arm, had, name)
-                    changed[name] = tuple((array(self.arm, values, name) + more).tolist())
-        return changed
 
 
 def with_coulomb(arm: Arm, values: Values, where: site.Site, levels: Array) -> dict[str, Any]:

@@ -47,7 +47,12 @@ class TorqueScale(Effect):
         if not motion.present.all():
             return
         yield ScaleHypothesis(
-            arm=arm, site=site.THE_ARM, joints=tuple(range(len(unit))), form="all", mixing=unit
+            arm=arm,
+            site=site.THE_ARM,
+            joints=tuple(range(len(unit))),
+            form="all",
+            mixing=unit,
+            composite=True,
         )
         for motor in mixed_motors(arm):
             mixing = arm.actuator_to_joint @ np.diag(unit[motor]) @ arm.joint_to_actuator
@@ -66,6 +71,13 @@ class ScaleHypothesis(Hypothesis):
     OF_ACTING = True
 
     mixing: Array
+
+    @property
+    def freed(self) -> Hypothesis | None:
+        """See :meth:`Hypothesis.freed`: of the efforts of all joints, one for each."""
+        if not self.composite:
+            return None
+        return ScalesHypothesis(arm=self.arm, site=self.site, joints=self.joints, form="each")
 
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`."""
@@ -100,3 +112,21 @@ class ScaleHypothesis(Hypothesis):
         if self.site != site.THE_ARM or self.beside_reference:
             return super().remedy(carried)
         return "check the scale of all efforts; if it is right, the model's masses are off alike"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ScalesHypothesis(Hypothesis):
+    """The effort of every joint reads wrongly by a factor of its own: what all may not be alike."""
+
+    EFFECT = TorqueScale
+    OF_ACTING = True
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`."""
+        del setting
+        return motion.acting[:, :, None] * np.eye(self.arm.n)[:, self.joints]
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {f"factor_{index}": 1.0 + float(part) for index, part in enumerate(theta)}

@@ -114,6 +114,8 @@ class Hypothesis(ABC):
         of_state: Its torque is a function of position, velocity and acceleration at one time.
         transient: It comes once, or changes with time: the same state at another time does not
             show the same.
+        composite: It stands for causes at several joints that are alike: not where these, each with
+            a size of its own (:attr:`freed`), explain more.
         shifts_positions: It changes what positions mean: merged into a model before others.
         removable: How much of it the model has, in its own unit: no more can be missing.
         beside_reference: Two recordings are compared, not one with the model. Set for all
@@ -141,6 +143,7 @@ class Hypothesis(ABC):
     alignment: bool = False
     of_state: bool = True
     transient: bool = False
+    composite: bool = False
     shifts_positions: bool = False
     removable: float = np.inf
     beside_reference: bool = False

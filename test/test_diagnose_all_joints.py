@@ -1,0 +1,159 @@
+"""What is alike at all joints is one cause, told of all; what is not is told joint by joint."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.diagnosis import diagnose
+from dvrk_gravity.effects import CoulombFriction, State
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.coulomb_friction import AllFrictionHypothesis
+from dvrk_gravity.identification import identify
+from testing.lab_motion import draw_calibration, draw_other
+from testing.mujoco_world import MujocoWorld
+
+MORE, LOAD = 1.2, 0.04  # of friction; part of a joint's load that is friction, as gears have it
+
+
+@pytest.fixture(scope="module")
+def world() -> MujocoWorld:
+    drawn = MujocoWorld.draw("ur5", 5)
+    loaded = replace(drawn.joint_friction, load=np.full(drawn.arm.n, LOAD))
+    return replace(drawn, joint_friction=loaded)
+
+
+@pytest.fixture(scope="module")
+def model(world):
+    calibration = world.truth(draw_calibration(world.arm, 5))
+    return identify(world.record(calibration, 5), world.arm).model
+
+
+def warmed(world: MujocoWorld) -> MujocoWorld:
+    """The arm on a day on which all that rubs rubs more."""
+    friction = world.joint_friction
+    more = {name: MORE * getattr(friction, name) for name in ("level", "damping", "load")}
+    return replace(world, joint_friction=replace(friction, **more))
+
+
+def on_a_day(world: MujocoWorld, model, change):
+    """Another motion; its efforts with a change of the model's friction, kind by kind."""
+    motion = draw_other(world.arm, 7, draw_calibration(world.arm, 5))
+    truth = world.truth(motion)
+    state = State(truth.q, truth.qd, truth.qdd)
+    kinds = {term.NAME: term.torque(state) for term in model.terms if term.FRICTION}
+    return world.record(replace(truth, effort=truth.effort + change(kinds)), 7)
+
+
+def factors(parameters) -> dict[str, float]:
+    return {name.removesuffix("_factor"): each.value for name, each in parameters.items()}
+
+
+def test_all_friction_that_has_grown_is_known_and_no_scale_of_all_efforts(world, model):
+    motion = draw_other(world.arm, 7, draw_calibration(world.arm, 5))
+    arm = warmed(world)
+
+    diagnosis = diagnose(arm.record(arm.truth(motion), 7), model)
+
+    assert diagnosis.findings == ()
+    known = diagnosis.known[0]
+    assert known.joints == world.arm.joint_names
+    assert "friction than in the model" in known.sentence
+    for factor in known.parameters.values():
+        assert factor.value == pytest.approx(MORE, abs=0.05)
+        assert factor.low < MORE < factor.high
+
+
+def test_of_one_kind_that_has_doubled_at_all_joints_the_kind_is_told(world, model):
+    recording = on_a_day(world, model, lambda kinds: 1.2 * kinds["viscous_friction"])
+
+    diagnosis = diagnose(recording, model)
+
+    assert diagnosis.findings == ()
+    known = diagnosis.known[0]
+    found = {name.removesuffix("_factor"): each.value for name, each in known.parameters.items()}
+    assert known.joints == world.arm.joint_names
+    assert found["viscous_friction"] == pytest.approx(2.2, abs=0.15)
+    assert found["coulomb_friction"] == pytest.approx(1.0, abs=0.1)
+    assert "more viscous friction than" in known.sentence
+
+
+def test_a_joint_that_differs_from_the_others_is_told_beside_them(world, model):
+    other = 3
+    signs = np.where(np.arange(world.arm.n) == other, -0.3, 0.3)
+
+    diagnosis = diagnose(on_a_day(world, model, lambda kinds: signs * sum(kinds.values())), model)
+
+    assert diagnosis.findings == ()
+    for_all, *others = diagnosis.known
+    assert for_all.joints == world.arm.joint_names
+    for factor in for_all.parameters.values():
+        assert factor.low < 1.3 < factor.high
+    name = world.arm.joint_names[other]
+    (own,) = [each for each in others if each.joints == (name,) and "rms" not in each.parameters]
+    assert own.sentence.startswith("friction is another one")
+    assert own.parameters["factor"].high < 1.0
+
+
+def test_a_scale_of_two_joints_is_not_said_to_be_of_all(world, model):
+    scales = np.array([1.0, 0.8, 0.8, 1.0, 1.0, 1.0])
+    truth = world.truth(draw_other(world.arm, 7, draw_calibration(world.arm, 5)))
+
+    found = diagnose(world.record(replace(truth, effort=scales * truth.effort), 7), model).findings
+
+    assert [(each.effect, each.joints) for each in found] == [
+        ("torque_scale", (world.arm.joint_names[joint],)) for joint in (1, 2)
+    ]
+    for each in found:
+        assert each.parameters["factor"].value == pytest.approx(0.8, abs=0.02)
+
+
+def test_no_factor_has_friction_drive_the_arm(model):
+    hypothesis = AllFrictionHypothesis(
+        arm=model.arm, site=site.THE_ARM, joints=(0, 1), kinds=("coulomb_friction",)
+    )
+    assert hypothesis.plausible(np.array([-1.0]))
+    assert not hypothesis.plausible(np.array([-1.3]))
+
+
+def test_merged_into_a_model_it_multiplies_the_friction_that_it_has_and_nothing_else(model):
+    arm = model.arm
+    random = np.random.default_rng(0)
+    q, qd, qdd = random.uniform(-0.5, 0.5, (3, 30, arm.n))
+    state = State(q, qd, qdd)
+    hypothesis = next(
+        each
+        for each in CoulombFriction.hypotheses(_Motion(model, q, qd))
+        if isinstance(each, AllFrictionHypothesis)
+    )
+
+    values = hypothesis.merge(model.parameters(), np.array([MORE - 1.0]), _Motion(model, q, qd))
+    merged = type(model).from_parameters(values, arm)
+
+    for before in model.terms:
+        factor = MORE if before.FRICTION else 1.0
+        after = merged.term(before.NAME).torque(state)
+        assert after == pytest.approx(factor * before.torque(state)), before.NAME
+
+    none = hypothesis.merge(model.parameters(), np.array([-1.001]), _Motion(model, q, qd))
+    assert type(model).from_parameters(none, arm).term("coulomb_friction") is None
+
+
+class _Motion:
+    """What the hypotheses of friction ask of a motion."""
+
+    static, direction = False, None
+
+    def __init__(self, model, q, qd) -> None:
+        self.model, self.arm, self.q, self.qd = model, model.arm, q, qd
+        self.moves = self.present = np.ones(model.arm.n, dtype=bool)
+        state = State(q, qd)
+        self.friction = sum(term.torque(state) for term in model.terms if term.FRICTION)
+
+    def slowest(self, row):
+        return 0.01
+
+    def sign(self, row, transition=None):
+        return np.sign(self.qd @ row)
