@@ -27,13 +27,13 @@ def model(world) -> TorqueModel:
     return identify(replace(world.record(1, 20.0), arm=None), world.arm).model
 
 
-def leaning(world: PlainWorld, tilt: float) -> PlainWorld:
-    return replace(world, arm=replace(world.arm, base_rpy=(0.0, tilt, 0.0)))
+def leaning(world: PlainWorld, roll: float, pitch: float) -> PlainWorld:
+    return replace(world, arm=replace(world.arm, base_rpy=(roll, pitch, 0.0)))
 
 
 @pytest.mark.usefixtures("four_folds")
 def test_a_tilt_is_told_alone_though_nothing_showed_what_weighs_on_the_upright_joint(world, model):
-    tilted = leaning(world, TILT)
+    tilted = leaning(world, 0.0, TILT)
 
     diagnosis = diagnose(replace(tilted.record(2, 15.0), arm=None), model)
 
@@ -47,10 +47,13 @@ def test_a_tilt_is_told_alone_though_nothing_showed_what_weighs_on_the_upright_j
 
 @pytest.mark.usefixtures("four_folds")
 def test_a_large_tilt_is_told_as_exactly(world, model):
-    large = 0.5
+    tilt = {"roll": 0.5, "pitch": 0.3}
 
-    (found,) = diagnose(replace(leaning(world, large).record(2, 15.0), arm=None), model).findings
+    diagnosis = diagnose(replace(leaning(world, **tilt).record(2, 15.0), arm=None), model)
 
+    (found,) = diagnosis.findings
     assert found.effect == "base_tilt"
-    assert found.parameters["pitch"].value == pytest.approx(large, abs=0.005)
-    assert found.parameters["pitch"].low < large < found.parameters["pitch"].high
+    for name, angle in tilt.items():
+        estimate = found.parameters[name]
+        assert estimate.value == pytest.approx(angle, abs=0.005)
+        assert estimate.low < angle < estimate.high
