@@ -13,6 +13,8 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.ambiguity import ambiguities
 from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.beyond_range import REMEDY, beyond_range
+from dvrk_gravity.diagnosis.by_recording import REMEDY as DIAGNOSE_ALONE
+from dvrk_gravity.diagnosis.by_recording import difference
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.extend import contradicted, extended, updated
@@ -73,6 +75,7 @@ _CONTRADICTED = (
     "merged into a model it has another torque than was found: friction of less than none (see the "
     "warnings), or a fault of the effect"
 )
+_DIFFERENT = "the recordings differ about it"
 _EXTRAPOLATED = "what the model says there is extrapolated, and counts as uncertain"
 
 
@@ -99,8 +102,10 @@ def assemble(
     found = [
         (candidate.hypothesis, theta[rows]) for candidate, rows in zip(named, slices, strict=True)
     ]
-    model, left_out = extended(loaded.motion, found)
-    contradictory = {
+    differences = [difference(validation, named, i, loaded.sources) for i in range(len(named))]
+    contradictory = {i: _DIFFERENT for i, text in enumerate(differences) if text}
+    model, left_out = extended(loaded.motion, found, contradictory)
+    contradictory |= {
         i: _CONTRADICTED
         for i, (candidate, rows) in enumerate(zip(named, slices, strict=True))
         if not left_out[i] and contradicted(data, candidate, theta[rows])
@@ -131,6 +136,9 @@ def assemble(
             spread += back.spread
         parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
         finding = _finding(held_out, validation, selected, i, parameters, theta[rows], left_out[i])
+        if differences[i]:
+            sentence = f"{differences[i]}; on average {finding.sentence}"
+            finding = replace(finding, sentence=sentence, remedy=DIAGNOSE_ALONE)
         effect_findings.append(finding)
     findings += ordered(effect_findings, of_any_arm)
     for trial in unknown:
@@ -170,7 +178,7 @@ def assemble(
     told_of = np.where(held_out.seen, 1.0, np.nan)
     outside = outside_range(motion.model, motion.q, qd, motion.present)
     return Diagnosis(
-        verdict=_verdict(findings),
+        verdict=_verdict(findings, any(differences)),
         findings=tuple(findings),
         known=known(validation, held_out, minor, named, expected),
         before=by_joint(names, told_of * held_out.rmse(first)),
@@ -186,8 +194,8 @@ def assemble(
             *(f"{line}: {_EXTRAPOLATED}" for line in outside),
             *(str(effect) for effect in unconfirmed),
             *(
-                f"left out of the extended model: {named[i].hypothesis}: {_CONTRADICTED}"
-                for i in contradictory
+                f"left out of the extended model: {named[i].hypothesis}: {reason}"
+                for i, reason in contradictory.items()
             ),
         ),
         ambiguities=ambiguities(validation, named, pool),
@@ -348,13 +356,13 @@ def _alternatives(
     return tuple(result)
 
 
-def _verdict(findings: Sequence[Finding]) -> Verdict:
+def _verdict(findings: Sequence[Finding], different: bool) -> Verdict:
     if not findings:
         return "nothing_to_explain"
     unknown = [finding.effect == Unknown.NAME for finding in findings]
     if all(unknown):
         return "unexplained"
-    if any(unknown):
+    if any(unknown) or different:
         return "partly_explained"
     if any(finding.alternatives for finding in findings):
         return "ambiguous"

@@ -216,6 +216,14 @@ class FilteredData:
         ]
         return np.concatenate(pieces)
 
+    @cached_property
+    def recording(self) -> NDArray[np.int64]:
+        """(T,) number of the recording that a sample is of."""
+        motion = self.motion
+        clock = motion.clock or (0,) * len(motion.parts)
+        number = np.repeat(clock, [part.stop - part.start for part in motion.parts])
+        return self.reduce_state(number[:, None].astype(float))[:, 0].astype(np.int64)
+
     @property
     def samples_per_independent(self) -> float:
         """Samples that count as one where the residual is white below the band."""

@@ -76,12 +76,14 @@ class Loaded:
         handling: What was done to them.
         floor: (n,) noise of the effort as high frequencies show it, density in N·m/sqrt(Hz);
             NaN where it cannot be told.
+        sources: Of the recordings, by the numbers in the motion's ``clock``.
     """
 
     motion: MeasuredMotion
     warnings: tuple[DataWarning, ...]
     handling: tuple[str, ...]
     floor: Array
+    sources: tuple[str, ...] = ()
 
 
 def load(
@@ -183,7 +185,11 @@ def load(
     warnings += beyond_limits(motion.q, model.arm)
     known = np.ma.masked_invalid(np.square(floors))  # of static poses none is
     floor = np.sqrt(known.mean(axis=0).filled(np.nan))
-    return Loaded(motion, tuple(warnings), tuple(handling), floor)
+    sources = tuple(
+        (recording.head if isinstance(recording, RecordingFile) else recording).source
+        for recording in recordings
+    )
+    return Loaded(motion, tuple(warnings), tuple(handling), floor, sources)
 
 
 def _require_length(recording: Recording, settings: LoadSettings) -> None:

@@ -1,0 +1,100 @@
+"""Causes of which recordings say different things: what all show on average is true of none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import PurePath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.diagnosis.candidate import Candidate, split
+from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.held_out import estimates
+from dvrk_gravity.diagnosis.selection import SelectionSettings
+
+Array = NDArray[np.float64]
+
+REMEDY = "diagnose each recording alone"
+
+
+@dataclass(frozen=True)
+class DifferenceSettings:
+    """When recordings differ about a cause.
+
+    Attributes:
+        alpha: Of the test that they do not: one in a thousand diagnoses of recordings that agree.
+            Chosen.
+    """
+
+    alpha: float = 1e-3
+
+
+def difference(
+    validation: CrossValidation, named: Sequence[Candidate], i: int, sources: Sequence[str]
+) -> str:
+    """Return what each recording says of a cause, ``""`` where they agree about it.
+
+    They differ where one parameter for each explains it significantly otherwise (Wald's test of
+    homogeneity), and a common one misses at some joint over half of the square of the torque that
+    one of them shows, and more than the model is known to miss.
+
+    Args:
+        validation: What compared hypotheses.
+        named: The causes that were found.
+        i: Which of them.
+        sources: Of the recordings, by number.
+    """
+    from scipy.stats import chi2
+
+    cause, data = named[i], validation.data
+    shown = [
+        number
+        for number in range(len(sources))
+        if cause.values[(data.recording == number) & (data.fold >= 0)].any()
+    ]
+    if len(shown) < 2 or cause.hypothesis.transient:
+        return ""
+    divided = _divided(cause, data.recording, shown)
+    candidates = [*named[:i], divided, *named[i + 1 :]]
+    theta, covariance = validation.fit(candidates)
+    first = sum(candidate.size for candidate in named[:i])
+    rows = slice(first, first + divided.size)
+    theta, covariance = theta[rows], covariance[rows, rows]
+    count, size = len(shown), cause.size
+    contrast = np.kron(np.eye(count)[1:] - np.eye(count)[0], np.eye(size))
+    change = contrast @ theta
+    square = change @ np.linalg.pinv(contrast @ covariance @ contrast.T, hermitian=True) @ change
+    if chi2.sf(square, len(change)) > DifferenceSettings().alpha:
+        return ""
+    common = np.tile(split(named, validation.parameters(named))[i][1], count)
+    settings = SelectionSettings()
+    least = settings.least(validation, validation.known_error)
+    of_recording = [np.kron(unit, np.ones(size)) for unit in np.eye(count)]
+    missed, each = (
+        np.stack([validation.size(divided, mine * values) for mine in of_recording])
+        for values in (theta - common, theta)
+    )
+    if not np.any((missed > least) & (missed**2 > settings.alike * each**2)):
+        return ""
+    told = []
+    for number, mine in zip(shown, of_recording, strict=True):
+        own = mine > 0.0
+        values, spread = theta[own], covariance[np.ix_(own, own)]
+        seen = values @ np.linalg.pinv(spread, hermitian=True) @ values
+        nothing = chi2.sf(seen, size) > DifferenceSettings().alpha
+        claim = cause.hypothesis.claim(estimates(cause.hypothesis, values, spread, {}))
+        told.append(f"{PurePath(sources[number]).name}: {'nothing of it' if nothing else claim}")
+    return f"recordings differ about {cause.hypothesis.subject}: {'; '.join(told)}"
+
+
+def _divided(cause: Candidate, recording: NDArray[np.int64], shown: Sequence[int]) -> Candidate:
+    """Return a cause with parameters of its own in each recording."""
+    values = [np.where((recording == n)[:, None, None], cause.values, 0.0) for n in shown]
+    plausible = tuple(cause.hypothesis.plausible_size) * len(shown)
+    return replace(
+        cause,
+        hypothesis=replace(cause.hypothesis, plausible_size=plausible),
+        values=np.concatenate(values, axis=2),
+    )

@@ -1,0 +1,59 @@
+"""Recordings that contradict each other are told so, and what each of them says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.diagnosis import diagnose
+from dvrk_gravity.identification import identify
+from testing.lab_effects import payload
+from testing.lab_motion import draw_calibration, draw_other
+from testing.mujoco_world import MujocoWorld
+
+MASS, CENTRE = 1.2, np.array([0.0, 0.02, 0.08])  # kg, m
+
+
+@pytest.fixture(scope="module")
+def world() -> MujocoWorld:
+    return MujocoWorld.draw("ur5", 5)
+
+
+@pytest.fixture(scope="module")
+def model(world):
+    return identify(world.record(world.truth(draw_calibration(world.arm, 5)), 5), world.arm).model
+
+
+def recorded(world: MujocoWorld, seed: int, mass: float, name: str):
+    truth = world.truth(draw_other(world.arm, seed, draw_calibration(world.arm, 5)))
+    if mass:
+        setting = world.setting(truth, np.ones(world.arm.n))
+        truth = payload(setting, world.arm.n - 1, mass, CENTRE).truth
+    return replace(world.record(truth, seed), source=f"/somewhere/{name}")
+
+
+def test_a_load_in_one_of_two_recordings_is_not_said_to_be_half_of_it_in_both(world, model):
+    recordings = [recorded(world, 7, 0.0, "bare.csv"), recorded(world, 8, MASS, "loaded.csv")]
+
+    diagnosis = diagnose(recordings, model)
+
+    (found,) = [each for each in diagnosis.findings if each.effect == "payload"]
+    assert diagnosis.verdict == "partly_explained"
+    assert "recordings differ about" in found.sentence
+    assert "bare.csv: nothing of it" in found.sentence
+    assert "loaded.csv: wrist_3_joint's link carries 1.195" in found.sentence
+    assert found.remedy == "diagnose each recording alone"
+    assert found.left_out == "the recordings differ about it"
+    assert not any(name.startswith("payload.") for name in diagnosis.model.parameters())
+
+
+def test_a_load_in_both_is_one_load(world, model):
+    recordings = [recorded(world, 7, MASS, "a.csv"), recorded(world, 8, MASS, "b.csv")]
+
+    (found,) = diagnose(recordings, model).findings
+
+    assert found.parameters["mass"].value == pytest.approx(MASS, rel=0.02)
+    assert "differ" not in found.sentence
+    assert found.left_out == ""
