@@ -300,9 +300,8 @@ class Selection:
             p_value = self.validation.p_value(before, after, candidate, inflation, self.count, news)
         seen_before = passes and p_value >= settings.alpha
         other_day = bool(np.any(expected & (size > 0.0))) and not np.any(matters & ~expected)
-        # What a day does to all friction it need not do to all alike.
-        if passes and candidate.hypothesis.composite and not other_day:
-            passes = self._alike(candidate, beside, after, theta, inflation)
+        if passes and candidate.hypothesis.composite:
+            passes = self._alike(candidate, beside, after, theta, inflation, other_day)
         return EffectTrial(
             candidate, gain, passes and not seen_before, after, p_value, most, possible,
             np.where(expected, 0.0, size), float(np.max(inflation[candidate.acts])), other_day,
@@ -311,12 +310,14 @@ class Selection:
 
     def _alike(
         self, candidate: Candidate, beside: Sequence[Candidate], after: Score, theta: Array,
-        inflation: Array,
+        inflation: Array, other_day: bool,
     ) -> bool:  # fmt: skip
         """Tell whether what a candidate takes to be alike at several joints is.
 
         Not where the same in pieces, each with a size of its own, explains clearly more, and it
         reproduces less than half of what these are at some joint, by more than the known error.
+        What a day does to all friction it need not do to all alike: there what is common has to be
+        more, in squares, than what differs.
         """
         validation, freed = self.validation, candidate.hypothesis.freed
         assert freed is not None
@@ -324,11 +325,14 @@ class Selection:
             self._pieces[freed.key] = validation.candidate(freed)
         pieces = self._pieces[freed.key]
         together = [*beside, pieces]
+        each = validation.torque(pieces, split(together, validation.parameters(together))[-1][1])
+        common = validation.torque(candidate, theta)
+        missed = np.mean((each - common) ** 2, axis=0)
+        if other_day:
+            return float(missed.sum()) < float(np.mean(common**2, axis=0).sum())
         more = validation.score(together).likelihood - after.likelihood
         if more <= self.settings.equal_least * float(np.max(inflation[candidate.acts])):
             return True
-        each = validation.torque(pieces, split(together, validation.parameters(together))[-1][1])
-        missed = np.mean((each - validation.torque(candidate, theta)) ** 2, axis=0)
         least = self.settings.least(validation, validation.known_error) ** 2
         return not np.any((missed > least) & (missed > self.settings.alike * np.mean(each**2, 0)))
 
