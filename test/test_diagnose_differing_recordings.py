@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.identification import identify
+from dvrk_gravity.identification import evaluate, identify
 from testing.lab_effects import payload
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
@@ -57,3 +57,17 @@ def test_a_load_in_both_is_one_load(world, model):
     assert found.parameters["mass"].value == pytest.approx(MASS, rel=0.02)
     assert "differ" not in found.sentence
     assert found.left_out == ""
+
+
+def test_a_warning_says_which_of_two_recordings_it_is_about(world, model):
+    whole, worse = recorded(world, 7, 0.0, "good.csv"), recorded(world, 8, 0.0, "bad.csv")
+    effort = worse.effort.copy()
+    effort[len(worse) // 2 :, 2] = effort[len(worse) // 2, 2]  # a drive that reports one value
+    frozen = replace(worse, effort=effort)
+
+    together = diagnose([whole, frozen], model).warnings
+    evaluated = evaluate(model, [whole, frozen]).warnings
+    (alone,) = evaluate(model, [frozen]).warnings
+
+    assert str(alone).startswith("elbow_joint: ")
+    assert str(together[0]) == str(evaluated[0]) == f"bad.csv: {alone}"

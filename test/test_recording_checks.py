@@ -94,6 +94,7 @@ FAULTS = [
         held(CLEAN, [100, 200]),
     ),
     ("read_jitter", None, jittered(CLEAN, 2e-3), {"jitter_s": 2e-3}, jittered(CLEAN, 5e-4)),
+    ("read_jitter", None, with_gap(jittered(CLEAN, 2e-3)), {"jitter_s": 2e-3}, with_gap(CLEAN)),
     (
         "time_jitter",
         None,

@@ -31,6 +31,7 @@ from dvrk_gravity.recording import (
     excerpt,
     prepare,
 )
+from dvrk_gravity.recording.data_warning import about
 from dvrk_gravity.recording.excerpt import held_if_short
 from dvrk_gravity.recording.frozen import FrozenSpan, frozen_efforts
 from dvrk_gravity.recording.grid import quantum
@@ -108,10 +109,7 @@ def load(
     settings = settings or LoadSettings()
     if not recordings:
         raise RecordingError("recordings", "there are none, expected at least one")
-    heads = [
-        recording.head if isinstance(recording, RecordingFile) else recording
-        for recording in recordings
-    ]
+    heads = [_head(recording) for recording in recordings]
     kinds = {head.time is None for head in heads}
     if len(kinds) > 1:
         raise RecordingError(
@@ -133,14 +131,17 @@ def load(
     share = settings.longest / len(recordings)
     for number, recording in enumerate(recordings):
         looked_at = excerpt(recording, share, min(settings.stretch, share))
-        warnings += [w for w in looked_at.warnings or () if w not in warnings]
+        source, of_recording = _head(recording).source, len(pieces)
+        found = about(source, len(recordings), looked_at.warnings or ())
+        warnings += [warning for warning in found if warning not in warnings]
         rate: float | None = None
         for stretch in looked_at.stretches:
             rate = rate or stretch.rate
             if len(recordings) == 1 and looked_at.warnings is None:
                 _require_length(stretch, settings)
             prepared = _prepared(stretch, rate, looked_at.warnings, settings)
-            warnings += [w for w in prepared.warnings if w not in warnings]
+            found = about(source, len(recordings), prepared.warnings)
+            warnings += [warning for warning in found if warning not in warnings]
             handling += [h for h in prepared.handling if h not in handling]
             start = 0.0 if static else (stretch.start_ns - heads[0].start_ns) * 1e-9
             before = len(pieces)
@@ -159,6 +160,9 @@ def load(
                 handling.append(UNREAD)
             pieces[before:] = [_without(piece, unread, stretch, start) for piece in pieces[before:]]
             floors.append(_noise_density(stretch, model.arm, settings))
+        if pieces[of_recording:]:
+            seen = np.vstack([piece.q for piece in pieces[of_recording:]])
+            warnings += about(source, len(recordings), beyond_limits(seen, model.arm))
     if not pieces:
         raise RecordingError(
             heads[0].source, f"has too many gaps: {handling[len(held) + len(left_out)]}"
@@ -182,14 +186,14 @@ def load(
                 f"holds {total:.3g} s of usable motion, a diagnosis needs at least "
                 f"{settings.shortest:g} s",
             )
-    warnings += beyond_limits(motion.q, model.arm)
     known = np.ma.masked_invalid(np.square(floors))  # of static poses none is
     floor = np.sqrt(known.mean(axis=0).filled(np.nan))
-    sources = tuple(
-        (recording.head if isinstance(recording, RecordingFile) else recording).source
-        for recording in recordings
-    )
+    sources = tuple(_head(recording).source for recording in recordings)
     return Loaded(motion, tuple(warnings), tuple(handling), floor, sources)
+
+
+def _head(recording: Recording | RecordingFile) -> Recording:
+    return recording.head if isinstance(recording, RecordingFile) else recording
 
 
 def _require_length(recording: Recording, settings: LoadSettings) -> None:

@@ -37,6 +37,7 @@ from dvrk_gravity.recording import (
     prepare,
 )
 from dvrk_gravity.recording.data import Array, Coordinates, known_coordinates
+from dvrk_gravity.recording.data_warning import about
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 
 
@@ -231,13 +232,13 @@ def _evaluate_static(
     positions: list[Array] = []
     friction_told = np.ones(len(recordings[0].joints), dtype=bool)
     for recording in recordings:
-        warnings += prepare(recording).warnings
+        warnings += about(recording.source, len(recordings), prepare(recording).warnings)
         q, measured = recording.position, recording.effort
         assert measured is not None
         columns = [arm.joint_names.index(joint) for joint in recording.joints]
         full = q if len(columns) == arm.n else completed(q, columns, stood, arm, coordinates)
         joint = arm.joint_position(full) if coordinates == "actuator" else full
-        warnings += beyond_limits(joint, arm)
+        warnings += about(recording.source, len(recordings), beyond_limits(joint, arm))
         positions.append(joint)
         direction = recording.direction
         if direction is not None and len(columns) < arm.n:

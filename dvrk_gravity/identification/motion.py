@@ -28,6 +28,7 @@ from dvrk_gravity.recording import (
 )
 from dvrk_gravity.recording.checks import CheckSettings
 from dvrk_gravity.recording.data import Array, Coordinates
+from dvrk_gravity.recording.data_warning import about
 from dvrk_gravity.recording.pieces import parts_of
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 from dvrk_gravity.recording.read_before import ReadBefore
@@ -179,7 +180,7 @@ def read_motions(
     rates = [stretch.filter.rate for trajectory in trajectories for stretch in trajectory.stretches]
     for source, trajectory in enumerate(trajectories):
         require_all(trajectory, arm, trajectory.still)
-        warnings += trajectory.warnings
+        warnings += about(trajectory.source, len(trajectories), trajectory.warnings)
         for warning in trajectory.warnings:
             if warning.kind == "exchanged_joints":  # a diagnosis can tell which, a fit cannot
                 raise RecordingError(trajectory.source, str(warning))
@@ -192,7 +193,7 @@ def read_motions(
         seen = np.concatenate(
             [part.state.q[:: max(1, len(part) // 1000)] for part in parts if part.source == source]
         )
-        warnings += beyond_limits(seen, arm)
+        warnings += about(trajectory.source, len(trajectories), beyond_limits(seen, arm))
     if max(rates) > same * min(rates):
         handling.append(f"recordings of several rates, brought to {min(rates):.6g} Hz")
     return Motions(tuple(parts), tuple(warnings), tuple(handling))

@@ -16,6 +16,7 @@ from dvrk_gravity.identification.motion import require_all, require_measured
 from dvrk_gravity.identification.static_gravity import gravity_of
 from dvrk_gravity.recording import DataWarning, Recording, prepare
 from dvrk_gravity.recording.data import Array, Coordinates
+from dvrk_gravity.recording.data_warning import about
 
 
 @dataclass(frozen=True)
@@ -125,13 +126,13 @@ def read_poses(
     warnings: list[DataWarning] = []
     for index, recording in enumerate(recordings):
         require_all(recording, arm)
-        warnings += prepare(recording).warnings
+        warnings += about(recording.source, len(recordings), prepare(recording).warnings)
         position, torque = recording.position, recording.effort
         assert torque is not None
         _require_measured(recording)
         if coordinates == "actuator":
             position, torque = arm.joint_position(position), arm.joint_effort(torque)
-        warnings += beyond_limits(position, arm)
+        warnings += about(recording.source, len(recordings), beyond_limits(position, arm))
         q.append(position)
         effort.append(torque)
         given = recording.direction

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import PurePath
 from types import MappingProxyType
 from typing import Literal
 
@@ -48,6 +49,7 @@ class DataWarning:
         numbers: Figures by name; the unit ends the name where there is one.
         text: One line with the figures.
         unusable: Whether nothing should be fitted to such data.
+        source: Which of several recordings it is about; ``""`` of one.
     """
 
     kind: Kind
@@ -55,14 +57,27 @@ class DataWarning:
     numbers: Mapping[str, float]
     text: str
     unusable: bool = False
+    source: str = ""
 
     def __post_init__(self) -> None:
         """Make the figures read-only."""
         object.__setattr__(self, "numbers", MappingProxyType(dict(self.numbers)))
 
     def __str__(self) -> str:
-        """Return ``joint: text``."""
-        return f"{self.joint}: {self.text}" if self.joint else self.text
+        """Return ``file: joint: text``."""
+        named = PurePath(self.source).name
+        return ": ".join(part for part in (named, self.joint, self.text) if part)
+
+
+def about(recording: str, among: int, warnings: Iterable[DataWarning]) -> tuple[DataWarning, ...]:
+    """Return warnings that say which of several recordings they are about.
+
+    Args:
+        recording: Its source.
+        among: How many recordings there are.
+        warnings: What was found in it.
+    """
+    return tuple(replace(each, source=recording) if among > 1 else each for each in warnings)
 
 
 def brief(warnings: Iterable[DataWarning]) -> list[str]:
@@ -70,9 +85,10 @@ def brief(warnings: Iterable[DataWarning]) -> list[str]:
 
     A report lists every one of them.
     """
-    alike: dict[tuple[Kind, str], list[DataWarning]] = {}
+    alike: dict[tuple[Kind, str, str], list[DataWarning]] = {}
     for warning in warnings:
-        alike.setdefault((warning.kind, "" if warning.joint else warning.text), []).append(warning)
+        key = warning.kind, warning.source, "" if warning.joint else warning.text
+        alike.setdefault(key, []).append(warning)
     lines = []
     for first, *others in alike.values():
         joints = ", ".join(dict.fromkeys(other.joint for other in others if other.joint))

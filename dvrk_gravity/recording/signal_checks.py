@@ -73,7 +73,8 @@ def sampling(recording: Recording) -> list[DataWarning]:
                 f"moves, up to {longest} in a row",
             )
         )
-    jitter = read_jitter(recording)
+    # Over a gap nothing is smooth.
+    jitter = read_jitter(max(split_at_gaps(recording), key=len))
     rate = recording.rate
     fresh = max(split_at_gaps(recording.rows(~old)), key=len)
     corrected = rate is not None and retimed(fresh) is not fresh
