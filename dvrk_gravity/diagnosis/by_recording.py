@@ -9,6 +9,7 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.diagnosis.alike import missed_of
 from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import estimates
@@ -69,14 +70,13 @@ def difference(
     if chi2.sf(square, len(change)) > DifferenceSettings().alpha:
         return ""
     common = np.tile(split(named, validation.parameters(named))[i][1], count)
-    settings = SelectionSettings()
-    least = settings.least(validation, validation.known_error)
+    least = SelectionSettings().least(validation, validation.known_error)
     of_recording = [np.kron(unit, np.ones(size)) for unit in np.eye(count)]
     missed, each = (
         np.stack([validation.size(divided, mine * values) for mine in of_recording])
         for values in (theta - common, theta)
     )
-    if not np.any((missed > least) & (missed**2 > settings.alike * each**2)):
+    if not missed_of(each, missed, least).any():
         return ""
     told = []
     for number, mine in zip(shown, of_recording, strict=True):

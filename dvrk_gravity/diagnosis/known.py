@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.candidate import Candidate, split
+from dvrk_gravity.diagnosis.alike import Alike
+from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import ERROR, PARAMETERS, Known
@@ -113,26 +114,14 @@ def _of_size(effect: str, joint: str, rms: float, unit: str, sentence: str) -> K
     return Known(effect, (joint,), {"rms": Estimate(rms, rms, rms, unit)}, sentence)
 
 
-def _unlike(validation: CrossValidation, candidate: Candidate, named: Sequence[Candidate]) -> float:
-    """Return by what part, squared, the causes differ that one stands for at several joints."""
-
-    def fitted(other: Candidate) -> Array:
-        together = [*named, other]
-        return validation.torque(other, split(together, validation.parameters(together))[-1][1])
-
-    freed = candidate.hypothesis.freed
-    assert freed is not None
-    alike, each = fitted(candidate), fitted(validation.candidate(freed))
-    return float(((each - alike) ** 2).sum() / max((alike**2).sum(), 1e-300))
-
-
 def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Candidate]) -> Known:
     candidate, hypothesis = trial.candidate, trial.candidate.hypothesis
     theta, covariance = validation.fit([*named, candidate])
     rows = slice(len(theta) - candidate.size, len(theta))
     theta, covariance = theta[rows], covariance[rows, rows]
     if hypothesis.composite:
-        covariance = covariance + _unlike(validation, candidate, named) * np.diag(theta**2)
+        differ = Alike(validation).differ(candidate, theta, named)
+        covariance = covariance + differ * np.diag(theta**2)
     parameters = estimates(hypothesis, theta, covariance, {})
     claim, no_news = hypothesis.claim(parameters), "and less than the model is known to miss"
     if np.any(trial.size > validation.known_error):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.diagnosis.alike import Alike
 from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
@@ -43,8 +44,6 @@ class SelectionSettings:
             finding is as large as all that the model is known to miss. Chosen.
         share: Part of a joint's torque, RMS, that it must be as well, of a model that was
             identified. Chosen: no torque constant is known as well.
-        alike: Part of the square of causes' torque at a joint that one for all of them may miss.
-            Chosen: half, as of friction that is another day's.
     """
 
     alpha: float = 0.01
@@ -57,7 +56,6 @@ class SelectionSettings:
     equal_least: float = 3.0
     consequence: float = 1.0
     share: float = 0.003
-    alike: float = 0.5
 
     def least(self, validation: CrossValidation, error: Array) -> Array:
         """Return (n,) the least torque, RMS, that is of consequence, N·m.
@@ -156,7 +154,7 @@ class Selection:
         self.pool = list(pool)
         self.count = len(pool)
         self._excluded: set[tuple[object, ...]] = set()
-        self._pieces: dict[tuple[object, ...], Candidate] = {}
+        self._for_all = Alike(validation)
         self.report = report
 
     def exclude(self, hypotheses: Iterable[Hypothesis]) -> None:
@@ -314,27 +312,15 @@ class Selection:
     ) -> bool:  # fmt: skip
         """Tell whether what a candidate takes to be alike at several joints is.
 
-        Not where the same in pieces, each with a size of its own, explains clearly more, and it
-        reproduces less than half of what these are at some joint, by more than the known error.
         What a day does to all friction it need not do to all alike: there what is common has to be
         more, in squares, than what differs.
         """
-        validation, freed = self.validation, candidate.hypothesis.freed
-        assert freed is not None
-        if freed.key not in self._pieces:
-            self._pieces[freed.key] = validation.candidate(freed)
-        pieces = self._pieces[freed.key]
-        together = [*beside, pieces]
-        each = validation.torque(pieces, split(together, validation.parameters(together))[-1][1])
-        common = validation.torque(candidate, theta)
-        missed = np.mean((each - common) ** 2, axis=0)
         if other_day:
-            return float(missed.sum()) < float(np.mean(common**2, axis=0).sum())
-        more = validation.score(together).likelihood - after.likelihood
-        if more <= self.settings.equal_least * float(np.max(inflation[candidate.acts])):
-            return True
-        least = self.settings.least(validation, validation.known_error) ** 2
-        return not np.any((missed > least) & (missed > self.settings.alike * np.mean(each**2, 0)))
+            return self._for_all.differ(candidate, theta, beside) < 1.0
+        settings, validation = self.settings, self.validation
+        clearly = settings.equal_least * float(np.max(inflation[candidate.acts]))
+        least = settings.least(validation, validation.known_error)
+        return self._for_all.hold(candidate, theta, beside, after.likelihood + clearly, least)
 
     def _news(self, candidate: Candidate, beside: Sequence[Candidate]) -> float:
         """Return which part of the evidence of a candidate the calibration did not show."""
