@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from test_arms_dynamics import UR5
 
 from dvrk_gravity import Arm, diagnose, evaluate, identify
 from dvrk_gravity.arms.tree import nominal_inertias
+from dvrk_gravity.effects import base_tilt
 from dvrk_gravity.model import TorqueModel
 from testing.plain_world import PlainWorld
 
@@ -57,3 +59,36 @@ def test_a_large_tilt_is_told_as_exactly(world, model):
         estimate = found.parameters[name]
         assert estimate.value == pytest.approx(angle, abs=0.005)
         assert estimate.low < angle < estimate.high
+
+
+@pytest.mark.usefixtures("four_folds")
+@pytest.mark.parametrize(
+    "tilt",
+    [{"roll": np.pi / 2, "pitch": 0.0}, {"roll": np.pi, "pitch": 0.0}, {"roll": 0.8, "pitch": 0.7}],
+)
+def test_an_arm_that_hangs_from_a_wall_or_a_ceiling_is_told_so(world, model, tilt):
+    diagnosis = diagnose(replace(leaning(world, **tilt).record(2, 15.0), arm=None), model)
+
+    (found,) = diagnosis.findings
+    assert (found.effect, found.in_model) == ("base_tilt", True)
+    for name, angle in tilt.items():
+        estimate = found.parameters[name]
+        assert estimate.value == pytest.approx(angle, abs=0.01)
+        assert estimate.low < angle < estimate.high
+    expected = leaning(world, **tilt).arm.gravity
+    np.testing.assert_allclose(diagnosis.model.gravity, expected, atol=0.1)
+
+
+@pytest.mark.parametrize("before", [(0.0, 0.0, -1.0), (0.3, -0.8, 0.5)])
+def test_roll_and_pitch_take_gravity_from_one_direction_to_another(before):
+    random = np.random.default_rng(0)
+    for _ in range(200):
+        turn = pin.rpy.rpyToMatrix(*random.uniform(-np.pi, np.pi, 2), 0.0)
+        after = turn.T @ np.array(before)
+
+        roll, pitch = base_tilt._angles(np.array(before), after)
+
+        np.testing.assert_allclose(
+            pin.rpy.rpyToMatrix(roll, pitch, 0.0).T @ np.array(before), after, atol=1e-6
+        )
+        assert abs(pitch) <= np.pi

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 _SHAFT = 0.03  # N·m that link 1 may plausibly weigh on its joint in a base that is tilted
 _LEANING = 0.1  # rad: a tilt of which all arms are asked what link 1 plausibly weighs
 _STEP = 1e-4  # rad, for a difference quotient
+_LEANS = 0.6  # rad: a base that leans further was mounted so. Chosen
+_SIZE = 0.1  # of gravity's size, by which that of a base mounted otherwise may seem off. Chosen
 _LEVEL = 12  # entries of beta that an upright base shows
 
 
@@ -33,24 +35,30 @@ class BaseTilt(Effect):
     NAME = "base_tilt"
     REMEDY = "level the base"
     MEANINGS = meanings(
-        roll=Meaning("rad", 0.0, least=-0.6, greatest=0.6),
-        pitch=Meaning("rad", 0.0, least=-0.6, greatest=0.6),
+        roll=Meaning("rad", 0.0, least=-np.pi, greatest=np.pi),
+        pitch=Meaning("rad", 0.0, least=-0.5 * np.pi, greatest=0.5 * np.pi),
     )
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
+        """See :meth:`Effect.hypotheses`: a base that leans, and one that is mounted otherwise."""
         if not motion.present.all() or not any(term.carries_arm for term in motion.model.terms):
             return
         shaft = _unknown_of_shaft(motion)
+        of_shaft = (shaft, shaft) if shaft else ()
         yield TiltHypothesis(
             arm=motion.arm, site=site.THE_BASE, setting={"roll": 0.0, "pitch": 0.0},
-            knows_shaft=not shaft, plausible_size=(np.inf, np.inf, shaft, shaft) if shaft else (),
+            knows_shaft=not shaft, plausible_size=(np.inf, np.inf, *of_shaft) if shaft else (),
+        )  # fmt: skip
+        yield MountingHypothesis(
+            arm=motion.arm, site=site.THE_BASE, form="mounting",
+            gravity=tuple(motion.gravity.tolist()),
+            knows_shaft=not shaft, plausible_size=(*3 * (np.inf,), *of_shaft) if shaft else (),
         )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class TiltHypothesis(Hypothesis):
+class _OfBase(Hypothesis):
     """The base is tilted.
 
     Attributes:
@@ -62,41 +70,17 @@ class TiltHypothesis(Hypothesis):
     CLAIM = "the base is tilted against {model}'s, by {roll} of roll and {pitch} of pitch"
 
     knows_shaft: bool
-    fixed_point: tuple[str, ...] = ("roll", "pitch")
     alignment: bool = True
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`.
-
-        What a turn adds before and after the other one, on average (Shapley's value): so both
-        together are the torque of the tilt, however large it is.
-        """
-        roll, pitch = (
-            angle if abs(angle) > _STEP else _STEP for angle in (setting["roll"], setting["pitch"])
-        )
-        level, rolled, pitched, both = (
-            _tilted_torque(motion, *angles)
-            for angles in ((0.0, 0.0), (roll, 0.0), (0.0, pitch), (roll, pitch))
-        )
-        columns = [
-            (rolled - level + both - pitched) / (2.0 * roll),
-            (pitched - level + both - rolled) / (2.0 * pitch),
-        ]
-        if not self.knows_shaft:
-            shaft = np.zeros((2, *level.shape))
+    def _with_shaft(self, motion: Motion, columns: Sequence[Array]) -> Array:
+        shaft = np.zeros((0 if self.knows_shaft else 2, *columns[0].shape))
+        if len(shaft):
             shaft[:, :, 0] = _shaft_torque(motion.true_q)
-            columns += [*shaft]
-        return np.stack(columns, axis=2)
-
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
-        return {"roll": float(theta[0]), "pitch": float(theta[1])}
+        return np.stack([*columns, *shaft], axis=2)
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """See :meth:`Hypothesis.merge`."""
-        turn = pin.rpy.rpyToMatrix(float(theta[0]), float(theta[1]), 0.0).T
-        vector = turn @ motion.gravity
+        vector = _turned(motion.gravity, **self.describe(theta, self.setting))
         values = {**values, "gravity_vector": tuple(vector.tolist())}
         if self.knows_shaft:
             return values
@@ -109,7 +93,7 @@ class TiltHypothesis(Hypothesis):
             if of_beta
             else rigid_body.weight_regressor(self.arm, q, vector)[:, 0, 1:3]
         )
-        moments = np.linalg.lstsq(per_moment, theta[2:] @ _shaft_torque(q), rcond=None)[0]
+        moments = np.linalg.lstsq(per_moment, theta[-2:] @ _shaft_torque(q), rcond=None)[0]
         if of_beta:
             return with_beta(values, np.pad(moments, (_LEVEL, 0)))
         change = np.zeros((len(self.arm.bodies), rigid_body.OF_WEIGHT))
@@ -120,6 +104,79 @@ class TiltHypothesis(Hypothesis):
     def subject(self) -> str:
         """See :meth:`Hypothesis.subject`."""
         return "a tilt of the base"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TiltHypothesis(_OfBase):
+    """The base leans by no more than an arm is put down wrongly."""
+
+    fixed_point: tuple[str, ...] = ("roll", "pitch")
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`.
+
+        What a turn adds before and after the other one, on average (Shapley's value): so both
+        together are the torque of the tilt, however large it is.
+        """
+        roll, pitch = (
+            angle if abs(angle) > _STEP else _STEP for angle in (setting["roll"], setting["pitch"])
+        )
+        level, rolled, pitched, both = (
+            _weight_torque(motion, _turned(motion.gravity, *angles))
+            for angles in ((0.0, 0.0), (roll, 0.0), (0.0, pitch), (roll, pitch))
+        )
+        columns = [
+            (rolled - level + both - pitched) / (2.0 * roll),
+            (pitched - level + both - rolled) / (2.0 * pitch),
+        ]
+        return self._with_shaft(motion, columns)
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        return {"roll": float(theta[0]), "pitch": float(theta[1])}
+
+    def plausible(self, theta: Array) -> bool:
+        """See :meth:`Hypothesis.plausible`."""
+        return bool(np.abs(theta[:2]).max() <= _LEANS) and super().plausible(theta)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MountingHypothesis(_OfBase):
+    """The base hangs, from a wall or a ceiling, say: the torque is linear in gravity's vector.
+
+    Attributes:
+        gravity: (3,) the model's, in the base's frame, m/s^2.
+    """
+
+    gravity: tuple[float, ...]
+
+    def build(self, motion: Motion, setting: Setting) -> Array:
+        """See :meth:`Hypothesis.build`: per m/s^2 along each axis of the base."""
+        del setting
+        level = _weight_torque(motion, motion.gravity)
+        along = [_weight_torque(motion, motion.gravity + axis) - level for axis in np.eye(3)]
+        return self._with_shaft(motion, along)
+
+    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
+        """See :meth:`Hypothesis.describe`."""
+        del setting
+        roll, pitch = _angles(np.array(self.gravity), np.array(self.gravity) + theta[:3])
+        # Walls and ceilings are away from where the angle jumps by a turn.
+        jumps = -0.75 * np.pi
+        return {"roll": (roll - jumps) % (2.0 * np.pi) + jumps, "pitch": pitch}
+
+    def plausible(self, theta: Array) -> bool:
+        """See :meth:`Hypothesis.plausible`: gravity's size stays, its direction does not."""
+        had = np.array(self.gravity)
+        size = float(np.linalg.norm(had + theta[:3]) / np.linalg.norm(had))
+        angles = self.describe(theta, self.setting).values()
+        return abs(size - 1.0) <= _SIZE and max(map(abs, angles)) > _LEANS
+
+    def remedy(self, carried: bool) -> str:
+        """See :meth:`Hypothesis.remedy`."""
+        mounted = "mount the base as the model has it"
+        return f"{mounted}; or use the extended model, which has it" if carried else mounted
 
 
 def _unknown_of_shaft(motion: Motion) -> float:
@@ -146,12 +203,31 @@ def _shaft_torque(q: Array) -> Array:
     return np.stack([np.cos(q[:, 0]), np.sin(q[:, 0])])
 
 
-def _tilted_torque(motion: Motion, roll: float, pitch: float) -> Array:
-    """Return (N, n) torque of what has weight, its base turned further by roll and pitch, rad."""
-    turn = pin.rpy.rpyToMatrix(roll, pitch, 0.0).T
+def _turned(vector: Array, roll: float, pitch: float) -> Array:
+    """Return (3,) a vector as a base has it that is turned further by roll and pitch, rad."""
+    return np.asarray(pin.rpy.rpyToMatrix(roll, pitch, 0.0).T @ vector)
+
+
+def _angles(before: Array, after: Array) -> tuple[float, float]:
+    """Return roll and the smaller pitch, rad, by which :func:`_turned` goes from one to another.
+
+    Pitch alone sets the x component, roll then the others. Of a turn about the vertical, which
+    gravity does not show, there is none.
+    """
+    x, y, z = before / np.linalg.norm(before)
+    to_x, to_y, to_z = after / np.linalg.norm(after)
+    in_plane = float(np.hypot(x, z))
+    turn = float(np.arccos(np.clip(to_x / max(in_plane, _STEP), -1.0, 1.0)))
+    pitches = [np.pi - abs(np.pi - abs(side * turn - np.arctan2(z, x))) for side in (1.0, -1.0)]
+    side = 1.0 if pitches[0] <= pitches[1] else -1.0
+    pitch = float(np.angle(np.exp(1j * (side * turn - np.arctan2(z, x)))))
+    below = x * np.sin(pitch) + z * np.cos(pitch)
+    return float(np.arctan2(to_y * below - to_z * y, to_y * y + to_z * below)), pitch
+
+
+def _weight_torque(motion: Motion, vector: Array) -> Array:
+    """Return (N, n) torque of the model in a base in which gravity is another one, m/s^2."""
     terms = tuple(
-        term.with_gravity(turn @ term.gravity_vector)
-        for term in motion.model.terms
-        if term.gravity_vector is not None
+        term.with_gravity(vector) for term in motion.model.terms if term.gravity_vector is not None
     )
     return motion.torque_at(motion.q, replace(motion.model, terms=terms))
