@@ -1,4 +1,4 @@
-"""One cause for several joints, or several recordings: whether it is the same at each of them."""
+"""One cause for several joints: whether it is the same at each of them."""
 
 from __future__ import annotations
 
@@ -24,17 +24,6 @@ class AlikeSettings:
     """
 
     missed: float = 0.5
-
-
-def missed_of(each: Array, missed: Array, least: Array) -> NDArray[np.bool_]:
-    """Tell where too much of what causes do is missed by one that stands for all of them.
-
-    Args:
-        each: (…) their torques, RMS.
-        missed: (…) what is missed of these, RMS.
-        least: (…) torque that is of consequence, RMS.
-    """
-    return np.asarray((missed > least) & (missed**2 > AlikeSettings().missed * each**2))
 
 
 class Alike:
@@ -91,5 +80,5 @@ class Alike:
         if self._validation.score([*beside, self._pieces(candidate)]).likelihood <= likelihood:
             return True
         each, common = self._torques(candidate, theta, beside)
-        rms, missed = (np.sqrt(np.mean(torque**2, axis=0)) for torque in (each, each - common))
-        return not missed_of(rms, missed, least).any()
+        square, missed = (np.mean(torque**2, axis=0) for torque in (each, each - common))
+        return not np.any((missed > least**2) & (missed > AlikeSettings().missed * square))

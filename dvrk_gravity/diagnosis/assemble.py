@@ -76,6 +76,7 @@ _CONTRADICTED = (
     "warnings), or a fault of the effect"
 )
 _DIFFERENT = "the recordings differ about it"
+_BESIDE_DIFFERENT = "beside it is what the recordings differ about"
 _EXTRAPOLATED = "what the model says there is extrapolated, and counts as uncertain"
 
 
@@ -103,7 +104,11 @@ def assemble(
         (candidate.hypothesis, theta[rows]) for candidate, rows in zip(named, slices, strict=True)
     ]
     differences = [difference(validation, named, i, loaded.sources) for i in range(len(named))]
-    contradictory = {i: _DIFFERENT for i, text in enumerate(differences) if text}
+    contradictory = {
+        i: _DIFFERENT if text else _BESIDE_DIFFERENT
+        for i, text in enumerate(differences)
+        if any(differences)
+    }
     model, left_out = extended(loaded.motion, found, contradictory)
     contradictory |= {
         i: _CONTRADICTED
@@ -136,8 +141,10 @@ def assemble(
             spread += back.spread
         parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
         finding = _finding(held_out, validation, selected, i, parameters, theta[rows], left_out[i])
-        if differences[i]:
-            sentence = f"{differences[i]}; on average {finding.sentence}"
+        if any(differences):
+            sentence = f"{finding.sentence} (not certain: {_BESIDE_DIFFERENT})"
+            if differences[i]:
+                sentence = f"{differences[i]}; on average {finding.sentence}"
             finding = replace(finding, sentence=sentence, remedy=DIAGNOSE_ALONE)
         effect_findings.append(finding)
     findings += ordered(effect_findings, of_any_arm)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.alike import missed_of
 from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import estimates
 from dvrk_gravity.diagnosis.selection import SelectionSettings
+from dvrk_gravity.recording.data_warning import labels
 
 Array = NDArray[np.float64]
 
@@ -27,9 +26,12 @@ class DifferenceSettings:
     Attributes:
         alpha: Of the test that they do not: one in a thousand diagnoses of recordings that agree.
             Chosen.
+        missed: Part of what one recording shows that the common value may be off by. Chosen: what
+            is asked of a value that is told.
     """
 
     alpha: float = 1e-3
+    missed: float = 0.2
 
 
 def difference(
@@ -38,8 +40,8 @@ def difference(
     """Return what each recording says of a cause, ``""`` where they agree about it.
 
     They differ where one parameter for each explains it significantly otherwise (Wald's test of
-    homogeneity), and a common one misses at some joint over half of the square of the torque that
-    one of them shows, and more than the model is known to miss.
+    homogeneity), and a common one misses at some joint over a fifth of the torque that one of them
+    shows, and more than the model is known to miss.
 
     Args:
         validation: What compared hypotheses.
@@ -55,7 +57,8 @@ def difference(
         for number in range(len(sources))
         if cause.values[(data.recording == number) & (data.fold >= 0)].any()
     ]
-    if len(shown) < 2 or cause.hypothesis.transient:
+    # Of the model itself one recording may tell little; of what comes once, there is one.
+    if len(shown) < 2 or cause.hypothesis.transient or cause.hypothesis.of_model:
         return ""
     divided = _divided(cause, data.recording, shown)
     candidates = [*named[:i], divided, *named[i + 1 :]]
@@ -67,7 +70,8 @@ def difference(
     contrast = np.kron(np.eye(count)[1:] - np.eye(count)[0], np.eye(size))
     change = contrast @ theta
     square = change @ np.linalg.pinv(contrast @ covariance @ contrast.T, hermitian=True) @ change
-    if chi2.sf(square, len(change)) > DifferenceSettings().alpha:
+    settings = DifferenceSettings()
+    if chi2.sf(square, len(change)) > settings.alpha:
         return ""
     common = np.tile(split(named, validation.parameters(named))[i][1], count)
     least = SelectionSettings().least(validation, validation.known_error)
@@ -76,16 +80,16 @@ def difference(
         np.stack([validation.size(divided, mine * values) for mine in of_recording])
         for values in (theta - common, theta)
     )
-    if not missed_of(each, missed, least).any():
+    if not np.any((missed > least) & (missed > settings.missed * each)):
         return ""
     told = []
     for number, mine in zip(shown, of_recording, strict=True):
         own = mine > 0.0
         values, spread = theta[own], covariance[np.ix_(own, own)]
         seen = values @ np.linalg.pinv(spread, hermitian=True) @ values
-        nothing = chi2.sf(seen, size) > DifferenceSettings().alpha
+        nothing = chi2.sf(seen, size) > settings.alpha
         claim = cause.hypothesis.claim(estimates(cause.hypothesis, values, spread, {}))
-        told.append(f"{PurePath(sources[number]).name}: {'nothing of it' if nothing else claim}")
+        told.append(f"{labels(sources)[number]}: {'nothing of it' if nothing else claim}")
     return f"recordings differ about {cause.hypothesis.subject}: {'; '.join(told)}"
 
 

@@ -168,7 +168,10 @@ def updated(
     for term in model.terms:
         change = before.deviations.get(term.NAME)
         if isinstance(term, LinearTerm) and change is not None and _same_length(term.theta, change):
-            term = _clipped(term.with_theta(term.theta + change @ own_parameters), model)
+            clipped = _clipped(term.with_theta(term.theta + change @ own_parameters), model)
+            if clipped is None:
+                continue
+            term = clipped
         if before.gravity.any() and term.gravity_vector is not None:
             term = term.with_gravity(term.gravity_vector + before.gravity @ own_parameters)
         terms.append(term)
@@ -180,8 +183,8 @@ def updated(
     after = coefficients_of(moved.terms)
     error = held_out.rmse(held_out.error(named))
     uncertainty = ModelUncertainty(
-        coefficients={name: after[name] for name in deviations},
-        deviations=deviations,
+        coefficients={name: after[name] for name in deviations if name in after},
+        deviations={name: change for name, change in deviations.items() if name in after},
         offset=before.offset @ spread[: before.size],
         gravity=before.gravity @ spread[: before.size],
         error=np.where(np.isfinite(error) & (error > 0.0), error, before.error),
@@ -257,14 +260,14 @@ def _within(
     return mean
 
 
-def _clipped(term: LinearTerm, model: TorqueModel) -> Term:
-    """Return a term with each parameter in the range that a model file allows it."""
+def _clipped(term: LinearTerm, model: TorqueModel) -> Term | None:
+    """Return a term with its parameters in the range that files allow; ``None``: none is left."""
     declared, values = model_parameters(model.arm), term.parameters()
     for name, value in values.items():
         if isinstance(value, tuple):
             low, high = declared[name].lower, declared[name].upper
             values[name] = tuple(np.clip(value, low, high).tolist())
-    return type(term).from_parameters(model.arm, values) or term
+    return type(term).from_parameters(model.arm, values)
 
 
 def _same_length(theta: Array, change: Array) -> bool:

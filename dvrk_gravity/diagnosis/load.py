@@ -128,11 +128,12 @@ def load(
     )
     warnings, handling = list(repeated), [*held, *left_out]
     floors = []
+    sources = tuple(_head(recording).source for recording in recordings)
     share = settings.longest / len(recordings)
     for number, recording in enumerate(recordings):
         looked_at = excerpt(recording, share, min(settings.stretch, share))
-        source, of_recording = _head(recording).source, len(pieces)
-        found = about(source, len(recordings), looked_at.warnings or ())
+        of_recording = len(pieces)
+        found = about(number, sources, looked_at.warnings or ())
         warnings += [warning for warning in found if warning not in warnings]
         rate: float | None = None
         for stretch in looked_at.stretches:
@@ -140,7 +141,7 @@ def load(
             if len(recordings) == 1 and looked_at.warnings is None:
                 _require_length(stretch, settings)
             prepared = _prepared(stretch, rate, looked_at.warnings, settings)
-            found = about(source, len(recordings), prepared.warnings)
+            found = about(number, sources, prepared.warnings)
             warnings += [warning for warning in found if warning not in warnings]
             handling += [h for h in prepared.handling if h not in handling]
             start = 0.0 if static else (stretch.start_ns - heads[0].start_ns) * 1e-9
@@ -162,7 +163,7 @@ def load(
             floors.append(_noise_density(stretch, model.arm, settings))
         if pieces[of_recording:]:
             seen = np.vstack([piece.q for piece in pieces[of_recording:]])
-            warnings += about(source, len(recordings), beyond_limits(seen, model.arm))
+            warnings += about(number, sources, beyond_limits(seen, model.arm))
     if not pieces:
         raise RecordingError(
             heads[0].source, f"has too many gaps: {handling[len(held) + len(left_out)]}"
@@ -188,7 +189,6 @@ def load(
             )
     known = np.ma.masked_invalid(np.square(floors))  # of static poses none is
     floor = np.sqrt(known.mean(axis=0).filled(np.nan))
-    sources = tuple(_head(recording).source for recording in recordings)
     return Loaded(motion, tuple(warnings), tuple(handling), floor, sources)
 
 

@@ -23,7 +23,7 @@ class OtherDay:
         self._validation = validation
         self._friction = validation.of_choice(validation.data.friction)
         self._seen: tuple[list[Candidate], Array] | None = None  # beside which, how weighed
-        self._last = np.zeros(0), np.zeros(0, dtype=bool)
+        self._last = np.zeros(0), np.zeros(0)
 
     def explains(
         self, candidate: Candidate, theta: Array, beside: Sequence[Candidate]
@@ -45,16 +45,19 @@ class OtherDay:
         """Return (n,) RMS error that is expected beside some candidates, N·m.
 
         Friction that changed did not do so by just what one of them says: where one of them is that
-        change, more than usual is expected.
+        change, it may be off by as much again.
         """
-        data = self._validation.data
+        known_error = self._validation.data.known_error
         if not beside or not self._friction.any():
-            return data.known_error
+            return known_error
         _, changed = self._beside(beside)
-        return np.where(changed, data.expected_on_another_day, data.known_error)
+        return np.asarray(np.hypot(known_error, changed))
 
-    def _beside(self, selected: Sequence[Candidate]) -> tuple[Array, NDArray[np.bool_]]:
-        """Return (n,) by what friction may have changed, and where one selected is its change."""
+    def _beside(self, selected: Sequence[Candidate]) -> tuple[Array, Array]:
+        """Return (n,) by what part friction may have changed, and the torque, RMS, by which it did.
+
+        The latter is that of the selected ones that are its change.
+        """
         validation = self._validation
         if self._seen is None or not _same(self._seen, selected, validation.weight):
             torques = [
@@ -66,10 +69,11 @@ class OtherDay:
                 if not effects.is_friction(candidate.hypothesis.effect):
                     error = error - np.where(like_friction(torque, self._friction), 0.0, torque)
             change = friction_change(self._friction, error)
-            changed = np.zeros(len(change), dtype=bool)
+            changed = np.zeros(error.shape)
             for candidate, torque in torques:
-                changed |= self._explained(candidate, torque, change)
-            self._seen, self._last = (list(selected), validation.weight), (change, changed)
+                changed += np.where(self._explained(candidate, torque, change), torque, 0.0)
+            self._seen = list(selected), validation.weight
+            self._last = change, np.sqrt(np.mean(changed**2, axis=0))
         return self._last
 
     def _explained(self, candidate: Candidate, torque: Array, change: Array) -> NDArray[np.bool_]:

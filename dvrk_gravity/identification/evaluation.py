@@ -231,14 +231,15 @@ def _evaluate_static(
     warnings: list[DataWarning] = []
     positions: list[Array] = []
     friction_told = np.ones(len(recordings[0].joints), dtype=bool)
-    for recording in recordings:
-        warnings += about(recording.source, len(recordings), prepare(recording).warnings)
+    sources = [recording.source for recording in recordings]
+    for number, recording in enumerate(recordings):
+        warnings += about(number, sources, prepare(recording).warnings)
         q, measured = recording.position, recording.effort
         assert measured is not None
         columns = [arm.joint_names.index(joint) for joint in recording.joints]
         full = q if len(columns) == arm.n else completed(q, columns, stood, arm, coordinates)
         joint = arm.joint_position(full) if coordinates == "actuator" else full
-        warnings += about(recording.source, len(recordings), beyond_limits(joint, arm))
+        warnings += about(number, sources, beyond_limits(joint, arm))
         positions.append(joint)
         direction = recording.direction
         if direction is not None and len(columns) < arm.n:

@@ -178,9 +178,10 @@ def read_motions(
     trajectories = [trajectory for trajectory in once if trajectory is not None]
     same = 1.0 + RateSettings().same
     rates = [stretch.filter.rate for trajectory in trajectories for stretch in trajectory.stretches]
+    sources = [trajectory.source for trajectory in trajectories]
     for source, trajectory in enumerate(trajectories):
         require_all(trajectory, arm, trajectory.still)
-        warnings += about(trajectory.source, len(trajectories), trajectory.warnings)
+        warnings += about(source, sources, trajectory.warnings)
         for warning in trajectory.warnings:
             if warning.kind == "exchanged_joints":  # a diagnosis can tell which, a fit cannot
                 raise RecordingError(trajectory.source, str(warning))
@@ -193,7 +194,7 @@ def read_motions(
         seen = np.concatenate(
             [part.state.q[:: max(1, len(part) // 1000)] for part in parts if part.source == source]
         )
-        warnings += about(trajectory.source, len(trajectories), beyond_limits(seen, arm))
+        warnings += about(source, sources, beyond_limits(seen, arm))
     if max(rates) > same * min(rates):
         handling.append(f"recordings of several rates, brought to {min(rates):.6g} Hz")
     return Motions(tuple(parts), tuple(warnings), tuple(handling))

@@ -124,15 +124,16 @@ def read_poses(
     """
     q, effort, direction, part = [], [], [], []
     warnings: list[DataWarning] = []
+    sources = [recording.source for recording in recordings]
     for index, recording in enumerate(recordings):
         require_all(recording, arm)
-        warnings += about(recording.source, len(recordings), prepare(recording).warnings)
+        warnings += about(index, sources, prepare(recording).warnings)
         position, torque = recording.position, recording.effort
         assert torque is not None
         _require_measured(recording)
         if coordinates == "actuator":
             position, torque = arm.joint_position(position), arm.joint_effort(torque)
-        warnings += about(recording.source, len(recordings), beyond_limits(position, arm))
+        warnings += about(index, sources, beyond_limits(position, arm))
         q.append(position)
         effort.append(torque)
         given = recording.direction

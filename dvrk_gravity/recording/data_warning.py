@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from types import MappingProxyType
@@ -49,7 +49,7 @@ class DataWarning:
         numbers: Figures by name; the unit ends the name where there is one.
         text: One line with the figures.
         unusable: Whether nothing should be fitted to such data.
-        source: Which of several recordings it is about; ``""`` of one.
+        recording: Which of several it is about; ``""`` of one.
     """
 
     kind: Kind
@@ -57,7 +57,7 @@ class DataWarning:
     numbers: Mapping[str, float]
     text: str
     unusable: bool = False
-    source: str = ""
+    recording: str = ""
 
     def __post_init__(self) -> None:
         """Make the figures read-only."""
@@ -65,19 +65,28 @@ class DataWarning:
 
     def __str__(self) -> str:
         """Return ``file: joint: text``."""
-        named = PurePath(self.source).name
-        return ": ".join(part for part in (named, self.joint, self.text) if part)
+        return ": ".join(part for part in (self.recording, self.joint, self.text) if part)
 
 
-def about(recording: str, among: int, warnings: Iterable[DataWarning]) -> tuple[DataWarning, ...]:
+def labels(sources: Sequence[str]) -> tuple[str, ...]:
+    """Return what tells recordings apart: the files' names, or else their whole sources."""
+    names = tuple(PurePath(source).name for source in sources)
+    return names if len(set(names)) == len(names) else tuple(sources)
+
+
+def about(
+    number: int, sources: Sequence[str], warnings: Iterable[DataWarning]
+) -> tuple[DataWarning, ...]:
     """Return warnings that say which of several recordings they are about.
 
     Args:
-        recording: Its source.
-        among: How many recordings there are.
+        number: Which of the sources it is.
+        sources: Of all recordings.
         warnings: What was found in it.
     """
-    return tuple(replace(each, source=recording) if among > 1 else each for each in warnings)
+    if len(sources) == 1:
+        return tuple(warnings)
+    return tuple(replace(each, recording=labels(sources)[number]) for each in warnings)
 
 
 def brief(warnings: Iterable[DataWarning]) -> list[str]:
@@ -87,7 +96,7 @@ def brief(warnings: Iterable[DataWarning]) -> list[str]:
     """
     alike: dict[tuple[Kind, str, str], list[DataWarning]] = {}
     for warning in warnings:
-        key = warning.kind, warning.source, "" if warning.joint else warning.text
+        key = warning.kind, warning.recording, "" if warning.joint else warning.text
         alike.setdefault(key, []).append(warning)
     lines = []
     for first, *others in alike.values():
