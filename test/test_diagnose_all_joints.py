@@ -12,6 +12,7 @@ from dvrk_gravity.effects import CoulombFriction, State
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.coulomb_friction import AllFrictionHypothesis
 from dvrk_gravity.identification import identify
+from testing.lab_effects import payload
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
 
@@ -63,6 +64,26 @@ def test_all_friction_that_has_grown_is_known_and_no_scale_of_all_efforts(world,
     assert "friction than in the model" in known.sentence
     for factor in known.parameters.values():
         assert factor.value == pytest.approx(MORE, abs=0.05)
+        assert factor.low < MORE < factor.high
+
+
+def test_a_load_on_a_day_of_more_friction_is_told_as_the_load(world, model):
+    motion = draw_other(world.arm, 7, draw_calibration(world.arm, 5))
+    arm, mass = warmed(world), 0.8
+    truth = arm.truth(motion)
+    centre = np.array([0.02, 0.0, 0.1])
+    loaded = payload(arm.setting(truth, np.ones(world.arm.n)), world.arm.n - 1, mass, centre).truth
+
+    diagnosis = diagnose(arm.record(loaded, 7), model)
+
+    (finding,) = diagnosis.findings
+    found = finding.parameters["mass"]
+    assert (finding.effect, finding.joints) == ("payload", (world.arm.joint_names[-1],))
+    assert found.value == pytest.approx(mass, rel=0.1)
+    assert found.low < mass < found.high
+    known = diagnosis.known[0]
+    assert known.joints == world.arm.joint_names
+    for factor in known.parameters.values():
         assert factor.low < MORE < factor.high
 
 

@@ -214,7 +214,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
         validation, sparse, say, expected=unstated(validation, pool), at_calibration=at_calibration
     )
     say("weighing hypotheses")
-    chosen = selection.run()
+    chosen = _from_friction(validation, selection, selection.run(), say)
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
     # A model that tells how sure it is has been free to move as far as it says, and no further.
     motion = loaded.motion
@@ -238,6 +238,32 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     return Outcome(loaded, read.wrong, validation, tuple(selected), tuple(unknown),
                    tuple(unconfirmed), tuple(minor), tuple(other_day), tuple(pool),
                    at_calibration)  # fmt: skip
+
+
+def _from_friction(
+    validation: CrossValidation,
+    selection: Selection,
+    chosen: list[Candidate],
+    say: Callable[[str], None],
+) -> list[Candidate]:
+    """Return the better of a choice with a cause of all joints, and one that begins with friction.
+
+    What one wrong scale of all efforts explains best alone, friction of all joints and a load may
+    explain better together, and one at a time nothing leads from the one to the others.
+    """
+    composite = [candidate for candidate in chosen if candidate.hypothesis.composite]
+    if not any(not effects.is_friction(each.hypothesis.effect) for each in composite):
+        return chosen
+    best, best_likelihood = chosen, validation.score(chosen).likelihood
+    for start in selection.pool:
+        if start.hypothesis.composite and effects.is_friction(start.hypothesis.effect):
+            say(f"beginning with {start.hypothesis}")
+            other = selection.run([*selection.always, *selection.expected, start])
+            likelihood = validation.score(other).likelihood
+            if likelihood > best_likelihood:
+                best, best_likelihood = other, likelihood
+    validation.weigh(validation.out_of_fold(best))
+    return best
 
 
 def _with_changes_told(
