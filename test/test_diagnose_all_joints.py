@@ -114,7 +114,7 @@ def test_a_joint_that_differs_from_the_others_is_told_beside_them(world, model):
         assert factor.low < 1.3 < factor.high
     name = world.arm.joint_names[other]
     (own,) = [each for each in others if each.joints == (name,) and "rms" not in each.parameters]
-    assert own.sentence.startswith("friction is another one")
+    assert own.sentence.startswith(f"there is less friction at {name}, much as if")
     assert own.parameters["factor"].high < 1.0
 
 

@@ -114,6 +114,17 @@ def _of_size(effect: str, joint: str, rms: float, unit: str, sentence: str) -> K
     return Known(effect, (joint,), {"rms": Estimate(rms, rms, rms, unit)}, sentence)
 
 
+def _friction_of(validation: CrossValidation, candidate: Candidate, theta: Array) -> str:
+    """Return that there is another friction, where a torque looks most like that."""
+    torque = validation.torque(candidate, theta)
+    friction = validation.of_choice(validation.data.friction)
+    square = (friction**2).sum(axis=0)
+    part = (friction * torque).sum(axis=0) / np.where(square > 0.0, square, 1.0)
+    joint = int(np.argmax(np.abs(part)))
+    more = "more" if part[joint] > 0.0 else "less"
+    return f"there is {more} friction at {candidate.hypothesis.arm.joint_names[joint]}"
+
+
 def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Candidate]) -> Known:
     candidate, hypothesis = trial.candidate, trial.candidate.hypothesis
     theta, covariance = validation.fit([*named, candidate])
@@ -133,7 +144,7 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
         if hypothesis.site.kind is not Kind.ARM:
             no_news += ", as other joints' has here"
         if not is_friction(hypothesis.effect):
-            claim = f"friction is another one, much as if {claim}"
+            claim = f"{_friction_of(validation, candidate, theta)}, much as if {claim}"
     return Known(
         hypothesis.effect, hypothesis.names, parameters,
         f"{claim}; that is significant, {no_news}",
