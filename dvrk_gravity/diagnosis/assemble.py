@@ -76,7 +76,7 @@ _CONTRADICTED = (
     "warnings), or a fault of the effect"
 )
 _DIFFERENT = "the recordings differ about it"
-_BESIDE_DIFFERENT = "beside it is what the recordings differ about"
+_BESIDE_DIFFERENT = "found beside the average of what the recordings differ about"
 _EXTRAPOLATED = "what the model says there is extrapolated, and counts as uncertain"
 
 
@@ -141,15 +141,18 @@ def assemble(
             spread += back.spread
         parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
         finding = _finding(held_out, validation, selected, i, parameters, theta[rows], left_out[i])
-        if any(differences):
-            sentence = f"{finding.sentence} (not certain: {_BESIDE_DIFFERENT})"
-            if differences[i]:
-                sentence = f"{differences[i]}; on average {finding.sentence}"
+        if differences[i]:
+            sentence = f"{differences[i]}; on average {finding.sentence}"
             finding = replace(finding, sentence=sentence, remedy=DIAGNOSE_ALONE)
+        elif any(differences):
+            continue
         effect_findings.append(finding)
     findings += ordered(effect_findings, of_any_arm)
-    for trial in unknown:
-        findings.append(unknown_finding(held_out, validation, named, trial))
+    findings += [
+        unknown_finding(held_out, validation, named, trial)
+        for trial in unknown
+        if not any(differences)
+    ]
     after = held_out.rmse(held_out.error(named))
     # Friction of another day is told, if not as a finding: it is no error that nothing explains.
     explained = [*named, *other_day]
@@ -175,6 +178,7 @@ def assemble(
         if min(residual_rmse[joint], seen[joint])
         > (_SHAPELESS.far_above if noise[joint] else _SHAPELESS.above) * likely[joint]
         and names[joint] not in told
+        and not any(differences)
     ]
     findings += [
         shapeless_finding(arm, joint, residual_rmse[joint], floor[joint], expected[joint], source)
@@ -200,6 +204,11 @@ def assemble(
             *notes(loaded, validation, floor),
             *(f"{line}: {_EXTRAPOLATED}" for line in outside),
             *(str(effect) for effect in unconfirmed),
+            *(
+                f"not told: {named[i].hypothesis}: {_BESIDE_DIFFERENT}"
+                for i, text in enumerate(differences)
+                if any(differences) and not text
+            ),
             *(
                 f"left out of the extended model: {named[i].hypothesis}: {reason}"
                 for i, reason in contradictory.items()

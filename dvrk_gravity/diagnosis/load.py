@@ -31,7 +31,7 @@ from dvrk_gravity.recording import (
     excerpt,
     prepare,
 )
-from dvrk_gravity.recording.data_warning import about
+from dvrk_gravity.recording.data_warning import about, labels
 from dvrk_gravity.recording.excerpt import held_if_short
 from dvrk_gravity.recording.frozen import FrozenSpan, frozen_efforts
 from dvrk_gravity.recording.grid import quantum
@@ -39,6 +39,7 @@ from dvrk_gravity.recording.read_before import counted_once
 
 Array = NDArray[np.float64]
 
+_BETWEEN = 1.0  # s, between recordings whose clocks began anew. Chosen: they were apart
 UNREAD = "efforts that are no readings (see the warnings) left out, of their joints alone"
 
 
@@ -164,6 +165,14 @@ def load(
         if pieces[of_recording:]:
             seen = np.vstack([piece.q for piece in pieces[of_recording:]])
             warnings += about(number, sources, beyond_limits(seen, model.arm))
+        if not static and pieces[of_recording:]:
+            later = _after(pieces[:of_recording], pieces[of_recording:])
+            if later > 0.0:
+                # One arm was in one place at a time: a clock began anew.
+                handling.append(f"{labels(sources)[number]}: its times count from {later:.6g} s on")
+                pieces[of_recording:] = [
+                    replace(piece, time=piece.time + later) for piece in pieces[of_recording:]
+                ]
     if not pieces:
         raise RecordingError(
             heads[0].source, f"has too many gaps: {handling[len(held) + len(left_out)]}"
@@ -190,6 +199,14 @@ def load(
     known = np.ma.masked_invalid(np.square(floors))  # of static poses none is
     floor = np.sqrt(known.mean(axis=0).filled(np.nan))
     return Loaded(motion, tuple(warnings), tuple(handling), floor, sources)
+
+
+def _after(before: Sequence[MeasuredMotion], pieces: Sequence[MeasuredMotion]) -> float:
+    """Return by how much later pieces must be not to be at a time of others, s; 0: they are not."""
+    first, last = pieces[0].time[0], pieces[-1].time[-1]
+    if all(last < other.time[0] or first > other.time[-1] for other in before):
+        return 0.0
+    return float(max(other.time[-1] for other in before) - first + _BETWEEN)
 
 
 def _head(recording: Recording | RecordingFile) -> Recording:

@@ -70,7 +70,6 @@ class _OfBase(Hypothesis):
     CLAIM = "the base is tilted against {model}'s, by {roll} of roll and {pitch} of pitch"
 
     knows_shaft: bool
-    alignment: bool = True
 
     def _with_shaft(self, motion: Motion, columns: Sequence[Array]) -> Array:
         shaft = np.zeros((0 if self.knows_shaft else 2, *columns[0].shape))
@@ -111,6 +110,7 @@ class TiltHypothesis(_OfBase):
     """The base leans by no more than an arm is put down wrongly."""
 
     fixed_point: tuple[str, ...] = ("roll", "pitch")
+    alignment: bool = True
 
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`.
