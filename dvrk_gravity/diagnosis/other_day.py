@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.model_error import friction_change, like_changed_friction, like_friction
+from dvrk_gravity.diagnosis.model_error import (
+    FrictionChangeSettings,
+    friction_change,
+    like_changed_friction,
+    like_friction,
+)
 
 Array = NDArray[np.float64]
 
@@ -45,7 +50,8 @@ class OtherDay:
         """Return (n,) RMS error that is expected beside some candidates, N·m.
 
         Friction that changed did not do so by just what one of them says: where one of them is that
-        change, it may be off by as much again.
+        change, it may be off by as large a part as it changed by at any joint, and by no more than
+        it does from one day to another.
         """
         known_error = self._validation.data.known_error
         if not beside or not self._friction.any():
@@ -54,9 +60,9 @@ class OtherDay:
         return np.asarray(np.hypot(known_error, changed))
 
     def _beside(self, selected: Sequence[Candidate]) -> tuple[Array, Array]:
-        """Return (n,) by what part friction may have changed, and the torque, RMS, by which it did.
+        """Return (n,) by what part friction may have changed, and by what RMS torque be off.
 
-        The latter is that of the selected ones that are its change.
+        The latter where one of those selected is its change.
         """
         validation = self._validation
         if self._seen is None or not _same(self._seen, selected, validation.weight):
@@ -73,7 +79,10 @@ class OtherDay:
             for candidate, torque in torques:
                 changed += np.where(self._explained(candidate, torque, change), torque, 0.0)
             self._seen = list(selected), validation.weight
-            self._last = change, np.sqrt(np.mean(changed**2, axis=0))
+            rms, friction = (np.sqrt(np.mean(t**2, axis=0)) for t in (changed, self._friction))
+            part = np.max(rms / np.where(friction > 0.0, friction, np.inf))
+            part = min(part, FrictionChangeSettings().part)
+            self._last = change, np.where(rms > 0.0, part * friction, 0.0)
         return self._last
 
     def _explained(self, candidate: Candidate, torque: Array, change: Array) -> NDArray[np.bool_]:
