@@ -250,9 +250,13 @@ def test_the_same_path_with_pauses_or_at_another_pace_is_refused_with_what_to_do
     assert "\n" not in str(caught.value)
 
 
-def test_a_motion_that_is_the_same_but_for_a_joint_s_place_is_refused_with_that_joint(world, bare):
-    elsewhere = replace(bare, position=bare.position + np.radians([0, 0, 0, 12.0, 0, 0]))
-    with pytest.raises(RecordingError, match=r"it does where wrist_1_joint is 12\.0 deg further$"):
+@pytest.mark.parametrize("further", [12.0, 2.5])
+def test_a_motion_that_is_the_same_but_for_a_joint_s_place_is_refused_with_that_joint(
+    bare, further
+):
+    elsewhere = replace(bare, position=bare.position + np.radians([0, 0, 0, further, 0, 0]))
+    said = rf"it does where wrist_1_joint is {further:g}[.0]* deg further$"
+    with pytest.raises(RecordingError, match=said):
         diagnose(elsewhere, arm=UR5, reference=bare)
 
 

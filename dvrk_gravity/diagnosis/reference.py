@@ -108,11 +108,12 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
     length = sum(piece.stop - piece.start for piece in pieces) / motion.rate
     shortest = LoadSettings().shortest
     if length < shortest:
+        elsewhere = _elsewhere(motion, other)  # at the same times: no matter of pace
         raise RecordingError(
             names[0],
-            _paced(motion, other, names[1])
+            ("" if elsewhere else _paced(motion, other, names[1]))
             or f"shows {length:.3g} s of the motion of {names[1]}: expected the same motion, "
-            f"{shortest:g} s of it at least{_elsewhere(motion, other)}",
+            f"{shortest:g} s of it at least{elsewhere}",
         )
     change = _real(change, motion.effort - then, pieces, motion.rate)
     both = _cut(replace(motion, reference=then + change), pieces)
