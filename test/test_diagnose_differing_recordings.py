@@ -9,6 +9,7 @@ import pytest
 
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification.table import evaluation_text
 from testing.lab_effects import payload
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld
@@ -71,3 +72,17 @@ def test_a_warning_says_which_of_two_recordings_it_is_about(world, model):
 
     assert str(alone).startswith("elbow_joint: ")
     assert str(together[0]) == str(evaluated[0]) == f"bad.csv: {alone}"
+
+
+def test_errors_of_several_recordings_are_told_by_recording_too(world, model):
+    bare, loaded = recorded(world, 7, 0.0, "bare.csv"), recorded(world, 8, MASS, "loaded.csv")
+
+    both = evaluate(model, [bare, loaded])
+
+    assert list(both.recordings) == ["bare.csv", "loaded.csv"]
+    for recording, label in ((bare, "bare.csv"), (loaded, "loaded.csv")):
+        alone = evaluate(model, [recording]).joints
+        for joint, error in both.recordings[label].items():
+            assert error.rmse == pytest.approx(alone[joint].rmse, rel=1e-6)
+    (line,) = [text for text in evaluation_text(both, model) if text.startswith("loaded.csv: ")]
+    assert "shoulder_lift_joint" in line

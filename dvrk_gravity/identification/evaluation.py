@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import compress
 from pathlib import Path
 from typing import Any, get_args
@@ -37,7 +37,7 @@ from dvrk_gravity.recording import (
     prepare,
 )
 from dvrk_gravity.recording.data import Array, Coordinates, known_coordinates
-from dvrk_gravity.recording.data_warning import about
+from dvrk_gravity.recording.data_warning import about, labels
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 
 
@@ -47,6 +47,7 @@ class Evaluation:
 
     Attributes:
         joints: Error by joint (or motor, in actuator coordinates).
+        recordings: The same of each recording, by what tells it from the others.
         samples: Samples compared.
         coordinates: Of the recordings and of the errors.
         detected: Why these coordinates, one sentence; ``""`` if they were given.
@@ -67,6 +68,7 @@ class Evaluation:
     traces: tuple[Trace, ...]
     with_friction: tuple[str, ...] = ()
     outside: tuple[str, ...] = ()
+    recordings: Mapping[str, Mapping[str, JointError]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Give the errors, in short."""
@@ -76,6 +78,10 @@ class Evaluation:
         """Return the content of ``evaluate --json``."""
         return {
             "joints": {name: vars(error) for name, error in self.joints.items()},
+            "recordings": {
+                label: {name: vars(error) for name, error in joints.items()}
+                for label, joints in self.recordings.items()
+            },
             "samples": self.samples,
             "coordinates": self.coordinates,
             "detected": self.detected,
@@ -207,13 +213,15 @@ def _evaluate_dynamic(
                 predicted[core][:, seen],
                 coordinates,
                 False,
+                motion.source,
             )
         )
     if not any(len(trace.measured) for trace in traces):
         raise RecordingError(
             recordings[0].source, "holds no time at which the efforts of all joints are readings"
         )
-    result = _result(traces, coordinates, detected, motions.warnings, motions.handling)
+    sources = [recording.source for recording in recordings]
+    result = _result(traces, sources, coordinates, detected, motions.warnings, motions.handling)
     q, qd = np.concatenate(positions), np.concatenate(velocities)
     return replace(result, outside=outside_range(model, q, qd, recorded))
 
@@ -251,9 +259,10 @@ def _evaluate_static(
         predicted = predicted[:, columns]
         friction_told &= _depends_on_approach(model, joint, direction)[columns]
         traces.append(
-            Trace(recording.joints, None, q, None, measured, predicted, coordinates, False)
+            Trace(recording.joints, None, q, None, measured, predicted, coordinates, False, number)
         )
-    result = _result(traces, coordinates, detected, warnings, ("static poses, used as they are",))
+    as_they_are = ("static poses, used as they are",)
+    result = _result(traces, sources, coordinates, detected, warnings, as_they_are)
     recorded = np.array([name in recordings[0].joints for name in arm.joint_names])
     return replace(
         result,
@@ -291,15 +300,25 @@ def _depends_on_approach(
 
 def _result(
     traces: Sequence[Trace],
+    sources: Sequence[str],
     coordinates: Coordinates,
     detected: str,
     warnings: Sequence[DataWarning],
     handling: Sequence[str],
 ) -> Evaluation:
+    samples = sum(len(trace.measured) for trace in traces)
+    by_recording = {
+        label: _errors([trace for trace in traces if trace.source == number])
+        for number, label in enumerate(labels(sources))
+        if any(trace.source == number and len(trace.measured) for trace in traces)
+    }
+    return Evaluation(
+        _errors(traces), samples, coordinates, detected, tuple(warnings), tuple(handling),
+        tuple(traces), recordings=by_recording,
+    )  # fmt: skip
+
+
+def _errors(traces: Sequence[Trace]) -> Mapping[str, JointError]:
     measured = np.concatenate([trace.measured for trace in traces])
     predicted = np.concatenate([trace.predicted for trace in traces])
-    errors = joint_errors(traces[0].joints, measured, predicted)
-    return Evaluation(
-        errors, len(measured), coordinates, detected, tuple(warnings), tuple(handling),
-        tuple(traces),
-    )  # fmt: skip
+    return joint_errors(traces[0].joints, measured, predicted)

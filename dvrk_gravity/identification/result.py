@@ -127,6 +127,7 @@ class Trace:
         predicted: (N, n) N·m; held-out prediction where ``held_out``.
         coordinates: Of all of them.
         held_out: Each sample was predicted by a fit that had not seen it.
+        source: Number of the recording.
     """
 
     joints: tuple[str, ...]
@@ -137,6 +138,7 @@ class Trace:
     predicted: Array
     coordinates: Coordinates
     held_out: bool
+    source: int = 0
 
     def __repr__(self) -> str:
         """Say what it holds, in short."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.identification.evaluation import Evaluation
-from dvrk_gravity.identification.result import Fit, JointError, Verdict
+from dvrk_gravity.identification.result import Fit, JointError, Verdict, in_short
 from dvrk_gravity.identification.verdict import compared
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import brief
@@ -82,6 +82,10 @@ def evaluation_text(result: Evaluation, model: TorqueModel) -> Iterator[str]:
         yield f"{line}: extrapolated there"
     yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
     yield from error_table(result.joints, model.arm)
+    if len(result.recordings) > 1:
+        yield from (
+            f"{label}: |e|/|tau| {in_short(joints)}" for label, joints in result.recordings.items()
+        )
     yield compared(model, result.joints, result.coordinates, result.with_friction)
     if result.outside:
         yield "outside its range errors say little of a model: identify from recordings there, too"
