@@ -41,7 +41,7 @@ def difference(
 
     They differ where one parameter for each explains it significantly otherwise (Wald's test of
     homogeneity), and a common one misses at some joint over a fifth of the torque that one of them
-    shows, and more than the model is known to miss.
+    shows, more than the model is known to miss, and more than stays unexplained.
 
     Args:
         validation: What compared hypotheses.
@@ -74,10 +74,13 @@ def difference(
     if chi2.sf(square, len(change)) > settings.alpha:
         return ""
     common = np.tile(split(named, validation.parameters(named))[i][1], count)
-    least = SelectionSettings().least(validation, validation.known_error)
+    known_error = SelectionSettings().least(validation, validation.known_error)
+    least = np.maximum(known_error, validation.score(candidates).rms)
     of_recording = [np.kron(unit, np.ones(size)) for unit in np.eye(count)]
+    seen = data.fold >= 0
+    part = np.array([[np.mean(data.recording[seen] == number)] for number in shown])
     missed, each = (
-        np.stack([validation.size(divided, mine * values) for mine in of_recording])
+        np.stack([validation.size(divided, mine * values) for mine in of_recording]) / np.sqrt(part)
         for values in (theta - common, theta)
     )
     if not np.any((missed > least) & (missed > settings.missed * each)):
@@ -86,8 +89,8 @@ def difference(
     for number, mine in zip(shown, of_recording, strict=True):
         own = mine > 0.0
         values, spread = theta[own], covariance[np.ix_(own, own)]
-        seen = values @ np.linalg.pinv(spread, hermitian=True) @ values
-        nothing = chi2.sf(seen, size) > settings.alpha
+        square = values @ np.linalg.pinv(spread, hermitian=True) @ values
+        nothing = chi2.sf(square, size) > settings.alpha
         claim = cause.hypothesis.claim(estimates(cause.hypothesis, values, spread, {}))
         told.append(f"{labels(sources)[number]}: {'nothing of it' if nothing else claim}")
     return f"recordings differ about {cause.hypothesis.subject}: {'; '.join(told)}"
