@@ -28,9 +28,11 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
+from dvrk_gravity.diagnosis.alike import AlikeSettings
 from dvrk_gravity.diagnosis.ambiguity import AmbiguitySettings
 from dvrk_gravity.diagnosis.assemble import ShapelessSettings
 from dvrk_gravity.diagnosis.beyond_range import BeyondSettings
+from dvrk_gravity.diagnosis.by_recording import DifferenceSettings
 from dvrk_gravity.diagnosis.cross_validation import CrossValidationSettings
 from dvrk_gravity.diagnosis.extend import ExtensionSettings
 from dvrk_gravity.diagnosis.filtered_data import FilterSettings
@@ -291,6 +293,8 @@ TRAJECTORY, POSES, CURRENTS = (identified,), (posed,), (in_amperes,)
 READING = (read,)
 CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (SelectionSettings, DIAGNOSIS),
+    (AlikeSettings, DIAGNOSIS),
+    (DifferenceSettings, DIAGNOSIS),
     (PlaceSettings, DIAGNOSIS),
     (JudgementSettings, DIAGNOSIS),
     (CrossValidationSettings, DIAGNOSIS),

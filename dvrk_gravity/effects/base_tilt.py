@@ -21,10 +21,12 @@ from dvrk_gravity.effects.link_weight import with_weight
 
 Array = NDArray[np.float64]
 
+LEANS = 0.6
+"""rad: a base that leans further was mounted so. Chosen."""
+
 _SHAFT = 0.03  # N·m that link 1 may plausibly weigh on its joint in a base that is tilted
 _LEANING = 0.1  # rad: a tilt of which all arms are asked what link 1 plausibly weighs
 _STEP = 1e-4  # rad, for a difference quotient
-_LEANS = 0.6  # rad: a base that leans further was mounted so. Chosen
 _SIZE = 0.1  # of gravity's size, by which that of a base mounted otherwise may seem off. Chosen
 _LEVEL = 12  # entries of beta that an upright base shows
 
@@ -138,7 +140,7 @@ class TiltHypothesis(_OfBase):
 
     def plausible(self, theta: Array) -> bool:
         """See :meth:`Hypothesis.plausible`."""
-        return bool(np.abs(theta[:2]).max() <= _LEANS) and super().plausible(theta)
+        return bool(np.abs(theta[:2]).max() <= LEANS) and super().plausible(theta)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -171,7 +173,7 @@ class MountingHypothesis(_OfBase):
         had = np.array(self.gravity)
         size = float(np.linalg.norm(had + theta[:3]) / np.linalg.norm(had))
         angles = self.describe(theta, self.setting).values()
-        return abs(size - 1.0) <= _SIZE and max(map(abs, angles)) > _LEANS
+        return abs(size - 1.0) <= _SIZE and max(map(abs, angles)) > LEANS
 
     def remedy(self, carried: bool) -> str:
         """See :meth:`Hypothesis.remedy`."""
