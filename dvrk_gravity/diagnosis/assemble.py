@@ -104,10 +104,11 @@ def assemble(
         (candidate.hypothesis, theta[rows]) for candidate, rows in zip(named, slices, strict=True)
     ]
     differences = [difference(validation, named, i, loaded.sources) for i in range(len(named))]
+    different = any(differences)
     contradictory = {
         i: _DIFFERENT if text else _BESIDE_DIFFERENT
         for i, text in enumerate(differences)
-        if any(differences)
+        if different
     }
     model, left_out = extended(loaded.motion, found, contradictory)
     contradictory |= {
@@ -144,15 +145,12 @@ def assemble(
         if differences[i]:
             sentence = f"{differences[i]}; on average {finding.sentence}"
             finding = replace(finding, sentence=sentence, remedy=DIAGNOSE_ALONE)
-        elif any(differences):
+        elif different:
             continue
         effect_findings.append(finding)
     findings += ordered(effect_findings, of_any_arm)
-    findings += [
-        unknown_finding(held_out, validation, named, trial)
-        for trial in unknown
-        if not any(differences)
-    ]
+    if not different:
+        findings += [unknown_finding(held_out, validation, named, trial) for trial in unknown]
     after = held_out.rmse(held_out.error(named))
     # Friction of another day is told, if not as a finding: it is no error that nothing explains.
     explained = [*named, *other_day]
@@ -178,7 +176,7 @@ def assemble(
         if min(residual_rmse[joint], seen[joint])
         > (_SHAPELESS.far_above if noise[joint] else _SHAPELESS.above) * likely[joint]
         and names[joint] not in told
-        and not any(differences)
+        and not different
     ]
     findings += [
         shapeless_finding(arm, joint, residual_rmse[joint], floor[joint], expected[joint], source)
@@ -189,7 +187,7 @@ def assemble(
     told_of = np.where(held_out.seen, 1.0, np.nan)
     outside = outside_range(motion.model, motion.q, qd, motion.present)
     return Diagnosis(
-        verdict=_verdict(findings, any(differences)),
+        verdict=_verdict(findings, different),
         findings=tuple(findings),
         known=known(validation, held_out, minor, named, expected),
         before=by_joint(names, told_of * held_out.rmse(first)),
@@ -207,7 +205,7 @@ def assemble(
             *(
                 f"not told: {named[i].hypothesis}: {_BESIDE_DIFFERENT}"
                 for i, text in enumerate(differences)
-                if any(differences) and not text
+                if different and not text
             ),
             *(
                 f"left out of the extended model: {named[i].hypothesis}: {reason}"

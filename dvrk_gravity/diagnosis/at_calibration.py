@@ -18,6 +18,7 @@ from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData, FilterSettings
 from dvrk_gravity.diagnosis.load import LoadSettings
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.estimation.covariance import squared_distance
 
 Array = NDArray[np.float64]
 
@@ -48,8 +49,10 @@ class Expected:
             theta: (k,) parameters in the recording on trial.
             covariance: (k, k) of them.
         """
-        whole = _distance(theta, covariance)
-        change = min(_distance(theta - part * self.mean, covariance) for part in _PARTS.tolist())
+        whole = squared_distance(theta, covariance)
+        change = min(
+            squared_distance(theta - part * self.mean, covariance) for part in _PARTS.tolist()
+        )
         return change / whole if whole > 0.0 else 1.0
 
     @property
@@ -117,20 +120,8 @@ class AtCalibration:
         if not validation.size(candidate, np.ones(candidate.size)).any():
             return None
         theta, covariance = validation.fit([candidate])
-        more = _distance(theta, covariance) / len(theta)
+        more = squared_distance(theta, covariance) / len(theta)
         if more <= 1.0:
             return None
         part = 1.0 - 1.0 / more
         return Expected(part * theta, part * covariance)
-
-
-def _distance(theta: Array, covariance: Array) -> float:
-    return float(theta @ _inverse(covariance) @ theta)
-
-
-def _inverse(covariance: Array) -> Array:
-    """Return the inverse (k, k), zero of what does not vary; parameters are of many units."""
-    deviation = np.sqrt(np.diag(covariance))
-    per = np.where(deviation > 0.0, 1.0 / np.where(deviation > 0.0, deviation, 1.0), 0.0)
-    scale = np.outer(per, per)
-    return np.asarray(scale * np.linalg.pinv(scale * covariance, hermitian=True))

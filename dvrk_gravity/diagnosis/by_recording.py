@@ -12,6 +12,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import estimates
 from dvrk_gravity.diagnosis.selection import SelectionSettings
+from dvrk_gravity.estimation.covariance import squared_distance
 from dvrk_gravity.recording.data_warning import labels
 
 Array = NDArray[np.float64]
@@ -52,10 +53,11 @@ def difference(
     from scipy.stats import chi2
 
     cause, data = named[i], validation.data
+    seen = data.fold >= 0
     shown = [
         number
         for number in range(len(sources))
-        if cause.values[(data.recording == number) & (data.fold >= 0)].any()
+        if cause.values[(data.recording == number) & seen].any()
     ]
     # Of the model itself one recording may tell little; of what comes once, there is one.
     if len(shown) < 2 or cause.hypothesis.transient or cause.hypothesis.of_model:
@@ -69,15 +71,14 @@ def difference(
     count, size = len(shown), cause.size
     contrast = np.kron(np.eye(count)[1:] - np.eye(count)[0], np.eye(size))
     change = contrast @ theta
-    square = change @ np.linalg.pinv(contrast @ covariance @ contrast.T, hermitian=True) @ change
     settings = DifferenceSettings()
-    if chi2.sf(square, len(change)) > settings.alpha:
+    apart = squared_distance(change, contrast @ covariance @ contrast.T)
+    if chi2.sf(apart, len(change)) > settings.alpha:
         return ""
     common = np.tile(split(named, validation.parameters(named))[i][1], count)
     known_error = SelectionSettings().least(validation, validation.known_error)
     least = np.maximum(known_error, validation.score(candidates).rms)
     of_recording = [np.kron(unit, np.ones(size)) for unit in np.eye(count)]
-    seen = data.fold >= 0
     part = np.array([[np.mean(data.recording[seen] == number)] for number in shown])
     missed, each = (
         np.stack([validation.size(divided, mine * values) for mine in of_recording]) / np.sqrt(part)
@@ -89,8 +90,7 @@ def difference(
     for number, mine in zip(shown, of_recording, strict=True):
         own = mine > 0.0
         values, spread = theta[own], covariance[np.ix_(own, own)]
-        square = values @ np.linalg.pinv(spread, hermitian=True) @ values
-        nothing = chi2.sf(square, size) > settings.alpha
+        nothing = chi2.sf(squared_distance(values, spread), size) > settings.alpha
         claim = cause.hypothesis.claim(estimates(cause.hypothesis, values, spread, {}))
         told.append(f"{labels(sources)[number]}: {'nothing of it' if nothing else claim}")
     return f"recordings differ about {cause.hypothesis.subject}: {'; '.join(told)}"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
 from dvrk_gravity.effects.base import rigid_body, site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, or_extended
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.link_prior import prior_scale
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
@@ -177,8 +177,7 @@ class MountingHypothesis(_OfBase):
 
     def remedy(self, carried: bool) -> str:
         """See :meth:`Hypothesis.remedy`."""
-        mounted = "mount the base as the model has it"
-        return f"{mounted}; or use the extended model, which has it" if carried else mounted
+        return or_extended("mount the base as the model has it", carried)
 
 
 def _unknown_of_shaft(motion: Motion) -> float:
@@ -220,9 +219,8 @@ def _angles(before: Array, after: Array) -> tuple[float, float]:
     to_x, to_y, to_z = after / np.linalg.norm(after)
     in_plane = float(np.hypot(x, z))
     turn = float(np.arccos(np.clip(to_x / max(in_plane, _STEP), -1.0, 1.0)))
-    pitches = [np.pi - abs(np.pi - abs(side * turn - np.arctan2(z, x))) for side in (1.0, -1.0)]
-    side = 1.0 if pitches[0] <= pitches[1] else -1.0
-    pitch = float(np.angle(np.exp(1j * (side * turn - np.arctan2(z, x)))))
+    either = np.array([turn, -turn]) - np.arctan2(z, x)
+    pitch = min(np.angle(np.exp(1j * either)).tolist(), key=abs)
     below = x * np.sin(pitch) + z * np.cos(pitch)
     return float(np.arctan2(to_y * below - to_z * y, to_y * y + to_z * below)), pitch
 

@@ -165,3 +165,16 @@ def block_jackknife(
 def _parzen(longest: int) -> Array:
     u = np.arange(longest + 1) / (longest + 1)
     return np.where(u <= 0.5, 1.0 - 6.0 * u**2 + 6.0 * u**3, 2.0 * (1.0 - u) ** 3)
+
+
+def squared_distance(theta: Array, covariance: Array) -> float:
+    """Return the squared length of parameters in units of their covariance (Mahalanobis 1936).
+
+    Args:
+        theta: (k,) parameters, of whatever units.
+        covariance: (k, k) of them; along what does not vary nothing counts.
+    """
+    deviation = np.sqrt(np.diag(covariance))
+    per = np.where(deviation > 0.0, 1.0 / np.where(deviation > 0.0, deviation, 1.0), 0.0)
+    inverse = np.linalg.pinv(np.outer(per, per) * covariance, hermitian=True)
+    return float((per * theta) @ inverse @ (per * theta))

@@ -14,7 +14,7 @@ import numpy as np
 
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.arrays import Array
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values
+from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, or_extended
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.base.state import State
@@ -103,8 +103,9 @@ class AllFriction(Hypothesis):
 
     def remedy(self, carried: bool) -> str:
         """See :meth:`Hypothesis.remedy`: no joint's own."""
-        look = "if the arm is as warm as it was, look at what all joints share"
-        return f"{look}; or use the extended model, which has it" if carried else look
+        return or_extended(
+            "if the arm is as warm as it was, look at what all joints share", carried
+        )
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         """See :meth:`Hypothesis.merge`; of what is linear in its parameters, none below none."""

@@ -285,9 +285,7 @@ class Hypothesis(ABC):
             carried: Whether the extended model carries it.
         """
         joint = self.names[0] if self.names else self.site.words(self.arm)
-        what = self.EFFECT.REMEDY.format(joint=joint)
-        model = "use the extended model, which has it" if carried else ""
-        return "; or ".join(part for part in (what, model) if part)
+        return or_extended(self.EFFECT.REMEDY.format(joint=joint), carried)
 
     def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
         """Return what claims call site, joint and model."""
@@ -309,6 +307,12 @@ class Hypothesis(ABC):
         where = " and ".join(self.names) or "the arm"
         detail = "" if self.place in ("joint", "") else f" ({self.place})"
         return f"{self.effect} at {where}{detail}"
+
+
+def or_extended(what: str, carried: bool) -> str:
+    """Return what to do about a finding, or that the extended model has it, where that does."""
+    model = "use the extended model, which has it" if carried else ""
+    return "; or ".join(part for part in (what, model) if part)
 
 
 def compared_with(reference: bool) -> str:
