@@ -13,6 +13,7 @@ from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import ERROR, PARAMETERS, Known
 from dvrk_gravity.diagnosis.held_out import HeldOut, estimates
+from dvrk_gravity.diagnosis.model_error import part_of_friction
 from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.effects import is_friction
 from dvrk_gravity.effects.base.meaning import Estimate
@@ -118,8 +119,7 @@ def _friction_of(validation: CrossValidation, candidate: Candidate, theta: Array
     """Return that there is another friction, where a torque looks most like that."""
     torque = validation.torque(candidate, theta)
     friction = validation.of_choice(validation.data.friction)
-    square = (friction**2).sum(axis=0)
-    part = (friction * torque).sum(axis=0) / np.where(square > 0.0, square, 1.0)
+    part = part_of_friction(torque, friction)
     joint = int(np.argmax(np.abs(part)))
     more = "more" if part[joint] > 0.0 else "less"
     return f"there is {more} friction at {candidate.hypothesis.arm.joint_names[joint]}"

@@ -162,17 +162,15 @@ def load(
                 handling.append(UNREAD)
             pieces[before:] = [_without(piece, unread, stretch, start) for piece in pieces[before:]]
             floors.append(_noise_density(stretch, model.arm, settings))
-        if pieces[of_recording:]:
-            seen = np.vstack([piece.q for piece in pieces[of_recording:]])
+        own = pieces[of_recording:]
+        if own:
+            seen = np.vstack([piece.q for piece in own])
             warnings += about(number, sources, beyond_limits(seen, model.arm))
-        if not static and pieces[of_recording:]:
-            later = _after(pieces[:of_recording], pieces[of_recording:])
-            if later > 0.0:
-                # One arm was in one place at a time: a clock began anew.
-                handling.append(f"{labels(sources)[number]}: its times count from {later:.6g} s on")
-                pieces[of_recording:] = [
-                    replace(piece, time=piece.time + later) for piece in pieces[of_recording:]
-                ]
+        later = _after(pieces[:of_recording], own) if own and not static else 0.0
+        if later > 0.0:
+            # One arm was in one place at a time: a clock began anew.
+            handling.append(f"{labels(sources)[number]}: its times count from {later:.6g} s on")
+            pieces[of_recording:] = [replace(piece, time=piece.time + later) for piece in own]
     if not pieces:
         raise RecordingError(
             heads[0].source, f"has too many gaps: {handling[len(held) + len(left_out)]}"

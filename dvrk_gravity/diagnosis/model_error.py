@@ -96,13 +96,18 @@ def friction_change(
         settings: How friction changes.
     """
     settings = settings or FrictionChangeSettings()
-    square = (friction**2).sum(axis=0)
-    rubbing = square > 0.0
-    change = (friction * error).sum(axis=0) / np.where(rubbing, square, 1.0)
+    rubbing = friction.any(axis=0)
+    change = part_of_friction(error, friction)
     other_joints = max(int(rubbing.sum()) - 1, 1)
     elsewhere = np.sqrt(np.maximum((change**2).sum() - change**2, 0.0) / other_joints)
     likely = np.minimum(settings.part, elsewhere)
     return np.where(rubbing, settings.deviations * likely, 0.0)
+
+
+def part_of_friction(torque: Array, friction: Array) -> Array:
+    """Return (n,) the part of (R, n) friction that a torque is most like, by least squares."""
+    square = (friction**2).sum(axis=0)
+    return np.asarray((friction * torque).sum(axis=0) / np.where(square > 0.0, square, 1.0))
 
 
 def like_friction(
@@ -133,12 +138,11 @@ def like_changed_friction(
     """
     square, friction_square = (torque**2).sum(axis=0), (friction**2).sum(axis=0)
     acts = (square > 0.0) & (friction_square > 0.0)
-    friction_square = np.where(friction_square > 0.0, friction_square, 1.0)
     if of_friction:
         # In units of the joints' friction, for joints differ; each counts as far as it is rubbed.
-        part = np.where(acts, square / friction_square, 0.0)
+        part = np.where(acts, square / np.where(acts, friction_square, 1.0), 0.0)
         return np.asarray(acts & bool((part * part).sum() <= (part * most**2).sum()))
-    factor = (friction * torque).sum(axis=0) / friction_square
+    factor = part_of_friction(torque, friction)
     return np.asarray(acts & like_friction(torque, friction, settings) & (np.abs(factor) <= most))
 
 

@@ -251,8 +251,8 @@ def _from_friction(
     What one wrong scale of all efforts explains best alone, friction of all joints and a load may
     explain better together, and one at a time nothing leads from the one to the others.
     """
-    composite = [candidate for candidate in chosen if candidate.hypothesis.composite]
-    if not any(not effects.is_friction(each.hypothesis.effect) for each in composite):
+    hypotheses = [candidate.hypothesis for candidate in chosen]
+    if not any(each.composite and not effects.is_friction(each.effect) for each in hypotheses):
         return chosen
     best, best_likelihood = chosen, validation.score(chosen).likelihood
     for start in selection.pool:
