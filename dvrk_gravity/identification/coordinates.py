@@ -88,25 +88,33 @@ def doubt(recording: Source, arm: Arm, given: Coordinates) -> tuple[DataWarning,
 
 
 def _error(recording: Source, arm: Arm, coordinates: Coordinates) -> float:
-    """Return the geometric mean over motors of the held-out |e|/|tau| of a plain model."""
+    """Return the geometric mean over the columns of the held-out |e|/|tau| of a plain model.
+
+    Of the efforts as they were recorded: those of the motors are others in either reading, and a
+    greater torque makes the same error a smaller part of it.
+    """
     motions = [_head(motion) for motion in read_motions([recording], arm, coordinates).parts[:1]]
     q = motions[0].state.q
     columns = Columns(arm, q.min(axis=0), q.max(axis=0))
     design, chosen = build_design(columns, motions), start_columns(columns)
     folds = make_folds(design.time, design.part, design.state.q, design.rate)
     plain = replace(design, x=design.x[:, :, chosen])
-    _, train, test = split_equations(plain, folds, np.ones_like(design.y))
+    _, train, _ = split_equations(plain, folds, np.ones_like(design.y))
     # A tenth of the torque is what such a model leaves; half a second is how long it stays.
     weight = 1.0 / (np.maximum(0.1 * design.y.std(axis=0), 1e-6) ** 2 * 0.5 * design.rate)
     scale, positive = columns.scale[chosen], columns.positive[chosen]
-    held_out = np.sum(
-        [
-            unseen.error(fit(seen, weight, scale, positive).theta)
-            for seen, unseen in zip(train, test, strict=True)
-        ],
-        axis=0,
+    error = np.zeros_like(design.y)
+    for seen, tested in zip(train, folds.tested, strict=True):
+        theta = fit(seen, weight, scale, positive).theta
+        error[tested] = design.y[tested] - plain.x[tested] @ theta
+    effort, counted = design.y, design.told
+    if coordinates == "joint":
+        error, effort = arm.joint_effort(error), arm.joint_effort(effort)
+        mixed = arm.joint_effort(np.eye(arm.n)) != 0.0
+        counted = (~counted).astype(float) @ mixed == 0.0
+    held_out, power = (
+        np.sum(np.where(counted, values**2, 0.0), axis=0) for values in (error, effort)
     )
-    power = np.sum([unseen.power for unseen in test], axis=0)
     return float(np.exp(0.5 * np.mean(np.log(held_out / np.maximum(power, 1e-12) + 1e-12))))
 
 
