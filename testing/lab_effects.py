@@ -54,6 +54,7 @@ class Setting:
         payload: Least and greatest mass that somebody would fasten to the arm, kg.
         reach: How far from a link's centre it may be along each axis, m.
         centres: (n, 3) about where in its own frame each joint's link is, m.
+        delay: How much older than positions the sensors' efforts are without it, s.
     """
 
     truth: Truth
@@ -62,6 +63,7 @@ class Setting:
     payload: tuple[float, float]
     reach: float
     centres: Array
+    delay: float = 0.0
 
     @property
     def n(self) -> int:
@@ -254,8 +256,9 @@ def _link_com(setting: Setting, random: Random, joint: int, target: float) -> Hi
         setting.bodies.added(setting.truth.motion, joint, 0.5, side * axis) for side in (1.0, -1.0)
     )
     moment = G * setting.payload[1] * setting.reach * 4.0  # N·m, of what is plausible
-    unit = (plus - minus) / G * _sign(random)
+    unit = (plus - minus) / G
     factor, ratio = _scaled(setting, unit, 0.02 * moment, moment, target)
+    factor *= _sign(random)
     return _with(setting, factor * unit, ratio,
                  _found(setting, "link_com", joint, delta_beta=factor))  # fmt: skip
 
@@ -385,7 +388,9 @@ def _delay(setting: Setting, random: Random, joint: int, target: float) -> Hidin
         return np.stack(columns, axis=1) - effort
 
     delay, ratio = _searched(setting, late, 0.003, 0.05, target)
-    return _with(setting, late(delay), ratio, _found(setting, "time_delay", None, delay=delay))
+    # Of efforts and positions, as a recording shows it: the model knows of no other one either.
+    told = _found(setting, "time_delay", None, delay=delay + setting.delay)
+    return _with(setting, late(delay), ratio, told)
 
 
 def _drift(setting: Setting, random: Random, joint: int, target: float) -> Hiding:

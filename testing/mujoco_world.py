@@ -199,7 +199,9 @@ class MujocoWorld:
             residual: (n,) what the identified model leaves, RMS, N·m or N.
         """
         sizes, engine = self.sizes, self.engine
-        return Setting(truth, engine, residual, sizes.payload, sizes.reach, engine.centres)
+        return Setting(
+            truth, engine, residual, sizes.payload, sizes.reach, engine.centres, self.sensors.delay
+        )
 
     def record(self, truth: Truth, noise: int) -> Recording:
         """Return what the sensors say of it; the seed is the noise's."""
