@@ -210,6 +210,7 @@ def assemble(
             *(
                 f"left out of the extended model: {named[i].hypothesis}: {reason}"
                 for i, reason in contradictory.items()
+                if reason != _BESIDE_DIFFERENT  # that is not told at all
             ),
         ),
         ambiguities=ambiguities(validation, named, pool),
