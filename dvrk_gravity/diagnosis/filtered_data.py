@@ -102,8 +102,7 @@ class FilteredData:
             blocks = make_blocks(CommonTime.single_clock(data.time), None, settings.blocks)
             return replace(data, residual=residual, blocks=blocks, common_time=data.time)
         part = np.repeat(np.arange(len(motion.parts)), [p.stop - p.start for p in motion.parts])
-        clock = motion.clock or (0,) * len(motion.parts)
-        seen = find_common_time(motion.time, part, motion.q, rate, clock)
+        seen = find_common_time(motion.time, part, motion.q, rate, motion.clocks)
         again = find_repetition(seen, part, motion.q, rate)
         repetition, common = again or (None, motion.time)
         columns = np.column_stack([common if again else seen.time, seen.group])
@@ -220,8 +219,7 @@ class FilteredData:
     def recording(self) -> NDArray[np.int64]:
         """(T,) number of the recording that a sample is of."""
         motion = self.motion
-        clock = motion.clock or (0,) * len(motion.parts)
-        number = np.repeat(clock, [part.stop - part.start for part in motion.parts])
+        number = np.repeat(motion.clocks, [part.stop - part.start for part in motion.parts])
         return self.reduce_state(number[:, None].astype(float))[:, 0].astype(np.int64)
 
     @property

@@ -9,13 +9,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.filtered_data import BAND
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.stretch import motions, noise_density
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.identification.motion import (
-    completed,
     held_beyond,
     require_all,
     require_measured,
@@ -23,18 +22,14 @@ from dvrk_gravity.identification.motion import (
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     DataWarning,
-    LowPass,
     Prepared,
     Recording,
     RecordingFile,
-    Segment,
     excerpt,
     prepare,
 )
 from dvrk_gravity.recording.data_warning import about, labels
-from dvrk_gravity.recording.excerpt import held_if_short
-from dvrk_gravity.recording.frozen import FrozenSpan, frozen_efforts
-from dvrk_gravity.recording.grid import quantum
+from dvrk_gravity.recording.excerpt import Excerpt, held_if_short
 from dvrk_gravity.recording.read_before import counted_once
 
 Array = NDArray[np.float64]
@@ -122,55 +117,27 @@ def load(
         require_all(head, model.arm, still)
     if {head.joints for head in heads} != {heads[0].joints}:
         raise RecordingError(heads[0].source, "the recordings hold different joints")
-    pieces: list[MeasuredMotion] = []
     share = settings.longest / len(recordings)
     recordings, left_out, repeated = counted_once(
         [held_if_short(recording, share) for recording in recordings]
     )
-    warnings, handling = list(repeated), [*held, *left_out]
-    floors = []
     sources = tuple(_head(recording).source for recording in recordings)
     share = settings.longest / len(recordings)
+    pieces: list[MeasuredMotion] = []
+    warnings, handling, floors = list(repeated), [*held, *left_out], list[Array]()
     for number, recording in enumerate(recordings):
         looked_at = excerpt(recording, share, min(settings.stretch, share))
-        of_recording = len(pieces)
-        found = about(number, sources, looked_at.warnings or ())
-        warnings += [warning for warning in found if warning not in warnings]
-        rate: float | None = None
-        for stretch in looked_at.stretches:
-            rate = rate or stretch.rate
-            if len(recordings) == 1 and looked_at.warnings is None:
-                _require_length(stretch, settings)
-            prepared = _prepared(stretch, rate, looked_at.warnings, settings)
-            found = about(number, sources, prepared.warnings)
-            warnings += [warning for warning in found if warning not in warnings]
-            handling += [h for h in prepared.handling if h not in handling]
-            start = 0.0 if static else (stretch.start_ns - heads[0].start_ns) * 1e-9
-            before = len(pieces)
-            step, rounding = _step(stretch, model.arm), _rounding(stretch, model.arm)
-            thin = 1 if rate is None else max(1, round(rate / settings.rate))
-            pieces += [
-                replace(
-                    _piece(segment, thin, model, start, still, step),
-                    clock=(number,),
-                    rounding=rounding,
-                )
-                for segment in prepared.segments
-            ]
-            unread = frozen_efforts(stretch)
-            if unread and UNREAD not in handling:
-                handling.append(UNREAD)
-            pieces[before:] = [_without(piece, unread, stretch, start) for piece in pieces[before:]]
-            floors.append(_noise_density(stretch, model.arm, settings))
-        own = pieces[of_recording:]
-        if own:
-            seen = np.vstack([piece.q for piece in own])
-            warnings += about(number, sources, beyond_limits(seen, model.arm))
-        later = _after(pieces[:of_recording], own) if own and not static else 0.0
+        alone = len(recordings) == 1
+        own = _of_recording(looked_at, model, still, heads[0].start_ns, alone, settings)
+        named = about(number, sources, own.warnings)
+        warnings += [warning for warning in named if warning not in warnings]
+        handling += [line for line in own.handling if line not in handling]
+        floors += own.floors
+        later = _after(pieces, own.pieces) if own.pieces and not static else 0.0
         if later > 0.0:
             # One arm was in one place at a time: a clock began anew.
             handling.append(f"{labels(sources)[number]}: its times count from {later:.6g} s on")
-            pieces[of_recording:] = [replace(piece, time=piece.time + later) for piece in own]
+        pieces += [replace(piece, clock=(number,), time=piece.time + later) for piece in own.pieces]
     if not pieces:
         raise RecordingError(
             heads[0].source, f"has too many gaps: {handling[len(held) + len(left_out)]}"
@@ -197,6 +164,56 @@ def load(
     known = np.ma.masked_invalid(np.square(floors))  # of static poses none is
     floor = np.sqrt(known.mean(axis=0).filled(np.nan))
     return Loaded(motion, tuple(warnings), tuple(handling), floor, sources)
+
+
+@dataclass(frozen=True, eq=False)
+class _OfRecording:
+    """What one of the recordings comes to, see :class:`Loaded`."""
+
+    pieces: Sequence[MeasuredMotion]
+    warnings: Sequence[DataWarning]
+    handling: Sequence[str]
+    floors: Sequence[Array]
+
+
+def _of_recording(
+    looked_at: Excerpt,
+    model: TorqueModel,
+    still: Mapping[str, float],
+    start_ns: int,
+    alone: bool,
+    settings: LoadSettings,
+) -> _OfRecording:
+    """Prepare a recording.
+
+    Args:
+        looked_at: The recording, or stretches of it.
+        model: The model on trial.
+        still: Where joints stood that it does not hold.
+        start_ns: When the first recording began.
+        alone: There is no other one: it has to be long enough by itself.
+        settings: What is looked at.
+    """
+    pieces, floors = list[MeasuredMotion](), list[Array]()
+    warnings, handling = list(looked_at.warnings or ()), list[str]()
+    rate: float | None = None
+    for stretch in looked_at.stretches:
+        rate = rate or stretch.rate
+        if alone and looked_at.warnings is None:
+            _require_length(stretch, settings)
+        prepared = _prepared(stretch, rate, looked_at.warnings, settings)
+        warnings += [warning for warning in prepared.warnings if warning not in warnings]
+        handling += [line for line in prepared.handling if line not in handling]
+        start = 0.0 if stretch.time is None else (stretch.start_ns - start_ns) * 1e-9
+        thin = 1 if rate is None else max(1, round(rate / settings.rate))
+        found = motions(stretch, prepared.segments, model, start, still, thin)
+        if any(piece.unread.any() for piece in found) and UNREAD not in handling:
+            handling.append(UNREAD)
+        pieces += found
+        floors.append(noise_density(stretch, model.arm, settings.band))
+    if pieces:
+        warnings += beyond_limits(np.vstack([piece.q for piece in pieces]), model.arm)
+    return _OfRecording(pieces, warnings, handling, floors)
 
 
 def _after(before: Sequence[MeasuredMotion], pieces: Sequence[MeasuredMotion]) -> float:
@@ -241,105 +258,6 @@ def _prepared(
         return Prepared((), (), (left_out,), None)
 
 
-def _piece(
-    segment: Segment,
-    thin: int,
-    model: TorqueModel,
-    start: float,
-    still: Mapping[str, float],
-    step: Array,
-) -> MeasuredMotion:
-    recording, rows = segment.recording, segment.core
-    names = model.arm.joint_names
-
-    def full(values: Array | None, fill: float = 0.0) -> Array:
-        result = np.full((len(recording), len(names)), fill)
-        if values is not None:
-            result[:, columns] = values
-        return result[rows][::thin]
-
-    columns = [names.index(joint) for joint in recording.joints]
-    present = np.isin(np.arange(len(names)), columns)
-    q, qd, qdd = full(recording.position), full(recording.velocity), full(segment.acceleration)
-    if not present.all():
-        there = np.array([still.get(joint, 0.0) for joint in names])
-        arm, which = model.arm, recording.coordinates
-        q = completed(q[:, columns], columns, there, arm, which)
-        there = np.zeros(len(names))
-        qd, qdd = (
-            completed(values[:, columns], columns, there, arm, which) for values in (qd, qdd)
-        )
-    effort = full(recording.effort)
-    direction = None if recording.direction is None else full(recording.direction, 1.0)
-    if recording.coordinates == "actuator":
-        arm = model.arm
-        q, qd, qdd = (arm.joint_position(array) for array in (q, qd, qdd))
-        effort = arm.joint_effort(effort)
-        if direction is not None:
-            direction = np.sign(arm.joint_position(direction))
-    if recording.time is None:
-        qd, qdd = np.zeros_like(q), np.zeros_like(q)
-        time, rate = np.arange(len(q), dtype=float), None
-    else:
-        time = recording.time[rows][::thin] + start
-        rate = (recording.rate or 1.0) / thin
-    parts = (slice(0, len(q)),)
-    return MeasuredMotion(model, q, qd, qdd, effort, direction, time, parts, rate, present, step)
-
-
-def _without(
-    piece: MeasuredMotion, spans: Sequence[FrozenSpan], recording: Recording, start: float
-) -> MeasuredMotion:
-    """Return a piece that knows which of its efforts are no readings.
-
-    Args:
-        piece: Of the recording.
-        spans: Of the recording's efforts.
-        recording: Whose joints, or motors, they are of.
-        start: Of the recording, s, in the piece's time.
-    """
-    if not spans:
-        return piece
-    arm, wide = piece.arm, piece.settings.smeared
-    unread = np.zeros(piece.q.shape, dtype=bool)
-    for span in spans:
-        column = arm.joint_names.index(recording.joints[span.joint])
-        first, last = span.span
-        unread[:, column] |= (piece.time >= start + first - wide) & (
-            piece.time <= start + last + wide
-        )
-    if recording.coordinates == "actuator":
-        unread = unread @ (arm.joint_effort(np.eye(arm.n)) != 0.0)
-    return replace(piece, unread=unread)
-
-
-def _step(recording: Recording, arm: Arm) -> Array:
-    """Return (n,) steps in which the joints' positions are read, rad; 0 of those that are not."""
-    steps = np.zeros(arm.n)
-    for joint, column in zip(recording.joints, recording.position.T, strict=True):
-        steps[arm.joint_names.index(joint)] = quantum(column)
-    if recording.coordinates == "actuator":
-        steps = np.abs(arm.actuator_to_joint) @ steps
-    return steps
-
-
-def _rounding(recording: Recording, arm: Arm) -> Array:
-    """Return (n,) density of the noise that the steps of the efforts leave, N·m/sqrt(Hz).
-
-    An effort that goes over many steps is rounded by step / sqrt(12), evenly over all frequencies
-    up to half the rate (Bennett 1948); one that goes slowly, by as much at lower ones.
-    """
-    density = np.zeros(arm.n)
-    if recording.rate is None or recording.effort is None:
-        return density
-    for joint, column in zip(recording.joints, recording.effort.T, strict=True):
-        density[arm.joint_names.index(joint)] = quantum(column)
-    density /= np.sqrt(12.0 * recording.rate / 2.0)
-    if recording.coordinates == "actuator":
-        density = np.sqrt(density**2 @ arm.joint_effort(np.eye(arm.n)) ** 2)
-    return density
-
-
 def _join(pieces: Sequence[MeasuredMotion]) -> MeasuredMotion:
     edges = np.concatenate([[0], np.cumsum([len(piece.q) for piece in pieces])]).tolist()
     first = pieces[0]
@@ -358,35 +276,3 @@ def _join(pieces: Sequence[MeasuredMotion]) -> MeasuredMotion:
         clock=tuple(number for piece in pieces for number in piece.clock),
         rounding=np.sqrt(np.mean([piece.rounding**2 for piece in pieces], axis=0)),
     )
-
-
-def _noise_density(recording: Recording, arm: Arm, settings: LoadSettings) -> Array:
-    """Return (n,) effort noise in N·m/sqrt(Hz) from what lies above the kinematic band."""
-    unknown = np.full(arm.n, np.nan)
-    rate = recording.rate
-    if rate is None or recording.effort is None or rate < 4.0 * settings.band:
-        return unknown
-    cutoff = min(1.5 * settings.band, 0.3 * rate)
-    low = LowPass(cutoff, rate)
-    if len(recording) <= 4 * low.edge:
-        return unknown
-    columns = [arm.joint_names.index(joint) for joint in recording.joints]
-    effort = np.zeros((len(recording), arm.n))
-    effort[:, columns] = recording.effort
-    if recording.coordinates == "actuator":
-        # Of the joints' efforts themselves: the motors' noises need not be independent.
-        effort = arm.joint_effort(effort)
-    high = effort - low(effort)
-    read = np.ones(high.shape, dtype=bool)
-    for span in frozen_efforts(recording):
-        read[slice(*span.rows), columns[span.joint]] = False
-    if recording.coordinates == "actuator":
-        read = ~(~read @ (arm.joint_effort(np.eye(arm.n)) != 0.0))
-    counted = np.maximum(read[low.edge : -low.edge].sum(axis=0), 1)
-    frequency = np.linspace(0.0, rate / 2.0, 2000)
-    # Two runs of a second-order Butterworth: amplitude 1 / (1 + (f / fc)^4).
-    passed = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
-    square = np.where(read, high**2, 0.0)[low.edge : -low.edge].sum(axis=0)
-    variance = square / counted / passed
-    known = np.isin(np.arange(arm.n), columns)
-    return np.where(known, np.sqrt(variance / (rate / 2.0)), np.nan)

@@ -107,6 +107,11 @@ class MeasuredMotion:
     settings: MotionSettings = field(default_factory=MotionSettings)
 
     @property
+    def clocks(self) -> tuple[int, ...]:
+        """By part, number of the recording whose time it is in."""
+        return self.clock or (0,) * len(self.parts)
+
+    @property
     def arm(self) -> Arm:
         """The arm."""
         return self.model.arm

@@ -214,9 +214,8 @@ def _require_signs(motion: MeasuredMotion, names: Sequence[str]) -> None:
 
 def _by_clock(motion: MeasuredMotion) -> list[list[slice]]:
     """Return the parts, those of one recording together, in order."""
-    clock = motion.clock or (0,) * len(motion.parts)
     groups: dict[int, list[slice]] = {}
-    for number, part in zip(clock, motion.parts, strict=True):
+    for number, part in zip(motion.clocks, motion.parts, strict=True):
         groups.setdefault(number, []).append(part)
     return list(groups.values())
 
@@ -236,9 +235,10 @@ def _cut(motion: MeasuredMotion, pieces: Sequence[slice]) -> MeasuredMotion:
     """Return some pieces of a motion."""
     rows = np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces])
     edges = np.cumsum([0, *(piece.stop - piece.start for piece in pieces)]).tolist()
-    clock = motion.clock or (0,) * len(motion.parts)
     of = [
-        clock[next(i for i, part in enumerate(motion.parts) if part.start <= p.start < part.stop)]
+        motion.clocks[
+            next(i for i, part in enumerate(motion.parts) if part.start <= p.start < part.stop)
+        ]
         for p in pieces
     ]
     assert motion.reference is not None
