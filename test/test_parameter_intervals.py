@@ -45,7 +45,7 @@ def first(data: FilteredData, effect: str, joint: int) -> Candidate:
 
 @pytest.mark.parametrize("sure", [True, False])
 @pytest.mark.parametrize(("effect", "joint"), [
-    ("torque_offset", 0), ("payload", 2),
+    ("torque_offset", 0), ("payload", 2), ("time_delay", 0),
     pytest.param("coulomb_friction", 3, marks=pytest.mark.slow),
     pytest.param("elastic_cable", 4, marks=pytest.mark.slow),
 ])  # fmt: skip
@@ -54,7 +54,8 @@ def test_they_are_as_wide_as_estimates_scatter_when_the_known_error_looks_like_t
 ):
     """Drawn are errors in the shapes of the cause's columns, joint by joint, and fitted.
 
-    Of a model that is not sure of its parameters these move along: of a constant at every joint.
+    What comes on late does so at all joints: of a delay one is drawn for all of them. Of a model
+    that is not sure of its parameters these move along: of a constant at every joint.
     """
     candidate = first(data, effect, joint)
     data = replace(data)
@@ -74,10 +75,13 @@ def test_they_are_as_wide_as_estimates_scatter_when_the_known_error_looks_like_t
         for columns, rms in zip(np.moveaxis(candidate.columns(), 1, 0), size, strict=True)
     ]
     for _ in range(400):
+        sizes = random.normal(size=(len(KNOWN), candidate.size))
+        if effect == "time_delay":
+            sizes[:] = sizes[0]
         error = np.stack(
             [
-                part * known * shape @ random.normal(size=shape.shape[1])
-                for known, shape in zip(KNOWN, shapes, strict=True)
+                part * known * shape @ of_joint[: shape.shape[1]]
+                for known, shape, of_joint in zip(KNOWN, shapes, sizes, strict=True)
             ],
             axis=1,
         )

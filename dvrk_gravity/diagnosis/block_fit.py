@@ -26,6 +26,19 @@ class OwnParameters:
     prior: float
 
 
+@dataclass(frozen=True)
+class CoherentError:
+    """The part of a model's known error that may look like a cause in all of a motion.
+
+    Attributes:
+        rms: (n,) at each joint, in units of the weights.
+        adds: (k,) parameters that it looks like at all joints in the same sense.
+    """
+
+    rms: Array
+    adds: NDArray[np.bool_]
+
+
 @dataclass(frozen=True, eq=False)
 class BlockFit:
     """Parameters of a fit, and of what they are uncertain.
@@ -48,7 +61,7 @@ class BlockFit:
 
 def block_fit(
     regression: Regression, target: Array, block: NDArray[np.int64],
-    own_parameters: OwnParameters, coherent_error: Array, counts: Array,
+    own_parameters: OwnParameters, coherent: CoherentError, counts: Array,
 ) -> BlockFit:  # fmt: skip
     """Fit, and return the parameters but for the model's own.
 
@@ -62,7 +75,7 @@ def block_fit(
         target: (N n,).
         block: (N n,) number of the block.
         own_parameters: The model's own parameters.
-        coherent_error: (n,) RMS error that may look like a cause, in units of the weights.
+        coherent: Error that may look like a cause.
         counts: (n,) samples that count.
     """
     from scipy.stats import norm
@@ -80,31 +93,35 @@ def block_fit(
     inverse = regression.inverse[first:]
     coupling = inverse[:, :first]
     held = own_parameters.prior * coupling @ regression.ridge[:first, :first] @ coupling.T
-    coherent = _coherent(design, inverse, first, coherent_error, counts)
+    of_known_error = _of_known_error(design, inverse, first, coherent, counts)
     wider = (student.ppf(norm.cdf(NORMAL_95), max(len(pieces) - 1, 1)) / NORMAL_95) ** 2
-    return BlockFit(theta[first:], wider * (covariance[first:, first:] + held), wider * coherent)
+    return BlockFit(
+        theta[first:], wider * (covariance[first:, first:] + held), wider * of_known_error
+    )
 
 
-def _coherent(
-    design: Array, inverse: Array, first: int, coherent_error: Array, counts: Array
+def _of_known_error(
+    design: Array, inverse: Array, first: int, coherent: CoherentError, counts: Array
 ) -> Array:
     """Return the (k, k) covariance of what a known error that looks like a cause adds.
 
-    Of each joint an error of that RMS, in the shape of each of its columns.
+    Of each joint an error of that RMS, in the shape of each of its columns; the joints' are
+    independent, or add.
 
     Args:
         design: (N n, d + k) weighted columns, the model's own first.
         inverse: (k, d + k) rows of the inverse of the normal equations' matrix.
         first: d.
-        coherent_error: (n,) RMS error.
+        coherent: The error.
         counts: (n,) samples that count.
     """
-    columns = design.reshape(-1, len(coherent_error), design.shape[1]).transpose(1, 2, 0)
+    columns = design.reshape(-1, len(coherent.rms), design.shape[1]).transpose(1, 2, 0)
     # As errors of that RMS over the usable samples: D_j' W x_jk / RMS(x_jk).
     products = np.matmul(columns, columns[:, first:].transpose(0, 2, 1))
     square = np.einsum("jkk->jk", products[:, first:]) / counts[:, None]
     per_rms = np.where(square > 0.0, 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0)), 0.0)
-    scaled = products * (coherent_error[:, None] * per_rms)[:, None]
+    scaled = products * (coherent.rms[:, None] * per_rms)[:, None]
+    apart, adding = scaled[:, :, ~coherent.adds], scaled[:, :, coherent.adds].sum(axis=0)
     # A square: of columns that are all but the same it stays one to the last digit.
-    root = inverse @ np.hstack(list(scaled))
+    root = inverse @ np.hstack([*apart, adding])
     return np.asarray(root @ root.T)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
-from dvrk_gravity.diagnosis.block_fit import BlockFit, OwnParameters, block_fit
+from dvrk_gravity.diagnosis.block_fit import BlockFit, CoherentError, OwnParameters, block_fit
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
@@ -386,11 +386,17 @@ class CrossValidation:
 
     def block_fit(self, candidates: Sequence[Candidate]) -> BlockFit:
         """Fit to all the samples of choice, as many blocks together as errors hang together."""
-        coherent_error = self.significance.settings.coherent * self.known_error * self.weight
+        coherent = CoherentError(
+            self.significance.settings.coherent * self.known_error * self.weight,
+            np.array(
+                [each.hypothesis.ERRORS_ADD for each in candidates for _ in range(each.size)],
+                dtype=bool,
+            ),
+        )
         return block_fit(
             self.regression(candidates), self._weighted.target,
             np.repeat(self._block // self._clustered, self.joints),
-            OwnParameters(self.model_size, self._prior_weight), coherent_error, self._counts,
+            OwnParameters(self.model_size, self._prior_weight), coherent, self._counts,
         )  # fmt: skip
 
     def misfit(self, candidates: Sequence[Candidate]) -> float:

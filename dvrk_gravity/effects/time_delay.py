@@ -45,6 +45,7 @@ class DelayHypothesis(Hypothesis):
 
     EFFECT = TimeDelay
     OF_ACTING = True
+    ERRORS_ADD = True
     CLAIM = "efforts and positions are stamped apart, efforts {delay}"
 
     of_friction: bool | None = None

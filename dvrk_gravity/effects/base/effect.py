@@ -86,6 +86,8 @@ class Hypothesis(ABC):
     Class attributes:
         EFFECT: The effect.
         OF_ACTING: Its torque is a part of what acts, other causes' torque too: a reading of it.
+        ERRORS_ADD: What a model misses looks like it at all joints in the same sense, so that the
+            joints' errors add: friction that comes on over a way is late wherever it is.
         CLAIM: What is claimed, with ``{where}`` (the site), ``{joint}`` and ``{other}`` (the first
             and the second of :attr:`joints`), ``{model}`` (what it is compared with), and
             parameters in words by their names.
@@ -124,6 +126,7 @@ class Hypothesis(ABC):
 
     EFFECT: ClassVar[type[Effect]]
     OF_ACTING: ClassVar[bool] = False
+    ERRORS_ADD: ClassVar[bool] = False
     CLAIM: ClassVar[str] = ""
 
     arm: Arm
