@@ -25,7 +25,7 @@ from dvrk_gravity.identification.table import fit_text
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing.lab_motion import draw_calibration
-from testing.mujoco_world import MujocoWorld
+from testing.mujoco_world import DURATION, MujocoWorld
 
 pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
 
@@ -147,24 +147,38 @@ def test_coordinates_of_both_kinds_are_recognised(fit):
     assert detect_coordinates(motor, ARM)[0] == "actuator"
 
 
-@pytest.mark.parametrize("recorded", ["joint", "actuator"])
-def test_coordinates_are_told_where_two_weights_all_but_cancel_at_a_motor(recorded):
-    """Read wrongly, a motor seems to bear both; the same error is a smaller part of more torque."""
+def recorded_in(world: MujocoWorld, seed: int, coordinates: str, duration: float = DURATION):
+    """Return a calibration of another engine's arm, in some coordinates."""
+    recording = world.record(world.truth(draw_calibration(world.arm, seed), duration), seed)
+    if coordinates == "joint":
+        return recording
+    arm = world.arm
+    return replace(
+        recording,
+        position=arm.actuator_position(recording.position),
+        velocity=None,
+        effort=arm.actuator_effort(recording.effort),
+    )
+
+
+@pytest.mark.parametrize("coordinates", ["joint", "actuator"])
+@pytest.mark.parametrize(("name", "seed"), [("mtmr", 1576), ("psm", 3031), ("psm", 3002)])
+def test_coordinates_are_told_by_errors_of_what_was_recorded(name, seed, coordinates):
+    """Of this MTM two weights all but cancel at a motor: read wrongly it seems to bear both, and
+    the same error is a smaller part of more torque. Of these PSMs errors of joints hang together."""
     from dvrk_gravity.identification.coordinates import detect_coordinates
 
-    world = MujocoWorld.draw("mtmr", 1576)
-    recording = world.record(world.truth(draw_calibration(world.arm, 1576)), 1576)
-    weight = np.abs(np.mean(world.arm.actuator_effort(recording.effort), axis=0))
-    assert weight[1] < 0.1 * weight[2]
-    if recorded == "actuator":
-        recording = replace(
-            recording,
-            position=world.arm.actuator_position(recording.position),
-            velocity=world.arm.actuator_position(recording.velocity),
-            effort=world.arm.actuator_effort(recording.effort),
-        )
+    world = MujocoWorld.draw(name, seed)
+    assert detect_coordinates(recorded_in(world, seed, coordinates), world.arm)[0] == coordinates
 
-    assert detect_coordinates(recording, world.arm)[0] == recorded
+
+def test_coordinates_of_a_longer_recording_are_told_by_its_beginning():
+    from dvrk_gravity.identification.coordinates import CoordinateSettings, detect_coordinates
+
+    world = MujocoWorld.draw("mtmr", 3001)
+    longer = CoordinateSettings().duration + 5.0
+    recording = recorded_in(world, 3001, "actuator", longer)
+    assert detect_coordinates(recording, world.arm)[0] == "actuator"
 
 
 def test_of_an_arm_without_transmission_nothing_is_said_of_coordinates():

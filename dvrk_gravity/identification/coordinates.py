@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
@@ -18,6 +19,8 @@ from dvrk_gravity.identification.moves import start_columns
 from dvrk_gravity.identification.selection import split_equations
 from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.recording.data import Coordinates
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -50,23 +53,37 @@ def detect_coordinates(recording: Source, arm: Arm) -> tuple[Coordinates, str]:
     if arm.direct_drive:
         return "joint", ""
     errors = coordinate_errors(recording, arm)
-    best = min(errors, key=lambda system: errors[system])
-    other = max(errors.values())
-    if errors[best] > CoordinateSettings().clear * other:
+    best, other = sorted(errors, key=lambda system: errors[system])
+    if errors[best] > CoordinateSettings().clear * errors[other]:
         return "joint", (
             "taken as joint coordinates; actuator coordinates would fit about equally well "
-            f"(held-out |e|/|tau| {errors['joint']:.3f} and {errors['actuator']:.3f})"
+            f"(held-out error over torque {errors['joint']:.3f} and {errors['actuator']:.3f})"
         )
     return best, (
-        f"taken as {best} coordinates: a plain model leaves a held-out |e|/|tau| of "
-        f"{errors[best]:.3f}, {other:.3f} in the others"
+        f"taken as {best} coordinates: a plain model leaves a held-out error of "
+        f"{errors[best]:.3f} of the torque, read as {other} coordinates {errors[other]:.3f}"
     )
 
 
 def coordinate_errors(recording: Source, arm: Arm) -> dict[Coordinates, float]:
-    """Return the held-out |e|/|tau| of a plain model in either reading of a recording."""
+    """Return the held-out error of a plain model in either reading of a recording, over the torque.
+
+    Of the efforts as they were recorded, for those of the motors are others in either reading; and
+    by the determinant of the errors' covariance, the 2n-th root of it, which tells the likelihood
+    of Gaussian errors that are independent at the motors or at the joints, whichever they are.
+    """
     trajectory = replace(read(recording), coordinates=None)
-    return {system: _error(trajectory, arm, system) for system in get_args(Coordinates)}
+    systems = get_args(Coordinates)
+    errors, told = zip(
+        *(_held_out_errors(trajectory, arm, system) for system in systems), strict=True
+    )
+    # The same samples in both: friction that holds a joint in one reading need not in the other.
+    counted = np.logical_and(*told)
+    seen = counted.any(axis=0)
+    return {
+        system: _size(np.where(counted, error, 0.0)[:, seen] / np.sqrt(counted.sum(axis=0)[seen]))
+        for system, error in zip(systems, errors, strict=True)
+    }
 
 
 def doubt(recording: Source, arm: Arm, given: Coordinates) -> tuple[DataWarning, ...]:
@@ -81,17 +98,18 @@ def doubt(recording: Source, arm: Arm, given: Coordinates) -> tuple[DataWarning,
             None,
             {"given": errors[given], "other": errors[best]},
             f"{head(recording).source} was given as {given} coordinates, but looks like {best} "
-            f"ones: a plain model leaves a held-out |e|/|tau| of {errors[given]:.3f}, as {best} "
-            f"ones {errors[best]:.3f}",
+            f"ones: a plain model leaves a held-out error of {errors[given]:.3f} of the torque, as "
+            f"{best} ones {errors[best]:.3f}",
         ),
     )
 
 
-def _error(recording: Source, arm: Arm, coordinates: Coordinates) -> float:
-    """Return the geometric mean over the columns of the held-out |e|/|tau| of a plain model.
+def _held_out_errors(
+    recording: Source, arm: Arm, coordinates: Coordinates
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return (N, n) held-out errors of a plain model, and which of them say something.
 
-    Of the efforts as they were recorded: those of the motors are others in either reading, and a
-    greater torque makes the same error a smaller part of it.
+    Of the efforts as they were recorded, over the RMS of each.
     """
     motions = [_head(motion) for motion in read_motions([recording], arm, coordinates).parts[:1]]
     q = motions[0].state.q
@@ -107,15 +125,20 @@ def _error(recording: Source, arm: Arm, coordinates: Coordinates) -> float:
     for seen, tested in zip(train, folds.tested, strict=True):
         theta = fit(seen, weight, scale, positive).theta
         error[tested] = design.y[tested] - plain.x[tested] @ theta
-    effort, counted = design.y, design.told
+    effort, told = design.y, design.told
     if coordinates == "joint":
         error, effort = arm.joint_effort(error), arm.joint_effort(effort)
         mixed = arm.joint_effort(np.eye(arm.n)) != 0.0
-        counted = (~counted).astype(float) @ mixed == 0.0
-    held_out, power = (
-        np.sum(np.where(counted, values**2, 0.0), axis=0) for values in (error, effort)
-    )
-    return float(np.exp(0.5 * np.mean(np.log(held_out / np.maximum(power, 1e-12) + 1e-12))))
+        told = (~told).astype(float) @ mixed == 0.0
+    rms = np.maximum(np.sqrt(np.mean(effort**2, axis=0)), 1e-6)
+    return error / rms, told
+
+
+def _size(error: Array) -> float:
+    """Return the 2n-th root of the determinant of E' E of (N, n) errors E."""
+    count = error.shape[1]
+    floor = 1e-12 * np.eye(count)
+    return float(np.exp(0.5 * np.linalg.slogdet(error.T @ error + floor)[1] / max(count, 1)))
 
 
 def _head(motion: CalibrationMotion) -> CalibrationMotion:
@@ -124,9 +147,11 @@ def _head(motion: CalibrationMotion) -> CalibrationMotion:
     state = motion.state
     assert state.qd is not None
     assert state.qdd is not None
+    told = np.broadcast_to(motion.told, motion.effort.shape)
     return replace(
         motion,
         time=motion.time[rows],
+        told=told[rows],
         state=State(state.q[rows], state.qd[rows], state.qdd[rows]),
         effort=motion.effort[rows],
     )
