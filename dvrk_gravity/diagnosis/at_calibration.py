@@ -49,8 +49,6 @@ class Expected:
             theta: (k,) parameters in the recording on trial.
             covariance: (k, k) of them.
         """
-        if not self.mean.any():
-            return 1.0
         whole = squared_distance(theta, covariance)
         change = min(
             squared_distance(theta - part * self.mean, covariance) for part in _PARTS.tolist()
@@ -99,15 +97,14 @@ class AtCalibration:
         return cls(validation)
 
     def comes_back(self, candidate: Candidate) -> Expected | None:
-        """Return what of a cause is expected where nothing has changed; ``None``: not known.
+        """Return what of a cause is expected where nothing has changed; ``None``: nothing.
 
         A part of the known error may look like any cause, in one motion and not in another
         (``SignificanceSettings.coherent``). What was left at calibration is expected to come back
-        as far as it is more than that: of parameters phi with covariance F there, (1 - 1/s) phi,
-        with s = phi' F^-1 phi / k where that is above 1 (James and Stein 1961), and nothing where
-        it is not. Either is as uncertain as noise leaves phi: a change is the difference of two
-        fits. Of what does not come back with the arm's state, or was not felt there, nothing is
-        known.
+        as far as it is more than that: of parameters phi with covariance F there,
+        (1 - 1/s) phi ± (1 - 1/s) F, with s = phi' F^-1 phi / k where that is above 1, after James
+        and Stein (1961) with the variance as Efron and Morris (1973) have it. What does not come
+        back with the arm's state, or was not felt there, is not expected.
         """
         hypothesis = candidate.hypothesis
         key = (*hypothesis.key, candidate.size, *sorted(hypothesis.setting.items()))
@@ -122,7 +119,9 @@ class AtCalibration:
         candidate = validation.candidate(hypothesis)
         if not validation.size(candidate, np.ones(candidate.size)).any():
             return None
-        fitted = validation.block_fit([candidate])
-        more = squared_distance(fitted.theta, fitted.covariance) / len(fitted.theta)
-        # The known error's part that looks like a cause is the other motion's own.
-        return Expected((1.0 - 1.0 / max(more, 1.0)) * fitted.theta, fitted.of_noise)
+        theta, covariance = validation.fit([candidate])
+        more = squared_distance(theta, covariance) / len(theta)
+        if more <= 1.0:
+            return None
+        part = 1.0 - 1.0 / more
+        return Expected(part * theta, part * covariance)

@@ -39,31 +39,11 @@ class CoherentError:
     adds: NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False)
-class BlockFit:
-    """Parameters of a fit, and of what they are uncertain.
-
-    Attributes:
-        theta: (k,) parameters.
-        of_noise: (k, k) covariance of noise, and of what the model's parameters may be off by.
-        of_known_error: (k, k) of the part of the model's known error that looks like a cause.
-    """
-
-    theta: Array
-    of_noise: Array
-    of_known_error: Array
-
-    @property
-    def covariance(self) -> Array:
-        """(k, k) of both."""
-        return self.of_noise + self.of_known_error
-
-
 def block_fit(
     regression: Regression, target: Array, block: NDArray[np.int64],
     own_parameters: OwnParameters, coherent: CoherentError, counts: Array,
-) -> BlockFit:  # fmt: skip
-    """Fit, and return the parameters but for the model's own.
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return parameters (k,) but for the model's own, and their covariance (k, k).
 
     The covariance is the jackknife's over blocks, and what the model's parameters, which are not
     free, may be off by as it says, and the part of its known error that looks like a cause. That of
@@ -93,11 +73,9 @@ def block_fit(
     inverse = regression.inverse[first:]
     coupling = inverse[:, :first]
     held = own_parameters.prior * coupling @ regression.ridge[:first, :first] @ coupling.T
-    of_known_error = _of_known_error(design, inverse, first, coherent, counts)
-    wider = (student.ppf(norm.cdf(NORMAL_95), max(len(pieces) - 1, 1)) / NORMAL_95) ** 2
-    return BlockFit(
-        theta[first:], wider * (covariance[first:, first:] + held), wider * of_known_error
-    )
+    held += _of_known_error(design, inverse, first, coherent, counts)
+    wider = student.ppf(norm.cdf(NORMAL_95), max(len(pieces) - 1, 1)) / NORMAL_95
+    return theta[first:], wider**2 * (covariance[first:, first:] + held)
 
 
 def _of_known_error(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
-from dvrk_gravity.diagnosis.block_fit import BlockFit, CoherentError, OwnParameters, block_fit
+from dvrk_gravity.diagnosis.block_fit import CoherentError, OwnParameters, block_fit
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
@@ -380,12 +380,10 @@ class CrossValidation:
         return theta, self._prior_weight * longer * regression.inverse
 
     def fit(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
-        """Return parameters (k,) on all the samples of choice, and their covariance (k, k)."""
-        fitted = self.block_fit(candidates)
-        return fitted.theta, fitted.covariance
+        """Return parameters (k,) on all the samples of choice, and their covariance (k, k).
 
-    def block_fit(self, candidates: Sequence[Candidate]) -> BlockFit:
-        """Fit to all the samples of choice, as many blocks together as errors hang together."""
+        See :func:`block_fit.block_fit`; as many blocks together as errors hang together.
+        """
         coherent = CoherentError(
             self.significance.settings.coherent * self.known_error * self.weight,
             np.array(
