@@ -165,7 +165,8 @@ def recorded_in(world: MujocoWorld, seed: int, coordinates: str, duration: float
 @pytest.mark.parametrize(("name", "seed"), [("mtmr", 1576), ("psm", 3031), ("psm", 3002)])
 def test_coordinates_are_told_by_errors_of_what_was_recorded(name, seed, coordinates):
     """Of this MTM two weights all but cancel at a motor: read wrongly it seems to bear both, and
-    the same error is a smaller part of more torque. Of these PSMs errors of joints hang together."""
+    the same error is a smaller part of more torque. Errors of a PSM's joints hang together.
+    """
     from dvrk_gravity.identification.coordinates import detect_coordinates
 
     world = MujocoWorld.draw(name, seed)
