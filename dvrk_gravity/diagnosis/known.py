@@ -138,6 +138,7 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     if np.any(trial.size > validation.known_error):
         no_news = "and next to nothing of the joint's torque"
     if trial.seen_before:
+        claim = f"what the model misses looks as if {claim}"
         no_news = "but not beside what the recording that the model was identified on shows of it"
     if trial.other_day:
         no_news = "and no more than friction changes by from one day to another"
