@@ -149,9 +149,10 @@ def test_wrong_coordinates_are_found_before_what_else_is_wrong():
         effort=KNOWN.arm.actuator_effort(right.effort),
     )
 
-    effects = [finding.effect for finding in diagnose(motors, KNOWN.model()).findings]
+    first, second, *_ = diagnose(motors, KNOWN.model()).findings
 
-    assert effects[:2] == ["wrong_coordinates", "viscous_friction"]
+    assert (first.effect, second.effect) == ("wrong_coordinates", "viscous_friction")
+    assert first.remedy == "say so: --coordinates actuator"
 
 
 def _poses(moving: tuple[int, ...]) -> Recording:

@@ -126,7 +126,7 @@ def reading_finding(
         ),
         picture=None,
         left_out=NO_TERM,
-        remedy=WrongCoordinates.REMEDY,
+        remedy=score.reading.remedy,
     )
 
 

@@ -18,7 +18,7 @@ class WrongCoordinates(Effect):
     """What was read is another linear combination of the joints than it is taken for."""
 
     NAME = "wrong_coordinates"
-    REMEDY = "mend what mixes the joints up; of other coordinates, say so (--coordinates)"
+    REMEDY = "mend what mixes the joints up"
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +30,22 @@ class Reading:
         joints: Indices of the joints concerned; empty if all are.
         motion: (n, n) read position, velocity and acceleration -> the true ones.
         effort: (n, n) read effort -> the true one.
+        coordinates: That a recording must be said to be in, to be read so; ``""`` if that is not
+            enough.
     """
 
     words: str
     joints: tuple[int, ...]
     motion: Array
     effort: Array
+    coordinates: str = ""
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        if self.coordinates:
+            return f"say so: --coordinates {self.coordinates}"
+        return WrongCoordinates.REMEDY
 
 
 def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
@@ -44,8 +54,8 @@ def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
     forth, back = arm.actuator_to_joint, arm.joint_to_actuator
     if np.any(forth != eye):
         words = "these are {} coordinates, read as {} coordinates"
-        yield Reading(words.format("actuator", "joint"), (), forth, back.T)
-        yield Reading(words.format("joint", "actuator"), (), back, forth.T)
+        yield Reading(words.format("actuator", "joint"), (), forth, back.T, "actuator")
+        yield Reading(words.format("joint", "actuator"), (), back, forth.T, "joint")
     if len(eye) > 1:
         yield Reading("the efforts of all joints have the wrong sign", (), eye, -eye)
     for joint in np.flatnonzero(moves).tolist():
