@@ -83,6 +83,6 @@ def test_errors_of_several_recordings_are_told_by_recording_too(world, model):
     for recording, label in ((bare, "bare.csv"), (loaded, "loaded.csv")):
         alone = evaluate(model, [recording]).joints
         for joint, error in both.recordings[label].items():
-            assert error.rmse == pytest.approx(alone[joint].rmse, rel=1e-6)
+            assert error.rmse == pytest.approx(alone[joint].rmse, rel=1e-12)
     (line,) = [text for text in evaluation_text(both, model) if text.startswith("loaded.csv: ")]
     assert "shoulder_lift_joint" in line

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvrk_gravity.arguments import PATH, path_of, split_link
 from dvrk_gravity.arms import held, urdf_arm, yaml_arm
@@ -241,6 +242,10 @@ class Arm(Description):
     def joint_effort(self, actuator_effort: Array) -> Array:
         """Return (…, n) joint efforts from actuator efforts: tau_joint = M^-T tau_actuator."""
         return actuator_effort @ self.joint_to_actuator
+
+    def joints_of(self, motors: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return (…, n) joints whose efforts those of some (…, n) motors are a part of."""
+        return motors @ (self.joint_to_actuator != 0.0)
 
     def actuator_effort(self, joint_effort: Array) -> Array:
         """Return (…, n) actuator efforts from joint efforts: tau_actuator = M^T tau_joint."""

@@ -105,11 +105,9 @@ def assemble(
     ]
     differences = [difference(validation, named, i, loaded.sources) for i in range(len(named))]
     different = any(differences)
-    contradictory = {
-        i: _DIFFERENT if text else _BESIDE_DIFFERENT
-        for i, text in enumerate(differences)
-        if different
-    }
+    not_told = [i for i, text in enumerate(differences) if different and not text]
+    contradictory = {i: _DIFFERENT for i, text in enumerate(differences) if text}
+    contradictory |= dict.fromkeys(not_told, _BESIDE_DIFFERENT)
     model, left_out = extended(loaded.motion, found, contradictory)
     contradictory |= {
         i: _CONTRADICTED
@@ -145,7 +143,7 @@ def assemble(
         if differences[i]:
             sentence = f"{differences[i]}; on average {finding.sentence}"
             finding = replace(finding, sentence=sentence, remedy=DIAGNOSE_ALONE)
-        elif different:
+        elif i in not_told:
             continue
         effect_findings.append(finding)
     findings += ordered(effect_findings, of_any_arm)
@@ -202,15 +200,11 @@ def assemble(
             *notes(loaded, validation, floor),
             *(f"{line}: {_EXTRAPOLATED}" for line in outside),
             *(str(effect) for effect in unconfirmed),
-            *(
-                f"not told: {named[i].hypothesis}: {_BESIDE_DIFFERENT}"
-                for i, text in enumerate(differences)
-                if different and not text
-            ),
+            *(f"not told: {named[i].hypothesis}: {_BESIDE_DIFFERENT}" for i in not_told),
             *(
                 f"left out of the extended model: {named[i].hypothesis}: {reason}"
                 for i, reason in contradictory.items()
-                if reason != _BESIDE_DIFFERENT  # that is not told at all
+                if i not in not_told
             ),
         ),
         ambiguities=ambiguities(validation, named, pool),

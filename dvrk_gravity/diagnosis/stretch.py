@@ -70,7 +70,7 @@ def noise_density(recording: Recording, arm: Arm, band: float) -> Array:
     for span in frozen_efforts(recording):
         read[slice(*span.rows), columns[span.joint]] = False
     if recording.coordinates == "actuator":
-        read = ~(~read @ (arm.joint_effort(np.eye(arm.n)) != 0.0))
+        read = ~arm.joints_of(~read)
     counted = np.maximum(read[low.edge : -low.edge].sum(axis=0), 1)
     frequency = np.linspace(0.0, rate / 2.0, 2000)
     # Two runs of a second-order Butterworth: amplitude 1 / (1 + (f / fc)^4).
@@ -149,7 +149,7 @@ def _without(
             piece.time <= start + last + wide
         )
     if recording.coordinates == "actuator":
-        unread = unread @ (arm.joint_effort(np.eye(arm.n)) != 0.0)
+        unread = arm.joints_of(unread)
     return replace(piece, unread=unread)
 
 

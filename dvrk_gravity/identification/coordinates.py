@@ -16,11 +16,9 @@ from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import build_design
 from dvrk_gravity.identification.motion import CalibrationMotion, Source, head, read, read_motions
 from dvrk_gravity.identification.moves import start_columns
-from dvrk_gravity.identification.selection import split_equations
+from dvrk_gravity.identification.selection import training_equations
 from dvrk_gravity.recording import DataWarning
-from dvrk_gravity.recording.data import Coordinates
-
-Array = NDArray[np.float64]
+from dvrk_gravity.recording.data import Array, Coordinates
 
 
 @dataclass(frozen=True)
@@ -117,7 +115,7 @@ def _held_out_errors(
     design, chosen = build_design(columns, motions), start_columns(columns)
     folds = make_folds(design.time, design.part, design.state.q, design.rate)
     plain = replace(design, x=design.x[:, :, chosen])
-    _, train, _ = split_equations(plain, folds, np.ones_like(design.y))
+    _, train = training_equations(plain, folds, np.ones_like(design.y))
     # A tenth of the torque is what such a model leaves; half a second is how long it stays.
     weight = 1.0 / (np.maximum(0.1 * design.y.std(axis=0), 1e-6) ** 2 * 0.5 * design.rate)
     scale, positive = columns.scale[chosen], columns.positive[chosen]
@@ -128,8 +126,7 @@ def _held_out_errors(
     effort, told = design.y, design.told
     if coordinates == "joint":
         error, effort = arm.joint_effort(error), arm.joint_effort(effort)
-        mixed = arm.joint_effort(np.eye(arm.n)) != 0.0
-        told = (~told).astype(float) @ mixed == 0.0
+        told = ~arm.joints_of(~told)
     rms = np.maximum(np.sqrt(np.mean(effort**2, axis=0)), 1e-6)
     return error / rms, told
 

@@ -267,11 +267,23 @@ def split_equations(
         weight: (n, m) robust weights, for the fits; the tests count every sample that says
             something in full.
     """
-    whole = NormalEquations.of(design.x, design.y, weight)
-    train, test = [], []
-    for tested, excluded in zip(folds.tested, folds.excluded, strict=True):
-        x, y, w = design.x[excluded], design.y[excluded], weight[excluded]
-        train.append(whole - NormalEquations.of(x, y, w))
+    whole, train = training_equations(design, folds, weight)
+    test = []
+    for tested in folds.tested:
         counted = design.told[tested].astype(float)
         test.append(NormalEquations.of(design.x[tested], design.y[tested], counted))
     return whole, train, test
+
+
+def training_equations(
+    design: Design, folds: Folds, weight: Array
+) -> tuple[NormalEquations, list[NormalEquations]]:
+    """Return the sums of all, and what each fold's fit sees of them.
+
+    See :func:`split_equations`.
+    """
+    whole = NormalEquations.of(design.x, design.y, weight)
+    return whole, [
+        whole - NormalEquations.of(design.x[excluded], design.y[excluded], weight[excluded])
+        for excluded in folds.excluded
+    ]
