@@ -13,7 +13,6 @@ from test_identify import ARM, truth
 from dvrk_gravity import TorqueModel, diagnose, identify
 from dvrk_gravity.identification import static_fit
 from dvrk_gravity.recording import DataWarning, Recording, RecordingFile
-from dvrk_gravity.recording.pieces import parts_of
 from dvrk_gravity.recording.read_before import ReadBefore, counted_once
 from testing.world import COARSE, World
 
@@ -53,8 +52,7 @@ def remaining(recordings: list[Recording], size: int) -> list[int]:
     """Return how many samples of each remain, read in parts of a size."""
     before = ReadBefore()
     return [
-        sum(len(part) for part in before.fresh(parts_of(recording, size)))
-        for recording in recordings
+        sum(len(part) for part in before.fresh(recording.parts(size))) for recording in recordings
     ]
 
 
@@ -70,8 +68,8 @@ def test_what_was_read_before_is_left_out_whatever_the_parts(measured, size):
 
 def test_what_is_left_is_what_was_not_read_before_in_order(measured):
     before, other = ReadBefore(), truth(2, 12.0)
-    list(before.fresh(parts_of(measured.between(2.0, 6.0), 500)))
-    parts = list(before.fresh(parts_of(appended(measured, other), 500)))
+    list(before.fresh(measured.between(2.0, 6.0).parts(500)))
+    parts = list(before.fresh(appended(measured, other).parts(500)))
     position = np.concatenate([part.position for part in parts])
     expected = np.concatenate([measured.position[:200], measured.position[600:], other.position])
     np.testing.assert_array_equal(position, expected)
@@ -81,7 +79,7 @@ def test_what_is_left_is_what_was_not_read_before_in_order(measured):
 def test_samples_that_were_left_out_in_reading_are_counted_once_still(measured):
     given = replace(measured, invalid=3, repeated=5)
     for size in (70, 1000):
-        parts = list(ReadBefore().fresh(parts_of(given, size)))
+        parts = list(ReadBefore().fresh(given.parts(size)))
         assert sum(part.invalid for part in parts) == 3
         assert sum(part.repeated for part in parts) == 5
 

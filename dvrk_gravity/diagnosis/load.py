@@ -105,7 +105,7 @@ def load(
     settings = settings or LoadSettings()
     if not recordings:
         raise RecordingError("recordings", "there are none, expected at least one")
-    heads = [_head(recording) for recording in recordings]
+    heads = [recording.head for recording in recordings]
     kinds = {head.time is None for head in heads}
     if len(kinds) > 1:
         raise RecordingError(
@@ -121,7 +121,7 @@ def load(
     recordings, left_out, repeated = counted_once(
         [held_if_short(recording, share) for recording in recordings]
     )
-    sources = tuple(_head(recording).source for recording in recordings)
+    sources = tuple(recording.head.source for recording in recordings)
     share = settings.longest / len(recordings)
     pieces: list[MeasuredMotion] = []
     warnings, handling, floors = list(repeated), [*held, *left_out], list[Array]()
@@ -222,10 +222,6 @@ def _after(before: Sequence[MeasuredMotion], pieces: Sequence[MeasuredMotion]) -
     if all(last < other.time[0] or first > other.time[-1] for other in before):
         return 0.0
     return float(max(other.time[-1] for other in before) - first + _BETWEEN)
-
-
-def _head(recording: Recording | RecordingFile) -> Recording:
-    return recording.head if isinstance(recording, RecordingFile) else recording
 
 
 def _require_length(recording: Recording, settings: LoadSettings) -> None:

@@ -65,7 +65,7 @@ def require_moving(recording: Recording | RecordingFile) -> None:
     Raises:
         RecordingError: Poses, which no time tells the order of.
     """
-    first = recording.head if isinstance(recording, RecordingFile) else recording
+    first = recording.head
     if first.time is None:
         raise RecordingError(
             first.source, "holds static poses: a reference is compared with as a motion, in time"

@@ -185,10 +185,7 @@ def _beside_reference(
     (other,) = opened(reference, coordinates, model.arm)
     for recording in (*recordings, other):
         require_moving(recording)
-    heads = [
-        recording.head if isinstance(recording, RecordingFile) else recording
-        for recording in (recordings[0], other)
-    ]
+    heads = [recording.head for recording in (recordings[0], other)]
     before = ReadBefore()
     for recording in (*recordings, other):
         before.read(recording)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.identification.evaluation import all_static
-from dvrk_gravity.identification.motion import head, held_beyond
+from dvrk_gravity.identification.motion import held_beyond
 from dvrk_gravity.recording import Recording, RecordingFile, opened
 
 
@@ -21,7 +21,7 @@ def with_held(
     stood, lines = held_beyond(recordings, arm, still)
     held = {name: at for name, at in stood.items() if name not in still}
     if still and all_static(recordings) and not is_mtm(arm):
-        seen = {joint for recording in recordings for joint in head(recording).joints}
+        seen = {joint for recording in recordings for joint in recording.head.joints}
         said = {name: at for name, at in still.items() if name not in seen}
         shown = ", ".join(f"{name} at {at:g}" for name, at in said.items())
         held |= said

@@ -14,7 +14,7 @@ from dvrk_gravity.estimation.normal_equations import fit
 from dvrk_gravity.estimation.splits import make_folds
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import build_design
-from dvrk_gravity.identification.motion import CalibrationMotion, Source, head, read, read_motions
+from dvrk_gravity.identification.motion import CalibrationMotion, Source, read, read_motions
 from dvrk_gravity.identification.moves import start_columns
 from dvrk_gravity.identification.selection import training_equations
 from dvrk_gravity.recording import DataWarning
@@ -95,7 +95,7 @@ def doubt(recording: Source, arm: Arm, given: Coordinates) -> tuple[DataWarning,
             "coordinates",
             None,
             {"given": errors[given], "other": errors[best]},
-            f"{head(recording).source} was given as {given} coordinates, but looks like {best} "
+            f"{recording.head.source} was given as {given} coordinates, but looks like {best} "
             f"ones: a plain model leaves a held-out error of {errors[given]:.3f} of the torque, as "
             f"{best} ones {errors[best]:.3f}",
         ),

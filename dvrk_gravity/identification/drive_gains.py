@@ -27,7 +27,7 @@ from dvrk_gravity.estimation.same_motion import Track, same_motion
 from dvrk_gravity.estimation.scales import Scales, solve_scales
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design, build_design
-from dvrk_gravity.identification.motion import CalibrationMotion, head, read_motions
+from dvrk_gravity.identification.motion import CalibrationMotion, read_motions
 from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.rigid_columns import RIGID
 from dvrk_gravity.recording import Recording, RecordingFile
@@ -200,7 +200,7 @@ def drive_gains(
     motions = read_motions([recording.of(arm) for recording in (*bare, *loaded)], arm, coordinates)
     if len({part.source for part in motions.parts}) < len(bare) + len(loaded):
         raise RecordingError(
-            head(loaded[-1]).source,
+            loaded[-1].head.source,
             "or another one repeats what was read before: expected each recording once",
         )
     first = [part for part in motions.parts if part.source < len(bare)]

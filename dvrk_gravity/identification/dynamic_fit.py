@@ -26,7 +26,7 @@ from dvrk_gravity.identification.model_uncertainty import (
     model_uncertainty,
     stood_in_for,
 )
-from dvrk_gravity.identification.motion import Source, head, read_motions, without_standing
+from dvrk_gravity.identification.motion import Source, read_motions, without_standing
 from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.physical import certificate, physical_links
 from dvrk_gravity.identification.problem import Problem, choose, pose, solved
@@ -105,7 +105,7 @@ def fit_dynamic(
     parts, standing = without_standing(motions.parts, arm)
     if not any(part.told.any() for part in parts):
         raise RecordingError(
-            head(recordings[0]).source,
+            recordings[0].head.source,
             f"tells no motor's torque, where {', '.join(standing)} stand still: expected motions "
             "of all joints",
         )

@@ -12,7 +12,6 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import ANY_UNIT
 from dvrk_gravity.arms.urdf_arm import PLACEHOLDER
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identification.motion import head
 from dvrk_gravity.identification.mounting import mounting
 from dvrk_gravity.identification.nominal_torque import NominalTorque
 from dvrk_gravity.model import NO_VERDICT, TorqueModel
@@ -151,13 +150,13 @@ def require_newtons(
         told, said = _unit(arm, size, settings)
         if told.read_in:
             raise RecordingError(
-                head(recording).source,
+                recording.head.source,
                 f"efforts are {size:.2g} times what the masses in {arm.source} need: not in N·m "
                 "(--drive-gains takes currents to it), or other masses; --effort-unit N·m insists",
             )
         if model.of_file and (mounted := _mounted(nominal)):
             if not arm.base_stated:
-                raise RecordingError(head(recording).source, mounted)
+                raise RecordingError(recording.head.source, mounted)
             said = (*said, f"warning: {mounted}")
         said = (*said, *_turned_round(parts, arm))
         odd += [line for line in said if line.startswith("warning: ") and line not in odd]

@@ -18,7 +18,6 @@ from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.identification.motion import (
     completed,
-    head,
     held_beyond,
     read,
     read_motions,
@@ -121,7 +120,7 @@ def evaluate(
     odd = require_newtons(model, recordings)
     still, held = held_beyond(recordings, model.arm, {})
     for recording in recordings:
-        require_all(head(recording), model.arm, still or None)
+        require_all(recording.head, model.arm, still or None)
     if all_static(recordings):
         poses = [whole(recording) for recording in recordings]
 
@@ -162,7 +161,7 @@ def all_static(recordings: Sequence[Recording | RecordingFile]) -> bool:
     Raises:
         RecordingError: Poses mixed with trajectories.
     """
-    heads = [head(recording) for recording in recordings]
+    heads = [recording.head for recording in recordings]
     static = [isinstance(first, Recording) and first.time is None for first in heads]
     if any(static) != all(static):
         raise RecordingError(

@@ -29,13 +29,11 @@ from dvrk_gravity.recording import (
 from dvrk_gravity.recording.checks import CheckSettings
 from dvrk_gravity.recording.data import Array, Coordinates
 from dvrk_gravity.recording.data_warning import about
-from dvrk_gravity.recording.pieces import parts_of
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 from dvrk_gravity.recording.read_before import ReadBefore
 
 # What can be fitted to: in memory, in a file, or prepared already.
 Source = Recording | RecordingFile | Trajectory
-PART = 60_000  # samples of a recording in memory that are worked on at a time
 
 _SAME = 1e-9  # of an effort: what filters make of one number
 
@@ -88,11 +86,6 @@ class Motions:
     handling: tuple[str, ...]
 
 
-def head(recording: Source) -> Recording | Trajectory:
-    """Return what tells the joints of a recording: itself, or the first part of a file."""
-    return recording.head if isinstance(recording, RecordingFile) else recording
-
-
 def whole(recording: Recording | RecordingFile) -> Recording:
     """Return a recording in memory."""
     return recording.load() if isinstance(recording, RecordingFile) else recording
@@ -106,9 +99,7 @@ def read(recording: Source, cutoff: float = DEFAULT_CUTOFF) -> Trajectory:
     """
     if isinstance(recording, Trajectory):
         return recording
-    if isinstance(recording, RecordingFile):
-        return read_trajectory(recording.parts(), cutoff)
-    return read_trajectory(parts_of(recording, PART), cutoff)
+    return read_trajectory(recording.parts(), cutoff)
 
 
 def read_once(
@@ -135,10 +126,7 @@ def read_once(
         if isinstance(recording, Trajectory):
             found.append(recording)
             continue
-        if isinstance(recording, RecordingFile):
-            fresh = before.fresh(recording.parts())
-        else:
-            fresh = before.fresh(parts_of(recording, PART))
+        fresh = before.fresh(recording.parts())
         first = next(fresh, None)
         trajectory = None
         if first is not None:
@@ -226,7 +214,7 @@ def held_beyond(
     Joints beyond all that were recorded are taken to be held at zero, or at the limit next to it.
     An MTM's recording has all seven joints; there, one that is missing is a mistake.
     """
-    seen = {joint for recording in recordings for joint in head(recording).joints}
+    seen = {joint for recording in recordings for joint in recording.head.joints}
     missing = [joint for joint in arm.joint_names if joint not in seen and joint not in still]
     where = beyond(arm, tuple(seen | set(still))) if missing and not is_mtm(arm) else None
     if not where:

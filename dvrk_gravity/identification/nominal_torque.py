@@ -60,8 +60,7 @@ class NominalTorque:
         settings = settings or NominalSettings()
         held, _ = held_beyond([given], arm, {})
         arm = arm.holding(held)
-        recording = given.of(arm)
-        recording = recording.head if isinstance(recording, RecordingFile) else recording
+        recording = given.of(arm).head
         if recording.effort is None or recording.joints != arm.joint_names:
             return None
         if arm.inertial_parameters is None or len(recording) < settings.fewest:

@@ -26,7 +26,6 @@ from dvrk_gravity.identification.effort_unit import in_their_unit
 from dvrk_gravity.identification.evaluation import all_static, evaluate
 from dvrk_gravity.identification.hand import by_weight
 from dvrk_gravity.identification.motion import (
-    head,
     known_still,
     read_once,
     require_all,
@@ -175,7 +174,7 @@ def _none_read_before(
         before.read(recording)
         if before.left_out:
             raise RecordingError(
-                head(recording).source,
+                recording.head.source,
                 f"{before.number} of {before.samples} samples are those of a recording that was "
                 "fitted, or validated before: expected recordings that nothing was fitted to",
             )
@@ -194,14 +193,12 @@ def _with_gains(
         mass = load.mass if isinstance(load, KnownPayload) else load
         raise ConfigError("--known-payload", mass, "no drive gains beside it: it tells them")
     if all_static(recordings):
-        raise RecordingError(
-            head(recordings[0]).source, "holds static poses, expected trajectories"
-        )
+        raise RecordingError(recordings[0].head.source, "holds static poses, expected trajectories")
     if not isinstance(load, KnownPayload):
         load = KnownPayload(float(load))
     *bare, loaded = recordings
     for recording in recordings:
-        require_all(head(recording), arm)
+        require_all(recording.head, arm)
     found = drive_gains(bare, [loaded], arm, load, coordinates[0] or "joint")
     return arm.with_drive_gains(found.gain, found.error), found.lines(arm)
 
@@ -241,7 +238,7 @@ def _static(
 ) -> Fit:
     from dvrk_gravity.identification.static_fit import fit_static
 
-    source = head(recordings[0]).source
+    source = recordings[0].head.source
     if effects is not None:
         raise ConfigError(
             "--terms", ",".join(effects),
@@ -255,7 +252,7 @@ def _static(
     if len(set(coordinates)) > 1:
         raise ConfigError("--coordinates", ",".join(map(str, coordinates)), "one for all poses")
     for recording in recordings:
-        require_all(head(recording), arm)
+        require_all(recording.head, arm)
     once, left_out, repeated = counted_once(recordings)
     poses = [whole(recording) for recording in once]
     fit = fit_static(poses, arm, coordinates[0] or "joint", report, for_console)
@@ -273,10 +270,10 @@ def _dynamic(
     for_console: bool,
 ) -> Fit:
     for recording in recordings:
-        require_all(head(recording), arm, still)
-    complete = [len(head(recording).joints) == len(arm.joint_names) for recording in recordings]
+        require_all(recording.head, arm, still)
+    complete = [len(recording.head.joints) == len(arm.joint_names) for recording in recordings]
     if not any(complete):
-        first = head(recordings[0])
+        first = recordings[0].head
         raise RecordingError(
             first.source,
             f"holds {', '.join(first.joints)} only: expected beside it a recording of all joints, "
@@ -327,7 +324,7 @@ def _partial(
 def _validated(fit: Fit, recordings: Sequence[Recording | RecordingFile]) -> Fit:
     """Return the fit with the errors on recordings that it never saw."""
     result = evaluate(fit.model, recordings, fit.coordinates)
-    names = ", ".join(head(recording).source for recording in recordings)
+    names = ", ".join(recording.head.source for recording in recordings)
     verdict = judge(
         result.joints, fit.training, fit.holding, fit.model.arm, fit.coordinates,
         static=all_static(recordings), with_friction=result.with_friction,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +17,7 @@ from dvrk_gravity.arms.held import STAYS
 from dvrk_gravity.errors import ArgumentError, RecordingError, ShapeError
 from dvrk_gravity.recording import files
 from dvrk_gravity.recording.samples import (
+    CHUNK,
     LARGEST,
     QUANTITIES,
     Array,
@@ -201,6 +202,11 @@ class Recording(Samples):
         return f"<Recording {self.source}: {what}, {joints}, {self.coordinates} coordinates>"
 
     @property
+    def head(self) -> Recording:
+        """What tells joints, quantities, and whether there is a time: the whole, in memory."""
+        return self
+
+    @property
     def rate(self) -> float | None:
         """Sampling rate from the median interval, Hz; ``None`` for static poses or one sample."""
         if self.time is None or len(self) < 2:
@@ -294,6 +300,19 @@ class Recording(Samples):
             effort=pick(self.effort),
             direction=pick(self.direction),
         )
+
+    def without(self, left_out: Sequence[tuple[int, int]]) -> Recording:
+        """Return the recording without some spans of its rows, first and last but one of each."""
+        keep = np.ones(len(self), dtype=bool)
+        for start, stop in left_out:
+            keep[start:stop] = False
+        return self.rows(keep)
+
+    def parts(self, size: int = CHUNK) -> Iterator[Recording]:
+        """Yield consecutive parts; samples that were left out are counted with the first."""
+        for first in range(0, len(self), size):
+            part = self.rows(slice(first, first + size))
+            yield replace(part, invalid=0, repeated=0) if first else part
 
     def between(self, start: float, stop: float) -> Recording:
         """Return the samples with ``start <= time < stop``, s.

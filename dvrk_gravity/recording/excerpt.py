@@ -10,8 +10,7 @@ import numpy as np
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.files import join
-from dvrk_gravity.recording.pieces import Findings, Piece, blocks, parts_of
-from dvrk_gravity.recording.samples import CHUNK
+from dvrk_gravity.recording.pieces import Findings, Piece, blocks
 from dvrk_gravity.recording.stream import RecordingFile
 
 MOST_SAMPLES = 600_000  # of a recording that is held in memory whole: ten minutes at 1 kHz
@@ -48,7 +47,7 @@ def excerpt(source: Recording | RecordingFile, longest: float, stretch: float) -
         return Excerpt((whole,), None)
     start, end = 0.0, 0.0
     findings, head = Findings(), None
-    for block in blocks(_parts(source), CHECKED):
+    for block in blocks(source.parts(), CHECKED):
         findings.add(Piece(block, 0, len(block)), block.invalid, block.repeated)
         assert block.time is not None
         if head is None:
@@ -68,7 +67,7 @@ def excerpt(source: Recording | RecordingFile, longest: float, stretch: float) -
             "evenly spread"
         )
         warnings = (DataWarning("excerpt", None, numbers, text), *warnings)
-    return Excerpt(_between(_parts(source), edges[chosen], edges[chosen + 1]), warnings)
+    return Excerpt(_between(source.parts(), edges[chosen], edges[chosen + 1]), warnings)
 
 
 def held_if_short(source: Recording | RecordingFile, longest: float) -> Recording | RecordingFile:
@@ -80,7 +79,7 @@ def held_if_short(source: Recording | RecordingFile, longest: float) -> Recordin
 def _whole_if_short(source: Recording | RecordingFile, longest: float) -> Recording | None:
     held: list[Recording] = []
     count = 0
-    for part in _parts(source):
+    for part in source.parts():
         held.append(part)
         count += len(part)
         first = held[0].time
@@ -89,10 +88,6 @@ def _whole_if_short(source: Recording | RecordingFile, longest: float) -> Record
         if part.time[-1] - first[0] > longest or count > MOST_SAMPLES:
             return None
     return source if isinstance(source, Recording) else join(held)
-
-
-def _parts(source: Recording | RecordingFile) -> Iterator[Recording]:
-    return source.parts() if isinstance(source, RecordingFile) else parts_of(source, CHUNK)
 
 
 def _between(

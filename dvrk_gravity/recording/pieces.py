@@ -50,13 +50,6 @@ class Piece:
     stop: int
 
 
-def parts_of(recording: Recording, size: int) -> Iterator[Recording]:
-    """Yield a recording in memory in parts; left-out samples are counted with the first."""
-    for first in range(0, len(recording), size):
-        part = recording.rows(slice(first, first + size))
-        yield replace(part, invalid=0, repeated=0) if first else part
-
-
 def blocks(parts: Iterable[Recording], size: int) -> Iterator[Recording]:
     """Yield consecutive parts of any length as blocks of ``size`` samples, the last one shorter."""
     held: list[Recording] = []

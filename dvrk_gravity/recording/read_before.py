@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.files import join
-from dvrk_gravity.recording.pieces import parts_of
-from dvrk_gravity.recording.samples import CHUNK
 from dvrk_gravity.recording.stream import RecordingFile
 
 Prints = NDArray[np.uint64]
@@ -119,11 +117,7 @@ class ReadBefore:
 
     def read(self, recording: Recording | RecordingFile) -> None:
         """Read a recording for what it repeats alone."""
-        for _ in self.fresh(
-            recording.parts()
-            if isinstance(recording, RecordingFile)
-            else parts_of(recording, CHUNK)
-        ):
+        for _ in self.fresh(recording.parts()):
             pass
 
     def told(self) -> tuple[str, tuple[DataWarning, ...]] | None:
@@ -225,20 +219,8 @@ def counted_once(
             lines.append(told[0])
             warnings += told[1]
         if not before.skipped:
-            kept.append(without(recording, before.left_out) if told else recording)
+            kept.append(recording.without(before.left_out) if told else recording)
     return kept, tuple(lines), tuple(warnings)
-
-
-def without(
-    recording: Recording | RecordingFile, left_out: Sequence[tuple[int, int]]
-) -> Recording | RecordingFile:
-    """Return a recording without some spans of its rows."""
-    if isinstance(recording, RecordingFile):
-        return recording.without(left_out)
-    keep = np.ones(len(recording), dtype=bool)
-    for start, stop in left_out:
-        keep[start:stop] = False
-    return recording.rows(keep)
 
 
 def _with_last(parts: Iterable[Recording]) -> Iterator[tuple[Recording, bool]]:

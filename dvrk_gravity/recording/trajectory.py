@@ -82,6 +82,11 @@ class Trajectory:
     still: Mapping[str, float] = field(default_factory=dict)
     frozen: tuple[FrozenSpan, ...] = ()
 
+    @property
+    def head(self) -> Trajectory:
+        """What tells the joints: itself, as with recordings."""
+        return self
+
 
 def read_trajectory(
     parts: Iterable[Recording], cutoff: float = DEFAULT_CUTOFF, piece: int = PIECE
