@@ -6,6 +6,9 @@ Every seed draws an arm, records a calibration motion, identifies, and then reco
 with one effect, or none, hidden in each; the diagnosis has the identified model. Arms are ours
 (testing/world.py, always an MTMR, where the model's terms are the arm's) or MuJoCo's
 (testing/mujoco_world.py, in turn those of --arms), where friction, cables and sensors are not.
+
+What is hidden is sized by what the model leaves of the very motion that it is hidden in: where a
+motion goes beyond the calibration's, that is ten times what was left there, and more.
 """
 
 from __future__ import annotations
@@ -51,12 +54,12 @@ def _mujoco(
     calibration = draw_calibration(world.arm, seed)
 
     def trials(model: TorqueModel, session: Session) -> Iterator[Trial]:
-        del model
-        residual = np.array(session.residual)
+        del session
 
         def make(effect: str, random: np.random.Generator) -> tuple[Recording, Hidden, float]:
             motion, noise = (int(value) for value in random.integers(1 << 30, size=2))
             truth = world.truth(draw_other(world.arm, motion, calibration))
+            residual = _rmse(model, world.record(truth, noise))
             hiding = lab_effects.hide(world.setting(truth, residual), effect, random, sizes=sizes)
             return world.record(hiding.truth, noise), hiding.hidden, hiding.ratio
 
@@ -71,8 +74,7 @@ def _ours(seed: int, effects: Sequence[str], through_file: bool) -> Laboratory:
     exact = world.model()
 
     def trials(model: TorqueModel, session: Session) -> Iterator[Trial]:
-        del model
-        residual = np.array(session.residual)
+        del session
 
         def make(effect: str, random: np.random.Generator) -> tuple[Recording, Hidden, float]:
             changed, hidden = ours.hide(world, effect, random)
@@ -81,9 +83,10 @@ def _ours(seed: int, effects: Sequence[str], through_file: bool) -> Laboratory:
             if effect == "nothing":
                 return recording, hidden, 0.0
             # What the exact model cannot tell of it is what was hidden, and noise.
-            noise_only = _rmse(exact, world.record(motion, noise))
+            without = world.record(motion, noise)
+            noise_only = _rmse(exact, without)
             size = np.sqrt(np.maximum(_rmse(exact, recording) ** 2 - noise_only**2, 0.0))
-            return recording, hidden, float(np.max(size / residual))
+            return recording, hidden, float(np.max(size / _rmse(model, without)))
 
         return _each(seed, effects, make)
 
@@ -118,7 +121,7 @@ def main() -> int:
     parser.add_argument("--sizes", type=float, nargs=2, default=lab_effects.SIZES,
                         metavar=("LEAST", "GREATEST"),
                         help="of what is hidden in MuJoCo's, in units of what the model leaves "
-                             "(default: %(default)s)")
+                             "of that motion without it (default: %(default)s)")
     parser.add_argument("--clean", type=int, default=CLEAN, metavar="N",
                         help="recordings with nothing hidden, a seed (default: %(default)s)")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
