@@ -23,6 +23,8 @@ from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.identification.rigid_columns import link_columns
 from dvrk_gravity.recording.data import Array
 
+_NAMED = 6  # parameters in a sentence; the report's table has all
+
 
 @dataclass(frozen=True)
 class IdentifiabilitySettings:
@@ -308,8 +310,11 @@ def _open_statements(quantities: Sequence[_Quantity], spread: Uncertainty) -> li
     if not unidentifiable:
         return []
     lean = "leans" if len(unidentifiable) == 1 else "lean"
+    shown = unidentifiable[:_NAMED]
+    if len(unidentifiable) > len(shown):
+        shown.append(f"{len(unidentifiable) - _NAMED} more (grey in the report's table)")
     return [
         f"{len(unidentifiable)} of the {len(quantities)} parameters by name still {lean} on the "
         "prior, which may have moved the estimate by more than half of its standard error: "
-        f"{'; '.join(unidentifiable)}"
+        f"{'; '.join(shown)}"
     ]
