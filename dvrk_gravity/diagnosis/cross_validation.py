@@ -279,13 +279,22 @@ class CrossValidation:
         energy = np.bincount(self._block, square, minlength=self.data.count)
         # Blocks in which friction holds the joint decide nothing.
         acts = energy > self.settings.active * energy.max()
+        return self.significance.p_value(
+            (before.loss - after.loss)[acts], news * self.gain(before, after, inflation),
+            candidate.size, tried * candidate.hypothesis.searched, candidate.hypothesis.transient,
+        )  # fmt: skip
+
+    def gain(self, before: Score, after: Score, inflation: Array) -> float:
+        """Return the gain in log-likelihood that counts, of independent samples.
+
+        Args:
+            before: Score of the one set.
+            after: Score of the other.
+            inflation: (n,) samples that count as one, see :meth:`inflation`.
+        """
         samples = np.where(self.weight > 0.0, self.samples / inflation, 0.0)
         gained = self.significance.gain(before.rms**2, after.rms**2, samples).sum()
-        spared = self.significance.of_model(before.improbable - after.improbable)
-        return self.significance.p_value(
-            (before.loss - after.loss)[acts], news * (float(gained) + spared), candidate.size,
-            tried * candidate.hypothesis.searched, candidate.hypothesis.transient,
-        )  # fmt: skip
+        return float(gained) + self.significance.of_model(before.improbable - after.improbable)
 
     def inflation(self, error: Array, torque: Array) -> Array:
         """Return (n,) inflations, see :meth:`Significance.inflation`, of (R, n) errors."""

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.load import Loaded
 from dvrk_gravity.diagnosis.other_findings import as_read_before, reading_gain
 from dvrk_gravity.diagnosis.pool import prepared
-from dvrk_gravity.diagnosis.readings import WrongReading, read_as, try_readings
+from dvrk_gravity.diagnosis.readings import ReadingSettings, WrongReading, read_as, try_readings
 from dvrk_gravity.diagnosis.selection import Selection
 from dvrk_gravity.diagnosis.unstated import unstated
+from dvrk_gravity.estimation.evidence import bonferroni, likelihood_ratio
 
 
 @dataclass(frozen=True)
@@ -55,9 +56,10 @@ class ReadRightly:
 def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
     """Return the motion as it is to be read.
 
-    Another reading must be significant by a rough measure, do about as well as the best hypothesis
-    by that of the hypotheses, and gain on the held-out blocks what a hypothesis must, with
-    certainty: the model's parameters move beside all of them.
+    Another reading must be significant by a rough measure, and by that of the hypotheses, by which
+    it must do about as well as the best of them: the model's parameters move beside all of them, as
+    far as it leaves them open. It must gain on the held-out blocks what a hypothesis must, with
+    certainty.
     """
     say("building hypotheses")
     wrong: list[WrongReading] = []
@@ -80,7 +82,8 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         motion = read_as(loaded.motion, scores[0].reading)
         validation, pool = prepared(motion)
         beside = unstated(validation, pool)
-        gain = validation.score(beside).likelihood - as_it_is.likelihood
+        read = validation.score(beside)
+        gain = read.likelihood - as_it_is.likelihood
         held_out = HeldOut(validation)
         # What friction hides tells no reading from another, where a model says little of it.
         after = held_out.as_read() if before is None else held_out.error(beside)
@@ -89,7 +92,11 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         _, gained = reading_gain(scores[0], before, after, held_out)
         # All that follows stands on it.
         certain = gained.low > 0.0 and gained.relative > held_out.settings.least_removed
-        if gain <= least or not certain:
+        if (
+            gain <= least
+            or not certain
+            or not _significant(validation, as_it_is, read, len(scores))
+        ):
             del validation, pool
             validation, pool = prepared(loaded.motion)
             break
@@ -99,3 +106,10 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         wrong.append(WrongReading(scores[0], loaded.motion, alternatives))
         loaded = replace(loaded, motion=motion)
     return ReadRightly(loaded, tuple(wrong), validation, pool)
+
+
+def _significant(validation: CrossValidation, before: Score, after: Score, tried: int) -> bool:
+    """Tell whether the best of some readings is more than chance."""
+    inflation = validation.inflation(after.error, before.error - after.error)
+    p_value = likelihood_ratio(validation.gain(before, after, inflation), 1)
+    return bonferroni(p_value, tried) < ReadingSettings().alpha
