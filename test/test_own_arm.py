@@ -22,7 +22,8 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree, nominal_inertias
 from dvrk_gravity.compensate.sample import DroppedSampleError, SampleReader
-from dvrk_gravity.effects import Payload
+from dvrk_gravity.diagnosis import diagnose
+from dvrk_gravity.effects import Payload, State
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
@@ -404,6 +405,29 @@ def test_joints_beyond_those_recorded_are_held_and_named(without_fingers, tmp_pa
     assert fit.model.arm.n == 7
     fit.model.save(tmp_path / "model.yaml")
     assert TorqueModel.load(tmp_path / "model.yaml").arm.held == {"panda_finger_joint1": 0.0}
+
+
+def test_joints_beyond_those_recorded_are_held_where_it_is_said(without_fingers):
+    at = {"panda_finger_joint1": 0.02}
+    fit = identify(without_fingers, PANDA, effects=["viscous_friction"], still=at)
+    assert fit.model.arm.held == at
+
+
+def test_a_load_is_weighed_against_a_reference_that_lacks_the_fingers(without_fingers):
+    arm = Arm.load(f"{PANDA}#panda_hand")
+    loaded = record(PlainWorld.of(arm, nominal_inertias(arm)), 1, 12)
+    q, qd = loaded.position, loaded.velocity
+    assert q is not None
+    assert qd is not None
+    assert loaded.effort is not None
+    assert loaded.rate
+    state = State(q, qd, np.gradient(qd, 1.0 / loaded.rate, axis=0))
+    load = Payload(arm, arm.body_names[-1], MASS, MASS * np.array(COM), arm.gravity)
+    loaded = replace(loaded, effort=loaded.effort + load.torque(state), arm=None)
+    found = diagnose(loaded, reference=without_fingers, arm=PANDA)
+    assert list(found.before) == list(arm.joint_names)
+    assert found.findings[0].effect == "payload"
+    assert found.findings[0].parameters["mass"].value == pytest.approx(MASS, rel=0.05)
 
 
 def test_a_model_of_more_joints_is_judged_on_those_that_were_recorded(without_fingers):

@@ -200,7 +200,7 @@ def test_from_a_file_of_three_joints_to_a_load_on_the_command_line(tmp_path, cap
     assert main(["evaluate", other, "--model", str(model)]) == 0
     shown = capsys.readouterr().out
     assert "(RMSE in N)" in shown
-    assert "identify's verdict, from the model file: good" in shown
+    assert "verdict in the model file: good" in shown
     assert main(["diagnose", loaded, "--model", str(model), "--out", str(out)]) == 0
     found = json.loads((out / "findings.json").read_text())
     first = found["findings"][0]

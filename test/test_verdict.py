@@ -18,6 +18,7 @@ from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify
 from dvrk_gravity.identification.result import Holding, JointError, Verdict
+from dvrk_gravity.identification.table import verdict_text
 from dvrk_gravity.identification.verdict import VerdictSettings, compared, judge
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
@@ -138,12 +139,12 @@ def test_what_to_record_instead_follows_from_where_the_error_is():
     [
         (
             "usable", 0.05,
-            "identify's verdict, from the model file: usable; from these errors alone it would be: "
+            "verdict in the model file: usable; from these errors alone it would be: "
             "good",
         ),
         (
             "good", 0.9,
-            "identify's verdict, from the model file: good; from these errors alone it would be: "
+            "verdict in the model file: good; from these errors alone it would be: "
             "do not compensate with this (wrist_yaw 90 % of the torque); `diagnose` tells whether "
             "that is news, and of what",
         ),
@@ -238,3 +239,14 @@ def test_poses_that_never_moved_the_shoulder_do_not_tell_its_gravity():
     assert "more poses" in verdict.joints["shoulder_pitch"].record
     moved = identify(record(posed(), grid(3)), ARM).verdict
     assert moved.joints["shoulder_pitch"].level != "do_not_compensate"
+
+
+def test_errors_held_out_of_a_few_seconds_make_no_model_usable():
+    """Found with 2 s of a motion: "usable", and an error of 112 % of the torque in another one."""
+    errors, holding = dict.fromkeys(JOINT_NAMES, JointError(0.5, 0.05, 0.99)), dict.fromkeys(
+        JOINT_NAMES, KNOWN
+    )  # fmt: skip
+    assert judge(errors, errors, holding, ARM, "joint", duration=8.0).level == "good"
+    short = judge(errors, errors, holding, ARM, "joint", duration=2.0)
+    assert short.level == "do_not_compensate"
+    assert len(list(verdict_text(short))) == 3, "why is told once for all joints"

@@ -60,8 +60,9 @@ are not in the repository (`DVRK_GRAVITY_DATA` names their folder).
   (`test/test_psm_arm.py`).
 - *The jaws* turn by `wrist_yaw - jaw / 2` and `wrist_yaw + jaw / 2`: link 6 `follows` jaw.
 - *The wrist's motors* each pull several joints: `actuator_to_joint`. Recordings are often in motor
-  coordinates (`--coordinates actuator`; left out, `diagnose` tells that first and reads them
-  rightly); friction is looked for at joints and at motors.
+  coordinates (`--coordinates actuator`; left out, `diagnose` tells that first, or takes
+  what fits a reference better, and reads them rightly); friction is looked for at joints and at
+  motors.
 - *What cannot be told*: `back`, `middle` and link 2 turn alike about parallel axes. Torque tells
   neither their masses nor on which of them a load is; it is told as link 2's, in link 2's frame,
   whose origin is the remote centre and whose y axis goes up along the insertion.

@@ -16,8 +16,10 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
 if TYPE_CHECKING:
+    from dvrk_gravity.arms import Arm
     from dvrk_gravity.diagnosis import Diagnosis
     from dvrk_gravity.diagnosis.findings import Finding
+    from dvrk_gravity.recording.data import Coordinates
 
 NAME = "diagnose"
 EXAMPLE = (
@@ -49,8 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder for findings.json, extended_model.yaml and report.html",
     )  # fmt: skip
     parser.add_argument(
-        "--coordinates", choices=("joint", "actuator"), default="joint",
-        help="what the recordings' columns are (default: joint)",
+        "--coordinates", choices=("joint", "actuator"),
+        help="what the recordings' columns are (default: joint; with --reference, what a plain "
+        "model fits that better in)",
     )  # fmt: skip
     add_at(parser)
     parser.add_argument("--topic", help="JointState topic of a bag, if it has several")
@@ -82,8 +85,9 @@ def run(args: argparse.Namespace) -> int:
         arm = model.arm
     still = still_joints(args.at, arm)
     files = [*args.recordings, *([] if args.reference is None else [args.reference])]
+    coordinates = _coordinates(args, arm)
     recordings = [
-        RecordingFile(path, args.topic, coordinates=args.coordinates, arm=arm) for path in files
+        RecordingFile(path, args.topic, coordinates=coordinates, arm=arm) for path in files
     ]
     require_unrecorded(args.at, recordings)
     reference = None if args.reference is None else recordings.pop()
@@ -116,6 +120,27 @@ def run(args: argparse.Namespace) -> int:
         print(f"warning: {line}", file=sys.stderr)
     print(diagnosis.to_json() if args.json else _summary(diagnosis, out))
     return 0
+
+
+def _coordinates(args: argparse.Namespace, arm: Arm) -> Coordinates:
+    """Return what the recordings' columns are.
+
+    A model tells whether a recording is read wrongly; a reference that is misread alike does not.
+    """
+    from dvrk_gravity.identification.coordinates import detect_coordinates
+    from dvrk_gravity.recording import RecordingFile
+
+    given: Coordinates | None = args.coordinates
+    if given is not None or args.reference is None:
+        return given or "joint"
+    reference = RecordingFile(args.reference, args.topic, arm=arm)
+    complete = set(arm.joint_names) <= set(reference.head.joints)
+    if not complete or reference.head.time is None or reference.head.effort is None:
+        return "joint"
+    coordinates, why = detect_coordinates(reference, arm)
+    if why:
+        print(f"data: {why}", file=sys.stderr)
+    return coordinates
 
 
 def _summary(diagnosis: Diagnosis, out: Path) -> str:

@@ -354,9 +354,11 @@ def _alternatives(
         if (hypothesis.effect, hypothesis.joints) in seen:
             continue
         seen.add((hypothesis.effect, hypothesis.joints))
+        more = other.candidate.parameters > effect.trial.candidate.parameters
+        better = other.gain > effect.trial.gain and more
         why = (
-            f"explains unseen blocks as well: log-likelihood gain {other.gain:.0f} "
-            f"against {effect.trial.gain:.0f}"
+            f"explains unseen blocks {'better, with more parameters' if better else 'as well'}: "
+            f"log-likelihood gain {other.gain:.0f} against {effect.trial.gain:.0f}"
         )
         apart = separation(validation, rest, effect.trial.candidate, other.candidate)
         result.append(

@@ -275,7 +275,8 @@ def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:
             raise ConfigError("--arm", None, "the arm, or a --model, beside --reference")
         return arm
     if arm is not None and arm.joint_names != model.arm.joint_names:
-        raise ConfigError("--arm", arm.name, f"that of the model, {model.arm.name}, or none")
+        its = f"{model.arm.name} with {', '.join(model.arm.joint_names)}"
+        raise ConfigError("--arm", arm.name, f"that of the model, {its}, or none")
     return model.arm
 
 

@@ -139,8 +139,10 @@ def diagnose(
     if not whole:
         raise RecordingError("recordings", "none given, expected at least one")
     if model is None:
+        arm, whole, held = with_held(whole, arm, still)
         arm, said = in_their_unit(arm, whole)
         whole, model = [recording.of(arm) for recording in whole], model_of(arm)
+        said = (*said, *held)
     else:
         said = require_newtons(model, whole)
         if model.of_file:

@@ -123,7 +123,8 @@ def fit_dynamic(
     held_out, training = (
         _errors(design, predicted, coordinates) for predicted in (found.blind, found.predicted)
     )
-    verdict = judge(held_out, training, found.holding, arm, coordinates)
+    duration = sum(float(np.ptp(motion.time)) for motion in parts)
+    verdict = judge(held_out, training, found.holding, arm, coordinates, duration=duration)
     model = _model(columns, chosen, found.solution, found.links)
     error = known_error(design, found.blind, cutoff)
     kept = kept_samples(parts, arm)

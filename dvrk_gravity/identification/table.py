@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.identification.evaluation import Evaluation
-from dvrk_gravity.identification.result import Fit, JointError, Verdict, in_short
+from dvrk_gravity.identification.result import Fit, JointError, JointVerdict, Verdict, in_short
 from dvrk_gravity.identification.verdict import compared
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import brief
@@ -31,14 +31,13 @@ def error_table(
 def verdict_text(verdict: Verdict) -> Iterator[str]:
     """Yield the lines that tell a verdict: why, and what to record instead."""
     yield f"verdict: {verdict.words}"
-    short = {
-        name: joint_verdict
-        for name, joint_verdict in verdict.joints.items()
-        if joint_verdict.record
-    }
-    for name, joint_verdict in short.items():
-        yield f"  {name}: {joint_verdict.words}: {joint_verdict.reason}"
-    for record in dict.fromkeys(joint_verdict.record for joint_verdict in short.values()):
+    short: dict[JointVerdict, list[str]] = {}
+    for name, joint_verdict in verdict.joints.items():
+        if joint_verdict.record:
+            short.setdefault(joint_verdict, []).append(name)
+    for joint_verdict, names in short.items():
+        yield f"  {', '.join(names)}: {joint_verdict.words}: {joint_verdict.reason}"
+    for record in dict.fromkeys(joint_verdict.record for joint_verdict in short):
         yield f"  record instead: {record}"
 
 

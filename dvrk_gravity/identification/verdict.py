@@ -52,6 +52,8 @@ class VerdictSettings:
         negligible: Error that moves no joint, as a part of its effort limit. The least dry friction
             of any joint of a real MTM is about as much: 0.8 % at elbow_pitch, 9 % at wrist_platform
             (half the difference between the directions of the poses in docs/static_poses.md).
+        shortest: s of motion, below which errors held out say little of another motion: a twelfth
+            of it is held out at a time, next to what was fitted. As for a diagnosis (``load.py``).
         friction: Error that dry friction may be, as a part of the effort limit: about the most of
             the same joints. Where poses do not tell friction apart, it is in the error.
     """
@@ -61,6 +63,7 @@ class VerdictSettings:
     usable_over_good: float = 2.0**0.5
     negligible: float = 0.01
     friction: float = 0.1
+    shortest: float = 8.0
 
     def level(self, joint: Joint, share: float) -> str:
         """Return the verdict on an error that is such a part of a joint's torque."""
@@ -79,6 +82,7 @@ def judge(
     static: bool = False,
     with_friction: Collection[str] = (),
     settings: VerdictSettings | None = None,
+    duration: float | None = None,
 ) -> Verdict:
     """Judge a fit by its error on data that it had not seen, and by what it leaves open.
 
@@ -98,8 +102,13 @@ def judge(
         with_friction: Joints whose friction these errors hold, as the way in which their poses were
             approached is not known.
         settings: Thresholds; default: :class:`VerdictSettings`.
+        duration: s of motion, if it is one.
     """
     settings = settings or VerdictSettings()
+    if duration is not None and duration < settings.shortest:
+        why = f"{duration:.2g} s of motion, of which parts are held out next to what was fitted"
+        short = JointVerdict(POOR, why, MORE[0])
+        return Verdict(POOR, why, MORE[0], dict.fromkeys(arm.joint_names, short))
     at_motor = coordinates == "actuator"
     joints = {}
     limits = arm.actuator_effort_limit if at_motor else arm.effort_limit
@@ -170,7 +179,7 @@ def compared(
     said = (
         "the model carries no verdict of identify"
         if model.verdict == NO_VERDICT
-        else f"identify's verdict, from the model file: {in_words(model.verdict)}"
+        else f"verdict in the model file: {in_words(model.verdict)}"
     )
     held = ", with friction that these poses do not tell apart" if rubs else ""
     why = "" if found == GOOD else f" ({', '.join(which)} of the torque{held})"
