@@ -202,14 +202,10 @@ def with_hidden(recording: Recording, before: Truth, after: Truth) -> Recording:
     return replace(recording, position=recording.position + moved, effort=recording.effort + added)
 
 
-def trials(
-    case: Case, effects: Sequence[str], places: int, model: TorqueModel, session: Session
-) -> Iterator[Trial]:
+def trials(case: Case, effects: Sequence[str], places: int, model: TorqueModel) -> Iterator[Trial]:
     """Yield effect, number and recording of every trial."""
-    del session
     truth = truth_of(case.other, case.arm)
-    errors = evaluate(model, [in_joints(case.other, case.arm)], "joint").joints
-    residual = np.array([error.rmse for error in errors.values()])
+    residual = _left(model, case.other, case.arm)
     at_frames = np.zeros((case.arm.n, 3))
     setting = Setting(truth, ModelBodies(model), residual, case.masses, case.reach, at_frames)
 
@@ -219,9 +215,7 @@ def trials(
     nothing = Hidden("nothing", (), {})
     yield "nothing", 0, lambda: (case.other, nothing, 0.0)
     for number, (_, recording, load) in enumerate(case.loads):
-        bare = setting.residual
-        ahead = evaluate(model, [in_joints(recording, case.arm)], "joint").joints
-        size = float(np.max(np.array([error.rmse for error in ahead.values()]) / bare))
+        size = float(np.max(_left(model, recording, case.arm) / residual))
         yield "payload", 100 + number, lambda r=recording, h=load, s=size: (r, h, s)
     n = case.arm.n
     for kind, effect in enumerate(effects):
@@ -243,6 +237,12 @@ def trials(
                 number,
                 lambda e=effect, r=random: hidden(lab_effects.hide(setting, e, r, sizes=SIZES)),
             )
+
+
+def _left(model: TorqueModel, recording: Recording, arm: Arm) -> np.ndarray:
+    """Return (n,) what a model leaves of a recording, RMS, N·m or N."""
+    found = evaluate(model, [in_joints(recording, arm)], "joint", lab_effects.BAND)
+    return np.array([error.rmse for error in found.joints.values()])
 
 
 def in_joints(recording: Recording, arm: Arm) -> Recording:

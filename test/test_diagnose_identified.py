@@ -124,5 +124,18 @@ def test_a_wall_where_the_model_was_not_identified_may_be_the_model_s_own_error(
         )
         return beyond_range(motion, wall, np.ones(1))
 
-    assert said(upper).endswith(f"of {world.arm.joint_names[0]}")
+    assert f"of {world.arm.joint_names[0]}, where the model was not" in said(upper)
     assert said(least) == ""
+
+
+def test_a_load_that_is_held_for_a_while_is_no_certain_push_of_each_joint():
+    world, model, _ = calibrated("chain")
+    truth = world.truth(draw_other(world.arm, 3))
+    held = ((truth.time > 10.0) & (truth.time < 20.0))[:, None]
+    load = world.engine.added(truth.motion, 3, 4.0, np.array([0.05, 0.0, 0.1]))
+    found = diagnose(world.record(replace(truth, effort=truth.effort + load * held), 3), model)
+
+    pushed = [finding for finding in found.findings if finding.effect == "contact"]
+    assert len({finding.joints for finding in pushed}) > 1, "or there is nothing to doubt"
+    assert not any(finding.certain for finding in pushed)
+    assert any("a load that was held for a while" in finding.sentence for finding in pushed)

@@ -248,3 +248,14 @@ def test_diagnosing_the_same_twice_or_appended_to_itself_is_diagnosing_once(moti
         assert again.after == pytest.approx(once.after, rel=1e-9)
         assert again.floor == pytest.approx(once.floor, rel=1e-9)
         assert [warning.kind for warning in again.warnings].count("read_before") == 1
+
+
+def test_what_is_left_out_of_what_was_left_out_is_the_same_of_a_file_as_in_memory(
+    measured, tmp_path
+):
+    measured.save(tmp_path / "run.csv")
+    in_memory, file = Recording.load(tmp_path / "run.csv"), RecordingFile(tmp_path / "run.csv")
+    for spans in ([(0, 100)], [(50, 60), (200, 300)]):
+        in_memory, file = in_memory.without(spans), file.without(spans)
+    np.testing.assert_array_equal(file.load().time, in_memory.time)
+    np.testing.assert_array_equal(file.head.position, in_memory.position)

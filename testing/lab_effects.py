@@ -27,7 +27,7 @@ G = 9.81
 SIZES = (1.5, 6.0)  # times what the model leaves, RMS
 _TRIES = 30  # at a place where the effect can be as large as that
 _HALVINGS = 40
-_BAND = 8.0  # Hz; the band of the errors that models leave
+BAND = 8.0  # Hz; what a model leaves, and what is hidden, are compared below that
 
 
 class Bodies(Protocol):
@@ -50,7 +50,8 @@ class Setting:
     Attributes:
         truth: The motion and its efforts without it.
         bodies: The arm's masses.
-        residual: (n,) what the identified model leaves, RMS, N·m or N.
+        residual: (n,) what the identified model leaves of the motion, RMS below :data:`BAND`, N·m
+            or N.
         payload: Least and greatest mass that somebody would fasten to the arm, kg.
         reach: How far from a link's centre it may be along each axis, m.
         centres: (n, 3) about where in its own frame each joint's link is, m.
@@ -98,7 +99,7 @@ class Setting:
     def ratio(self, torque: Array) -> float:
         """Return the largest RMS of a torque (T, n) in units of what the model leaves.
 
-        In the band in which that is measured: noise that is scaled, clipped or late is noise still.
+        Below :data:`BAND`, as what is left: noise that is scaled, clipped or late is noise still.
         """
         slow = sosfiltfilt(self._low_pass, torque, axis=0)
         return float(np.max(np.sqrt(np.mean(slow**2, axis=0)) / self.residual))
@@ -106,7 +107,7 @@ class Setting:
     @cached_property
     def _low_pass(self) -> Array:
         rate = 1.0 / float(np.median(np.diff(self.truth.time)))
-        return np.asarray(butter(2, _BAND, fs=rate, output="sos"))
+        return np.asarray(butter(2, BAND, fs=rate, output="sos"))
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,14 +57,14 @@ class Laboratory:
     Attributes:
         arm: What the package knows of it.
         calibration: What it is identified from.
-        trials: What is diagnosed, given the model and the session so far.
+        trials: What is diagnosed, given the model.
         coordinates: Of the calibration; ``None``: found out.
         through_file: Whether the model is saved and loaded again before it diagnoses.
     """
 
     arm: Arm
     calibration: Recording
-    trials: Callable[[TorqueModel, Session], Iterable[Trial]]
+    trials: Callable[[TorqueModel], Iterable[Trial]]
     coordinates: Coordinates | None = None
     through_file: bool = False
 
@@ -74,7 +74,7 @@ def hold(session: Session, prepare: Callable[[], Laboratory]) -> Session:
     try:
         laboratory = prepare()
         model = _identified(session, laboratory)
-        for effect, seed, make in laboratory.trials(model, session):
+        for effect, seed, make in laboratory.trials(model):
             outcome = run_trial(Outcome(session.engine, session.arm, seed, effect), make, model)
             session.outcomes.append(outcome)
             _say(str(outcome))

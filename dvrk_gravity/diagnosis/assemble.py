@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.ambiguity import ambiguities
 from dvrk_gravity.diagnosis.at_calibration import AtCalibration
-from dvrk_gravity.diagnosis.beyond_range import REMEDY, beyond_range
+from dvrk_gravity.diagnosis.at_once import REMEDY as RECORD_ALONE
+from dvrk_gravity.diagnosis.at_once import at_once
+from dvrk_gravity.diagnosis.beyond_range import REMEDY as GO_THERE
+from dvrk_gravity.diagnosis.beyond_range import beyond_range
 from dvrk_gravity.diagnosis.by_recording import REMEDY as DIAGNOSE_ALONE
 from dvrk_gravity.diagnosis.by_recording import difference
 from dvrk_gravity.diagnosis.candidate import Candidate
@@ -279,6 +282,10 @@ def _finding(
     rest_named = [other for k, other in enumerate(named) if k != i]
     alternatives = _alternatives(validation, rest_named, effect)
     beyond = beyond_range(motion, hypothesis, theta)
+    together = at_once(hypothesis, [other.hypothesis for other in rest_named])
+    remedy = _remedy(hypothesis, motion, not left_out)
+    if beyond or together:
+        remedy = GO_THERE if beyond else RECORD_ALONE
     return Finding(
         effect=hypothesis.effect,
         joints=hypothesis.names,
@@ -298,12 +305,12 @@ def _finding(
         ),
         sentence=sentence_of(
             hypothesis, parameters, gain, [hypothesis.arm.joint_names[joint] for joint in joints],
-            beyond,
+            beyond or together,
         ),
         picture=picture_of(validation.data, held_out, hypothesis, joints[0], before, after),
         left_out=left_out,
-        remedy=REMEDY if beyond else _remedy(hypothesis, motion, not left_out),
-        beyond=beyond,
+        remedy=remedy,
+        doubt=beyond or together,
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ class BeyondSettings:
 
 
 def beyond_range(motion: MeasuredMotion, hypothesis: Hypothesis, theta: Array) -> str:
-    """Return where a finding acts, if that is where the model was not identified; else ``""``.
+    """Return that a finding acts where the model was not identified, if it does; else ``""``.
 
     Of what is of a joint and depends on its position: a cable has any course there.
 
@@ -48,4 +48,5 @@ def beyond_range(motion: MeasuredMotion, hypothesis: Hypothesis, theta: Array) -
     if square[(q < low) | (q > high)].sum() <= least:
         return ""
     where = motion.arm.joints[joint]
-    return f"outside {where.shown(low).split()[0]} to {where.shown(high)} of {where.name}"
+    span = f"{where.shown(low).split()[0]} to {where.shown(high)} of {where.name}"
+    return f"it acts outside {span}, where the model was not identified"

@@ -177,7 +177,7 @@ class Finding:
         picture: Where it shows.
         left_out: Why the extended model does not carry it; ``""`` where it does.
         remedy: What to do about it.
-        beyond: Where it acts, if the model was not identified there: it may be the model's error.
+        doubt: Why it is not certain, whatever it gains.
     """
 
     effect: str
@@ -191,7 +191,7 @@ class Finding:
     picture: Picture | None
     left_out: str
     remedy: str = ""
-    beyond: str = ""
+    doubt: str = ""
 
     @property
     def in_model(self) -> bool:
@@ -207,14 +207,14 @@ class Finding:
         """Whether zero lies outside the intervals of its gain and of its size.
 
         Of an effect of several sizes (two directions, three axes) one that is certain is enough.
-        What acts only where the model was not identified is not certain, however sure it is there.
+        Nor is it certain where something else than its gain says so (``doubt``).
         """
         sizes = [
             not estimate.doubtful(zero)
             for name, estimate in self.parameters.items()
             if (zero := effects.named(self.effect).meaning(name).neutral) is not None
         ]
-        return self.gain.low > 0.0 and (any(sizes) or not sizes) and not self.beyond
+        return self.gain.low > 0.0 and (any(sizes) or not sizes) and not self.doubt
 
     def to_dict(self) -> dict[str, Any]:
         """Return what findings.json holds of it."""

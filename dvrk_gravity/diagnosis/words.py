@@ -34,7 +34,7 @@ def rows(finding: Finding) -> list[tuple[str, str]]:
 
 def sentence_of(
     hypothesis: Hypothesis, parameters: Mapping[str, Estimate], gain: Gain, joints: Sequence[str],
-    beyond: str = "",
+    doubt: str = "",
 ) -> str:  # fmt: skip
     """Return the finding in one sentence, with value, interval and what it removes.
 
@@ -43,7 +43,7 @@ def sentence_of(
         parameters: Its estimates by name.
         gain: Its gain on held-out data.
         joints: The joints of whose error the gain is, the one that gains most first.
-        beyond: Where it acts, if the model was not identified there.
+        doubt: Why it is not certain, whatever it gains.
     """
     first, *others = joints
     where = f"{first} and {len(others)} more joints" if len(others) > 1 else " and ".join(joints)
@@ -54,6 +54,6 @@ def sentence_of(
     if gain.low <= 0.0:
         interval = f"{100 * gain.low:.0f} to {100 * gain.high:.0f} %"
         sentence += f" (not certain: 95 % interval of what it removes {interval})"
-    elif beyond:
-        sentence += f" (not certain: it acts {beyond}, where the model was not identified)"
+    elif doubt:
+        sentence += f" (not certain: {doubt})"
     return sentence

@@ -302,7 +302,7 @@ class Recording(Samples):
         )
 
     def without(self, left_out: Sequence[tuple[int, int]]) -> Recording:
-        """Return the recording without some spans of its rows, first and last but one of each."""
+        """Return it without some spans of its rows, each from one row to before another."""
         keep = np.ones(len(self), dtype=bool)
         for start, stop in left_out:
             keep[start:stop] = False

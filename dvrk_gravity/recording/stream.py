@@ -58,7 +58,7 @@ class RecordingFile:
         """Read the first part; arguments are those of ``Recording.load``."""
         self._path, self._topic, self._time_base = path, topic, time_base
         self._coordinates, self._arm = coordinates, arm
-        self._left_out: tuple[tuple[int, int], ...] = ()
+        self._left_out: tuple[tuple[tuple[int, int], ...], ...] = ()  # each of what was left
         if arm is not None and arm.held:  # which the arm's own joints do not tell
             whole = iterate_recording(path, topic, coordinates, time_base)
             next(whole).require_held(arm)
@@ -73,16 +73,19 @@ class RecordingFile:
         if self._arm is arm:
             return self
         given = self._path, self._topic, self._time_base, self._coordinates
-        return RecordingFile(*given, arm).without(self._left_out)
+        result = RecordingFile(*given, arm)
+        for left_out in self._left_out:
+            result = result.without(left_out)
+        return result
 
     def without(self, left_out: Sequence[tuple[int, int]]) -> RecordingFile:
-        """Return the same file without some spans of its rows, first and last but one of each.
+        """Return the same file without some spans of its rows, each from one row to before another.
 
         Raises:
             RecordingError: If nothing is left.
         """
         result = copy(self)
-        result._left_out = tuple(left_out)
+        result._left_out = (*self._left_out, tuple(left_out))
         first = next(result.parts(), None)
         if first is None:
             raise RecordingError(self.head.source, "holds no samples")
@@ -94,7 +97,9 @@ class RecordingFile:
         parts = iterate_recording(
             self._path, self._topic, self._coordinates, self._time_base, arm=self._arm
         )
-        return _without(parts, self._left_out) if self._left_out else parts
+        for left_out in self._left_out:
+            parts = _without(parts, left_out)
+        return parts
 
     def load(self) -> Recording:
         """Return the whole."""

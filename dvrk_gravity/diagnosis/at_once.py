@@ -1,0 +1,43 @@
+"""Pushes of several joints at the same time: they may be one thing that has no name here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dvrk_gravity.effects.base.effect import Hypothesis
+
+REMEDY = (
+    "if something was held for a while, record the time with it alone; a hand or a cable: keep it "
+    "off the arm while it is recorded"
+)
+
+
+def at_once(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:
+    """Return what else pushes at the same time as a finding, if something does; else ``""``.
+
+    A load that is held for a while, or a hand at the arm's end, is felt by several joints, with
+    each position otherwise; one constant push of each joint approximates that.
+
+    Args:
+        hypothesis: The finding's.
+        others: Those beside it.
+    """
+    joints = [
+        joint
+        for other in others
+        if _overlap(hypothesis, other)
+        for joint in other.names
+        if joint not in hypothesis.names
+    ]
+    if not joints:
+        return ""
+    also = " and ".join(dict.fromkeys(joints))
+    return f"{also} is pushed at the same time: a load that was held for a while looks so, too"
+
+
+def _overlap(one: Hypothesis, other: Hypothesis) -> bool:
+    """Tell whether two come and go, and are there at the same time for a while."""
+    if not (one.transient and other.transient and {"start", "end"} <= other.setting.keys()):
+        return False
+    begin = max(one.setting["start"], other.setting["start"])
+    return begin < min(one.setting["end"], other.setting["end"])
