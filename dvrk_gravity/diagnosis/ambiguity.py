@@ -29,10 +29,13 @@ class AmbiguitySettings:
 
     Attributes:
         same: Part of one's torque that the other reproduces. Chosen.
+        strong: Log-likelihood of independent samples from which on one is suspected: odds of 20 to
+            one, "strong" in the scale of Kass and Raftery (1995).
         poses: Drawn, among which one is looked for that would tell. Chosen: a bound on time.
     """
 
     same: float = 0.8
+    strong: float = 3.0
     poses: int = 2000
 
 
@@ -88,13 +91,17 @@ def _ambiguity(
     without, before = validation.score(named), held_out.rmse(held_out.error(named))
     for candidate, together in zip((zero, other), fitted_together, strict=True):
         (alone,) = _estimates(validation, named, (candidate,))
-        gain = validation.score([*named, candidate]).likelihood - without.likelihood
+        score = validation.score([*named, candidate])
+        gain = score.likelihood - without.likelihood
+        inflation = validation.inflation(score.error, without.error - score.error)
+        clearly = AmbiguitySettings().strong * float(np.max(inflation[candidate.acts]))
         after = held_out.rmse(held_out.error([*named, candidate]))
         removed = 1.0 - after / np.where(before > 0.0, before, 1.0)
         best = int(np.argmax(removed))
         contenders.append(
             Contender(
                 candidate.hypothesis.effect, candidate.hypothesis.names, alone, together, gain,
+                gain > clearly,
                 validation.data.motion.arm.joint_names[best], float(removed[best]),
             )
         )  # fmt: skip
@@ -104,7 +111,8 @@ def _ambiguity(
         sizes = " against ".join(_numbers(contender) for contender in contenders)
     else:
         gains = " and ".join(f"{contender.gain:+.0f}" for contender in contenders)
-        sizes = f"there is no sign of either (log-likelihood {gains} on unseen blocks)"
+        clear = "clear " if any(contender.gain > 0.0 for contender in contenders) else ""
+        sizes = f"there is no {clear}sign of either (log-likelihood {gains} on unseen blocks)"
     sentence = (
         f"{pair} cannot be told apart here: {100 * share:.0f} % of the torque of the first is the "
         f"second's as well; {sizes}; {_pose(validation, zero, other, theta, poses)}"

@@ -88,6 +88,7 @@ class Contender:
         alone: Estimates if only this one is fitted.
         together: Estimates if both are.
         gain: Log-likelihood that it brings on unseen blocks, its cost taken off.
+        suspected: Whether that clearly speaks for it.
         at: Joint whose held-out error it lowers most.
         removed: Part of that error.
     """
@@ -97,6 +98,7 @@ class Contender:
     alone: Mapping[str, Estimate]
     together: Mapping[str, Estimate]
     gain: float
+    suspected: bool
     at: str
     removed: float
 
@@ -132,8 +134,8 @@ class Ambiguity:
 
     @property
     def suspected(self) -> bool:
-        """Whether unseen blocks speak for either of them."""
-        return max(self.first.gain, self.second.gain) > 0.0
+        """Whether unseen blocks clearly speak for either of them."""
+        return self.first.suspected or self.second.suspected
 
 
 @dataclass(frozen=True, eq=False)
