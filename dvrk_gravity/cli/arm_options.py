@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -66,6 +67,12 @@ def of_model(model: TorqueModel, arguments: argparse.Namespace) -> TorqueModel:
     if gains is not None and arm.read_in:
         why = f"none: the model is in {arm.read_in}; identify it with them"
         raise ConfigError("--drive-gains", gains, why)
+    if gains is not None and arm.drive_gains is None and not model.of_file:
+        print(
+            "warning: efforts are taken as currents (--drive-gains), and the model was identified "
+            "from efforts in N·m",
+            file=sys.stderr,
+        )
     if given is None:
         return replace(model, arm=with_drive_gains(arm, arguments))
     expected = f"{arm.read_in or 'N·m'}, as the model's torques"
