@@ -98,7 +98,7 @@ def test_what_could_not_be_accepted_takes_no_place_from_what_could():
     recording = Recording(JOINT_NAMES, time, q, qd, effort)
     validation = CrossValidation(FilteredData.of(load([recording], model).motion))
     offsets = [
-        validation.candidate(OffsetHypothesis(arm=ARM, site=site.joint(i), joints=(i,)))
+        validation.data.candidate(OffsetHypothesis(arm=ARM, site=site.joint(i), joints=(i,)))
         for i in (0, 6)
     ]
 

@@ -122,7 +122,7 @@ def test_hypotheses_and_what_they_are_built_from_take_little_memory_a_sample():
     """
     motion = load([moving(10.0, 200.0)], MODEL).motion
     validation = CrossValidation(FilteredData.of(motion))
-    pool = [validation.candidate(hypothesis) for hypothesis in hypotheses(motion)]
+    pool = [validation.data.candidate(hypothesis) for hypothesis in hypotheses(motion)]
     assert len(pool) > 200
     total = sum(candidate.values.nbytes for candidate in pool)
     bases = Cogging.search_basis(validation.data)

@@ -38,7 +38,7 @@ def first(data: FilteredData, effect: str, joint: int) -> Candidate:
     validation = CrossValidation(data)
     return next(
         candidate
-        for candidate in validation.candidates(hypotheses(data.motion))
+        for candidate in validation.data.candidates(hypotheses(data.motion))
         if candidate.hypothesis.effect == effect and candidate.acts[joint]
     )
 

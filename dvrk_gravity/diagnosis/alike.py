@@ -38,7 +38,7 @@ class Alike:
         freed = candidate.hypothesis.freed
         assert freed is not None
         if freed.key not in self._known:
-            self._known[freed.key] = self._validation.candidate(freed)
+            self._known[freed.key] = self._validation.data.candidate(freed)
         return self._known[freed.key]
 
     def _torques(

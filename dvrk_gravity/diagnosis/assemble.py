@@ -333,7 +333,7 @@ def _freed(
     freed = named[i].hypothesis.freed
     if freed is None:
         return parameters
-    candidates = [*named[:i], validation.candidate(freed), *named[i + 1 :]]
+    candidates = [*named[:i], validation.data.candidate(freed), *named[i + 1 :]]
     theta, covariance = validation.fit(candidates)
     rows = _slices(candidates)[i]
     alone = estimates(freed, theta[rows], covariance[rows, rows], {})

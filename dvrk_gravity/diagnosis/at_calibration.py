@@ -116,7 +116,7 @@ class AtCalibration:
         hypothesis, validation = on_trial.hypothesis, self._validation
         if hypothesis.transient or hypothesis.of_model:
             return None
-        candidate = validation.candidate(hypothesis)
+        candidate = validation.data.candidate(hypothesis)
         if not validation.size(candidate, np.ones(candidate.size)).any():
             return None
         theta, covariance = validation.fit([candidate])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.errors import EffectError
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 # Log-likelihood that a parameter has to bring: half the logarithm of the number of independent
 # samples (Schwarz 1978), 30 s of seven joints below 8 Hz: 0.5 ln(30 * 2 * 8 * 7) = 4.1.
@@ -137,3 +139,17 @@ def split(candidates: Sequence[Candidate], theta: Array) -> list[tuple[Candidate
     """Return each candidate with its own of the (k,) parameters that all have together."""
     edges = np.cumsum([0, *(candidate.size for candidate in candidates)])
     return [(c, theta[a:b]) for c, a, b in zip(candidates, edges, edges[1:], strict=False)]
+
+
+def in_batches(items: Iterable[T], width: Callable[[T], int], columns: int) -> Iterator[list[T]]:
+    """Yield items in their order, in batches of so many columns or a few more."""
+    batch: list[T] = []
+    wide = 0
+    for item in items:
+        batch.append(item)
+        wide += width(item)
+        if wide >= columns:
+            yield batch
+            batch, wide = [], 0
+    if batch:
+        yield batch

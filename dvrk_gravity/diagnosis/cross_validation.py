@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.block_fit import CoherentError, OwnParameters, block_fit
-from dvrk_gravity.diagnosis.candidate import Candidate, Score
+from dvrk_gravity.diagnosis.candidate import Candidate, Score, in_batches
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.significance import Significance
 from dvrk_gravity.diagnosis.weighted import WeightedSamples
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis
+from dvrk_gravity.effects.base.effect import Effect
 from dvrk_gravity.estimation.evidence import EvidenceSettings
 from dvrk_gravity.estimation.noise import design_effect, intraclass_correlation
 from dvrk_gravity.estimation.normal_equations import NormalEquations, Regression, solve
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -37,8 +35,8 @@ class CrossValidationSettings:
         active: Part of the most active block's energy from which on a candidate acts in a block.
             Chosen; see `make sensitivity`.
         least_usable: Part of the samples that a joint must have to be judged at all. Chosen.
-        together: Columns of hypotheses that are filtered or screened at a time, on which no result
-            depends: this many take a fraction of the time that they take singly.
+        together: Columns of hypotheses that are screened at a time, on which no result depends:
+            this many take a fraction of the time that they take singly.
         cluster: Correlation times of the model's known error in a block of the jackknife: of an
             exponential correlation four leave an eighth of the variance unseen (Künsch 1989).
     """
@@ -143,37 +141,6 @@ class CrossValidation:
         """Drop what is large and can be computed again: named effects have been searched for."""
         self.__dict__.pop("search_bases", None)
         self.data.motion.release()
-
-    def candidate(self, hypothesis: Hypothesis, motion: MeasuredMotion | None = None) -> Candidate:
-        """Return a hypothesis with its columns; see :meth:`candidates`."""
-        return next(self.candidates([hypothesis], motion))
-
-    def candidates(
-        self, hypotheses: Iterable[Hypothesis], motion: MeasuredMotion | None = None
-    ) -> Iterator[Candidate]:
-        """Yield hypotheses with their columns, many of which are filtered together.
-
-        Args:
-            hypotheses: The hypotheses.
-            motion: The motion; by default as it is, no other cause acting.
-        """
-        motion = motion or self.data.motion
-        if motion.reference is not None:
-            hypotheses = (replace(each, beside_reference=True) for each in hypotheses)
-        built = (
-            Candidate.of(hypothesis, hypothesis.build(motion, hypothesis.setting))
-            for hypothesis in hypotheses
-        )
-        for batch in _batches(
-            built, lambda candidate: candidate.values[0].size, self.settings.together
-        ):
-            signals = [candidate.values.reshape(len(motion.q), -1) for candidate in batch]
-            edges = np.cumsum([columns.shape[1] for columns in signals])[:-1]
-            # The inertias of all links together are hundreds of signals: no copy of these.
-            together = np.hstack(signals) if len(signals) > 1 else signals[0]
-            reduced = np.split(self.data.reduce(together), edges, axis=1)
-            for candidate, columns in zip(batch, reduced, strict=True):
-                yield candidate.with_values(columns)
 
     @property
     def _clustered(self) -> int:
@@ -322,7 +289,7 @@ class CrossValidation:
         target = self._weighted.target - base.design @ theta
         before = self._likelihood_of(target)
         found = []
-        for batch in _batches(pool, lambda candidate: candidate.size, self.settings.together):
+        for batch in in_batches(pool, lambda candidate: candidate.size, self.settings.together):
             raws = self.design(batch)
             besides = base.coefficients(raws)
             all_columns = raws - base.design @ besides if len(theta) else raws
@@ -426,17 +393,3 @@ class CrossValidation:
     def size(self, candidate: Candidate, theta: Array) -> Array:
         """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice."""
         return np.sqrt((self.torque(candidate, theta) ** 2).sum(axis=0) / self._counts)
-
-
-def _batches(items: Iterable[T], width: Callable[[T], int], columns: int) -> Iterator[list[T]]:
-    """Yield items in their order, in batches of so many columns or a few more."""
-    batch: list[T] = []
-    wide = 0
-    for item in items:
-        batch.append(item)
-        wide += width(item)
-        if wide >= columns:
-            yield batch
-            batch, wide = [], 0
-    if batch:
-        yield batch

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.diagnosis.candidate import Candidate, in_batches
 from dvrk_gravity.diagnosis.findings import FloorFrom
 from dvrk_gravity.diagnosis.model_error import changed_friction, friction_torque, model_columns
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.estimation.noise import band_noise, pairs_a_period_apart, repetition_noise
 from dvrk_gravity.estimation.repetition import (
     CommonTime,
@@ -132,6 +135,37 @@ class FilteredData:
             pieces.append(piece)
         reduced = np.concatenate(pieces)
         return reduced.reshape(len(reduced), *columns.shape[1:])
+
+    def candidate(self, hypothesis: Hypothesis, motion: MeasuredMotion | None = None) -> Candidate:
+        """Return a hypothesis with its columns; see :meth:`candidates`."""
+        return next(self.candidates([hypothesis], motion))
+
+    def candidates(
+        self, hypotheses: Iterable[Hypothesis], motion: MeasuredMotion | None = None
+    ) -> Iterator[Candidate]:
+        """Yield hypotheses with their columns, many of which are filtered together.
+
+        Args:
+            hypotheses: The hypotheses.
+            motion: The motion; by default as it is, no other cause acting.
+        """
+        motion = motion or self.motion
+        if motion.reference is not None:
+            hypotheses = (replace(each, beside_reference=True) for each in hypotheses)
+        built = (
+            Candidate.of(hypothesis, hypothesis.build(motion, hypothesis.setting))
+            for hypothesis in hypotheses
+        )
+        for batch in in_batches(
+            built, lambda candidate: candidate.values[0].size, self.settings.together
+        ):
+            signals = [candidate.values.reshape(len(motion.q), -1) for candidate in batch]
+            edges = np.cumsum([columns.shape[1] for columns in signals])[:-1]
+            # The inertias of all links together are hundreds of signals: no copy of these.
+            together = np.hstack(signals) if len(signals) > 1 else signals[0]
+            reduced = np.split(self.reduce(together), edges, axis=1)
+            for candidate, columns in zip(batch, reduced, strict=True):
+                yield candidate.with_values(columns)
 
     @cached_property
     def model_columns(self) -> Array:

@@ -211,7 +211,7 @@ class HeldOut:
         parts = candidate.hypothesis.must_show(validation.data.motion)
         if not parts:
             return True
-        first, *others = validation.candidates(parts)
+        first, *others = validation.data.candidates(parts)
         fitted = split(chosen, validation.parameters(chosen))
         claimed = next(theta for other, theta in fitted if other is candidate)
         rest = [other for other in chosen if other is not candidate]

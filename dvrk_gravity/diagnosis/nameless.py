@@ -53,7 +53,7 @@ def with_nameless(
     # False where the floor is not known.
     clean = validation.score(named).rms <= settings.at_floor * floor
     joints = np.flatnonzero(present & ~clean).tolist()
-    pool = list(validation.candidates(nameless(validation.data.motion, joints)))
+    pool = list(validation.data.candidates(nameless(validation.data.motion, joints)))
     unknown: list[EffectTrial] = []
     while len(unknown) < settings.most:
         beside = [*named, *(trial.candidate for trial in unknown)]

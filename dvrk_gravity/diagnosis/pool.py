@@ -24,7 +24,9 @@ def prepared(motion: MeasuredMotion) -> tuple[CrossValidation, list[Candidate]]:
     """Return what compares hypotheses about a motion, and those that need no search."""
     validation = CrossValidation(FilteredData.of(motion))
     pool = [
-        candidate for candidate in validation.candidates(hypotheses(motion)) if candidate.acts.any()
+        candidate
+        for candidate in validation.data.candidates(hypotheses(motion))
+        if candidate.acts.any()
     ]
     beside = unstated(validation, pool)
     return validation, [begun(validation, candidate, beside) for candidate in pool]

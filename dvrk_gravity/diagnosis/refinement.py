@@ -65,7 +65,7 @@ def refined(
         moved = [abs(setting[n] - hypothesis.setting[n]) for n in hypothesis.fixed_point]
         size = max(abs(setting[n]) for n in hypothesis.fixed_point)
         hypothesis = replace(hypothesis, setting=setting)
-        candidate = validation.candidate(hypothesis)
+        candidate = validation.data.candidate(hypothesis)
         if max(moved) <= settings.tolerance * size:
             break
     for name in hypothesis.refine:
@@ -117,7 +117,7 @@ def _read(
     """
     settings, hypothesis = RefinementSettings(), candidate.hypothesis
     motion = validation.data.motion
-    candidate = validation.candidate(hypothesis)
+    candidate = validation.data.candidate(hypothesis)
     last = np.full(candidate.size, np.inf)
     for _ in range(settings.fixed_points if of_others or hypothesis.fixed_point else 0):
         *fitted, (_, theta) = split(
@@ -135,7 +135,7 @@ def _read(
             cause = other.hypothesis
             if not (cause.OF_ACTING or cause.of_model):
                 beside += cause.build(motion, cause.setting) @ values
-        candidate = validation.candidate(hypothesis, replace(motion, beside=beside))
+        candidate = validation.data.candidate(hypothesis, replace(motion, beside=beside))
     return candidate
 
 
@@ -164,4 +164,6 @@ def rebuilt(
     validation: CrossValidation, hypothesis: Hypothesis, name: str, value: float
 ) -> Candidate:
     """Return a hypothesis with one setting changed."""
-    return validation.candidate(replace(hypothesis, setting={**hypothesis.setting, name: value}))
+    return validation.data.candidate(
+        replace(hypothesis, setting={**hypothesis.setting, name: value})
+    )

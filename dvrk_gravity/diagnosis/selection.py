@@ -359,7 +359,7 @@ class Selection:
             for effect, basis in self.validation.search_bases.items()
             for hypothesis in effect.search(basis, residual)
         )
-        return list(self.validation.candidates(found))
+        return list(self.validation.data.candidates(found))
 
     def margin(self, trials: Sequence[EffectTrial]) -> float:
         """Return how much less than the best of some gains still counts as equal."""
