@@ -277,7 +277,7 @@ def test_every_parameter_of_every_effect_has_a_unit_or_is_a_part(every):
 def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
     offset = {"offset": Estimate(-0.02, -0.03, -0.01, "rad")}
     contenders = [
-        Contender("joint_offset", (joint,), offset, offset, -2.0, joint, 0.01)
+        Contender("joint_offset", (joint,), offset, offset, -2.0, False, joint, 0.01)
         for joint in ("shoulder_pitch", "elbow_pitch")
     ]
     found = replace(

@@ -35,9 +35,9 @@ def at_once(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:
     return f"{also} is pushed at the same time: a load that was held for a while looks so, too"
 
 
-def _overlap(one: Hypothesis, other: Hypothesis) -> bool:
+def _overlap(first: Hypothesis, second: Hypothesis) -> bool:
     """Tell whether two come and go, and are there at the same time for a while."""
-    if not (one.transient and other.transient and {"start", "end"} <= other.setting.keys()):
+    if not all({"start", "end"} <= hypothesis.setting.keys() for hypothesis in (first, second)):
         return False
-    begin = max(one.setting["start"], other.setting["start"])
-    return begin < min(one.setting["end"], other.setting["end"])
+    begin = max(first.setting["start"], second.setting["start"])
+    return begin < min(first.setting["end"], second.setting["end"])
