@@ -454,3 +454,15 @@ def test_columns_of_joints_that_are_not_the_arm_s_are_left_out(without_fingers, 
     (tmp_path / "more.csv").write_text("\n".join(more))
     read = Recording.load(tmp_path / "more.csv", arm=Arm.load(f"{PANDA}#panda_hand"))
     np.testing.assert_array_equal(read.effort, Recording.load(without_fingers).effort)
+
+
+def test_joints_beyond_one_that_is_not_recorded_may_be_said_to_stand_somewhere(
+    without_fingers, tmp_path
+):
+    header, *rows = without_fingers.read_text().split()
+    kept = [not name.startswith("panda_joint7.") for name in header.split(",")]
+    text = [",".join(compress(row.split(","), kept)) for row in (header, *rows)]
+    (tmp_path / "six.csv").write_text("\n".join(text))
+    still = {"panda_finger_joint1": 0.02}
+    fit = identify(tmp_path / "six.csv", PANDA, effects=["viscous_friction"], still=still)
+    assert fit.model.arm.held == {"panda_joint7": 0.0, **still}

@@ -216,7 +216,11 @@ def held_beyond(
     """
     seen = {joint for recording in recordings for joint in recording.head.joints}
     missing = [joint for joint in arm.joint_names if joint not in seen and joint not in still]
-    where = beyond(arm, tuple(seen | set(still))) if missing and not is_mtm(arm) else None
+    if not missing or is_mtm(arm):
+        return dict(still), ()
+    # A joint that it is said of where it stood may itself be carried by one that is beyond.
+    where = beyond(arm, tuple(seen)) or beyond(arm, tuple(seen | set(still))) or {}
+    where = {name: position for name, position in where.items() if name in missing}
     if not where:
         return dict(still), ()
     shown = ", ".join(f"{name} at {position:g}" for name, position in where.items())
