@@ -28,12 +28,11 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.effects.base.links import links_of_joints
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification import evaluate
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing import lab_effects
 from testing.hidden_parts import Hidden
-from testing.lab_effects import Hiding, Setting
+from testing.lab_effects import Hiding, Setting, left_by
 from testing.lab_physics import Truth
 from testing.session import Laboratory, Session, Trial, hold, hold_all, save, table
 
@@ -205,7 +204,7 @@ def with_hidden(recording: Recording, before: Truth, after: Truth) -> Recording:
 def trials(case: Case, effects: Sequence[str], places: int, model: TorqueModel) -> Iterator[Trial]:
     """Yield effect, number and recording of every trial."""
     truth = truth_of(case.other, case.arm)
-    residual = _left(model, case.other, case.arm)
+    residual = left_by(model, in_joints(case.other, case.arm))
     at_frames = np.zeros((case.arm.n, 3))
     setting = Setting(truth, ModelBodies(model), residual, case.masses, case.reach, at_frames)
 
@@ -215,7 +214,7 @@ def trials(case: Case, effects: Sequence[str], places: int, model: TorqueModel) 
     nothing = Hidden("nothing", (), {})
     yield "nothing", 0, lambda: (case.other, nothing, 0.0)
     for number, (_, recording, load) in enumerate(case.loads):
-        size = float(np.max(_left(model, recording, case.arm) / residual))
+        size = float(np.max(left_by(model, in_joints(recording, case.arm)) / residual))
         yield "payload", 100 + number, lambda r=recording, h=load, s=size: (r, h, s)
     n = case.arm.n
     for kind, effect in enumerate(effects):
@@ -237,12 +236,6 @@ def trials(case: Case, effects: Sequence[str], places: int, model: TorqueModel) 
                 number,
                 lambda e=effect, r=random: hidden(lab_effects.hide(setting, e, r, sizes=SIZES)),
             )
-
-
-def _left(model: TorqueModel, recording: Recording, arm: Arm) -> np.ndarray:
-    """Return (n,) what a model leaves of a recording, RMS, N·m or N."""
-    found = evaluate(model, [in_joints(recording, arm)], "joint", lab_effects.BAND)
-    return np.array([error.rmse for error in found.joints.values()])
 
 
 def in_joints(recording: Recording, arm: Arm) -> Recording:

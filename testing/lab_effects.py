@@ -17,6 +17,9 @@ from scipy.signal import butter, sosfiltfilt
 
 from dvrk_gravity.arms.arm import gravity_in_base
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.identification import evaluate
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import Recording
 from testing.hidden_parts import Hidden, found
 from testing.lab_physics import Truth, lagging
 
@@ -28,6 +31,12 @@ SIZES = (1.5, 6.0)  # times what the model leaves, RMS
 _TRIES = 30  # at a place where the effect can be as large as that
 _HALVINGS = 40
 BAND = 8.0  # Hz; what a model leaves, and what is hidden, are compared below that
+
+
+def left_by(model: TorqueModel, recording: Recording) -> Array:
+    """Return (n,) what a model leaves of a recording, RMS below :data:`BAND`, N·m or N."""
+    found = evaluate(model, [recording], "joint", BAND)
+    return np.array([error.rmse for error in found.joints.values()])
 
 
 class Bodies(Protocol):

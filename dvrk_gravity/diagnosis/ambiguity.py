@@ -15,6 +15,7 @@ from dvrk_gravity.diagnosis.findings import Ambiguity, Contender
 from dvrk_gravity.diagnosis.held_out import HeldOut, estimates
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.overlap import reproduced
+from dvrk_gravity.diagnosis.selection import SelectionSettings
 from dvrk_gravity.diagnosis.words import told
 from dvrk_gravity.quantity import pose, quantity
 
@@ -29,13 +30,10 @@ class AmbiguitySettings:
 
     Attributes:
         same: Part of one's torque that the other reproduces. Chosen.
-        strong: Log-likelihood of independent samples from which on one is suspected: odds of 20 to
-            one, "strong" in the scale of Kass and Raftery (1995).
         poses: Drawn, among which one is looked for that would tell. Chosen: a bound on time.
     """
 
     same: float = 0.8
-    strong: float = 3.0
     poses: int = 2000
 
 
@@ -94,7 +92,7 @@ def _ambiguity(
         score = validation.score([*named, candidate])
         gain = score.likelihood - without.likelihood
         inflation = validation.inflation(score.error, without.error - score.error)
-        clearly = AmbiguitySettings().strong * float(np.max(inflation[candidate.acts]))
+        clearly = SelectionSettings().equal_least * float(np.max(inflation[candidate.acts]))
         after = held_out.rmse(held_out.error([*named, candidate]))
         removed = 1.0 - after / np.where(before > 0.0, before, 1.0)
         best = int(np.argmax(removed))

@@ -281,11 +281,12 @@ def _finding(
     gain = held_out.gain(before, after, joints, candidate=effect.trial.candidate)
     rest_named = [other for k, other in enumerate(named) if k != i]
     alternatives = _alternatives(validation, rest_named, effect)
-    beyond = beyond_range(motion, hypothesis, theta)
-    together = at_once(hypothesis, [other.hypothesis for other in rest_named])
-    remedy = _remedy(hypothesis, motion, not left_out)
-    if beyond or together:
-        remedy = GO_THERE if beyond else RECORD_ALONE
+    doubts = (
+        (beyond_range(motion, hypothesis, theta), GO_THERE),
+        (at_once(hypothesis, [other.hypothesis for other in rest_named]), RECORD_ALONE),
+    )
+    no_doubt = ("", _remedy(hypothesis, motion, not left_out))
+    doubt, remedy = next((pair for pair in doubts if pair[0]), no_doubt)
     return Finding(
         effect=hypothesis.effect,
         joints=hypothesis.names,
@@ -305,12 +306,12 @@ def _finding(
         ),
         sentence=sentence_of(
             hypothesis, parameters, gain, [hypothesis.arm.joint_names[joint] for joint in joints],
-            beyond or together,
+            doubt,
         ),
         picture=picture_of(validation.data, held_out, hypothesis, joints[0], before, after),
         left_out=left_out,
         remedy=remedy,
-        doubt=beyond or together,
+        doubt=doubt,
     )  # fmt: skip
 
 

@@ -22,17 +22,17 @@ def at_once(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> str:
         hypothesis: The finding's.
         others: Those beside it.
     """
-    joints = [
+    joints = dict.fromkeys(
         joint
         for other in others
         if _overlap(hypothesis, other)
         for joint in other.names
         if joint not in hypothesis.names
-    ]
+    )
     if not joints:
         return ""
-    also = " and ".join(dict.fromkeys(joints))
-    return f"{also} is pushed at the same time: a load that was held for a while looks so, too"
+    pushed = f"{' and '.join(joints)} {'is' if len(joints) == 1 else 'are'} pushed"
+    return f"{pushed} at the same time: a load that was held for a while looks so, too"
 
 
 def _overlap(first: Hypothesis, second: Hypothesis) -> bool:

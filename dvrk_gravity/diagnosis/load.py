@@ -13,9 +13,9 @@ from dvrk_gravity.diagnosis.filtered_data import BAND
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.stretch import motions, noise_density
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.identification.beyond import held_beyond
 from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.identification.motion import (
-    held_beyond,
     require_all,
     require_measured,
 )

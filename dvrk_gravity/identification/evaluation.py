@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.identification.beyond import held_beyond
 from dvrk_gravity.identification.effort_unit import require_newtons
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.identification.motion import (
+    all_static,
     completed,
-    held_beyond,
     read,
     read_motions,
     require_all,
@@ -30,7 +31,6 @@ from dvrk_gravity.recording import (
     DataWarning,
     Given,
     Recording,
-    RecordingFile,
     Trajectory,
     opened,
     prepare,
@@ -153,22 +153,6 @@ def _in_coordinates(
         f"{max(size.values()):.3f} in the others"
     )
     return replace(results[best], detected=reason)
-
-
-def all_static(recordings: Sequence[Recording | RecordingFile]) -> bool:
-    """Return whether recordings hold static poses.
-
-    Raises:
-        RecordingError: Poses mixed with trajectories.
-    """
-    heads = [recording.head for recording in recordings]
-    static = [isinstance(first, Recording) and first.time is None for first in heads]
-    if any(static) != all(static):
-        raise RecordingError(
-            heads[static.index(True)].source,
-            "holds static poses, expected trajectories only or poses only",
-        )
-    return static[0]
 
 
 def _total(joints: Mapping[str, JointError]) -> float:

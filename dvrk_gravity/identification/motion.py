@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.held import beyond
-from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
@@ -84,6 +82,22 @@ class Motions:
     parts: tuple[CalibrationMotion, ...]
     warnings: tuple[DataWarning, ...]
     handling: tuple[str, ...]
+
+
+def all_static(recordings: Sequence[Recording | RecordingFile]) -> bool:
+    """Return whether recordings hold static poses.
+
+    Raises:
+        RecordingError: Poses mixed with trajectories.
+    """
+    heads = [recording.head for recording in recordings]
+    static = [isinstance(first, Recording) and first.time is None for first in heads]
+    if any(static) != all(static):
+        raise RecordingError(
+            heads[static.index(True)].source,
+            "holds static poses, expected trajectories only or poses only",
+        )
+    return static[0]
 
 
 def whole(recording: Recording | RecordingFile) -> Recording:
@@ -204,27 +218,6 @@ def known_still(still: Mapping[str, float] | None, arm: Arm) -> Mapping[str, flo
         if not isinstance(position, Real) or not is_finite(float(position)):
             raise ArgumentError(f"still of {name}", position, "a number, rad or m")
     return still
-
-
-def held_beyond(
-    recordings: Iterable[Source], arm: Arm, still: Mapping[str, float]
-) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return where joints stood, those that no recording holds too, and a line about them.
-
-    Joints beyond all that were recorded are taken to be held at zero, or at the limit next to it.
-    An MTM's recording has all seven joints; there, one that is missing is a mistake.
-    """
-    seen = {joint for recording in recordings for joint in recording.head.joints}
-    missing = [joint for joint in arm.joint_names if joint not in seen and joint not in still]
-    if not missing or is_mtm(arm):
-        return dict(still), ()
-    # A joint that it is said of where it stood may itself be carried by one that is beyond.
-    where = beyond(arm, tuple(seen)) or beyond(arm, tuple(seen | set(still))) or {}
-    where = {name: position for name, position in where.items() if name in missing}
-    if not where:
-        return dict(still), ()
-    shown = ", ".join(f"{name} at {position:g}" for name, position in where.items())
-    return {**still, **where}, (f"not recorded, and taken to be held (rad, m): {shown}",)
 
 
 def _example(arm: Arm, joint: str) -> str:

@@ -23,9 +23,10 @@ from dvrk_gravity.identification.coordinates import detect_coordinates, doubt
 from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
 from dvrk_gravity.identification.dynamic_fit import fit_dynamic
 from dvrk_gravity.identification.effort_unit import in_their_unit
-from dvrk_gravity.identification.evaluation import all_static, evaluate
+from dvrk_gravity.identification.evaluation import evaluate
 from dvrk_gravity.identification.hand import by_weight
 from dvrk_gravity.identification.motion import (
+    all_static,
     known_still,
     read_once,
     require_all,

@@ -52,10 +52,10 @@ class VerdictSettings:
         negligible: Error that moves no joint, as a part of its effort limit. The least dry friction
             of any joint of a real MTM is about as much: 0.8 % at elbow_pitch, 9 % at wrist_platform
             (half the difference between the directions of the poses in docs/static_poses.md).
-        shortest: s of motion, below which errors held out say little of another motion: a twelfth
-            of it is held out at a time, next to what was fitted. As for a diagnosis (``load.py``).
         friction: Error that dry friction may be, as a part of the effort limit: about the most of
             the same joints. Where poses do not tell friction apart, it is in the error.
+        shortest: s of motion, below which errors held out say little of another motion: a twelfth
+            of it is held out at a time, next to what was fitted. As for a diagnosis (``load.py``).
     """
 
     good: float = 0.163
