@@ -102,6 +102,22 @@ class ModelUncertainty:
                         total += slope[..., None] * self.gravity[axis]
         return total
 
+    def moved(self, terms: Iterable[Term], parameters: Array) -> tuple[Term, ...]:
+        """Return terms with (d,) parameters, in units of their standard deviations, put in.
+
+        The joints' zeros are left to who has them; of a term that no longer has the coefficients
+        that this is about, they stay.
+        """
+        result = []
+        for term in terms:
+            change = self.deviations.get(term.NAME)
+            if isinstance(term, LinearTerm) and change is not None and _of_same(term, change):
+                term = term.with_theta(term.theta + change @ parameters)
+            if self.gravity.any() and term.gravity_vector is not None:
+                term = term.with_gravity(term.gravity_vector + self.gravity @ parameters)
+            result.append(term)
+        return tuple(result)
+
     def fits(self, terms: Iterable[Term]) -> bool:
         """Tell whether terms have the coefficients that the posterior is about."""
         known = coefficients_of(terms)
@@ -236,6 +252,11 @@ class ModelUncertainty:
             raise _unusable(path, "finite band above 0, or NaN of poses")
         if (self.lower > self.upper).any():
             raise _unusable(path, "lower no greater than upper")
+
+
+def _of_same(term: LinearTerm, change: Array) -> bool:
+    """Tell whether a term has the coefficients that (k, d) changes are about."""
+    return len(term.theta) == len(change)
 
 
 def coefficients_of(terms: Iterable[Term]) -> dict[str, Array]:

@@ -334,14 +334,18 @@ class CrossValidation:
         columns = [self.data.model_columns, *(candidate.columns() for candidate in candidates)]
         return self.data.residual - np.concatenate(columns, axis=2) @ theta
 
+    def solution(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
+        """Return the model's own parameters (d,) and those (k,) of candidates, fitted together."""
+        theta = self.regression(candidates).coefficients(self._weighted.target)
+        return theta[: self.model_size], theta[self.model_size :]
+
     def parameters(self, candidates: Sequence[Candidate]) -> Array:
         """Return parameters (k,) on all the samples of choice."""
-        return self.regression(candidates).coefficients(self._weighted.target)[self.model_size :]
+        return self.solution(candidates)[1]
 
     def moved(self, candidates: Sequence[Candidate]) -> Array:
         """Return (T, n) torque by which the model's own parameters moved beside candidates."""
-        theta = self.regression(candidates).coefficients(self._weighted.target)
-        return self.data.model_columns @ theta[: self.model_size]
+        return np.asarray(self.data.model_columns @ self.solution(candidates)[0])
 
     def posterior(self, candidates: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return mean (d + k,) and covariance of the model's directions and of parameters.

@@ -153,7 +153,7 @@ def updated(
     deviations = {
         name: change @ spread[: before.size]
         for name, change in before.deviations.items()
-        if name in here and _same_length(here[name], change)
+        if name in here and len(here[name]) == len(change)
     }
     for row, column in zip(spread[validation.model_size :], np.eye(len(found)), strict=True):
         size = float(np.linalg.norm(row))
@@ -164,20 +164,14 @@ def updated(
                 if slope.any():
                     empty = np.zeros((len(theta), spread.shape[1]))
                     deviations[name] = deviations.get(name, empty) + np.outer(slope, row)
-    terms = []
-    for term in model.terms:
-        change = before.deviations.get(term.NAME)
-        if isinstance(term, LinearTerm) and change is not None and _same_length(term.theta, change):
-            clipped = _clipped(term.with_theta(term.theta + change @ own_parameters), model)
-            if clipped is None:
-                continue
-            term = clipped
-        if before.gravity.any() and term.gravity_vector is not None:
-            term = term.with_gravity(term.gravity_vector + before.gravity @ own_parameters)
-        terms.append(term)
+    terms = tuple(
+        within
+        for term in before.moved(model.terms, own_parameters)
+        if (within := _clipped(term, model) if term.NAME in before.deviations else term) is not None
+    )
     moved = replace(
         model,
-        terms=tuple(terms),
+        terms=terms,
         joint_offset=model.joint_offset + before.offset @ own_parameters,
     )
     after = coefficients_of(moved.terms)
@@ -235,14 +229,12 @@ def _within(
     mean = unconstrained
     for _ in range(len(unconstrained)):
         new = False
-        for term in model.terms:
+        for term, moved in zip(model.terms, before.moved(model.terms, mean), strict=True):
             change = before.deviations.get(term.NAME)
-            if not isinstance(term, LinearTerm) or change is None:
+            if change is None or not isinstance(term, LinearTerm):
                 continue
-            if not _same_length(term.theta, change):
-                continue
-            theta = term.theta + change @ mean
-            clipped = _clipped(term.with_theta(theta), model)
+            assert isinstance(moved, LinearTerm)
+            theta, clipped = moved.theta, _clipped(moved, model)
             if not isinstance(clipped, LinearTerm) or len(clipped.theta) != len(theta):
                 continue
             for k in np.flatnonzero(
@@ -260,7 +252,7 @@ def _within(
     return mean
 
 
-def _clipped(term: LinearTerm, model: TorqueModel) -> Term | None:
+def _clipped(term: Term, model: TorqueModel) -> Term | None:
     """Return a term with its parameters in the range that files allow; ``None``: none is left."""
     declared, values = model_parameters(model.arm), term.parameters()
     for name, value in values.items():
@@ -268,8 +260,3 @@ def _clipped(term: LinearTerm, model: TorqueModel) -> Term | None:
             low, high = declared[name].lower, declared[name].upper
             values[name] = tuple(np.clip(value, low, high).tolist())
     return type(term).from_parameters(model.arm, values)
-
-
-def _same_length(theta: Array, change: Array) -> bool:
-    """Tell whether a term still has the coefficients that changes are about."""
-    return len(theta) == len(change)

@@ -73,6 +73,8 @@ class FilteredData:
         band: Low-pass over residual and columns, Hz; ``None`` for static poses.
         decimation: One of so many samples is kept.
         residual: (T, n) measured minus modelled torque, N·m.
+        model_columns: (T, n, d) changes of the model's torque by its parameters, of unit variance
+            each.
         blocks: Which samples belong together.
         repetition: How the motion repeats, if it does.
         common_time: (T,) s, increasing; whole periods apart the motion shows the same.
@@ -83,6 +85,7 @@ class FilteredData:
     band: float | None
     decimation: int
     residual: Array
+    model_columns: Array
     blocks: Blocks
     repetition: Repetition | None
     common_time: Array
@@ -98,12 +101,14 @@ class FilteredData:
         if rate is not None and band is not None:
             decimation = max(1, int(rate / (settings.oversampling * band)))
         nothing = Blocks(np.zeros(0, dtype=np.int64), 0, settings.blocks)
-        empty = np.zeros(0)
-        data = cls(motion, band, decimation, np.zeros((0, 0)), nothing, None, empty, settings)
-        residual = data.reduce(motion.residual)
+        empty, none = np.zeros(0), np.zeros((0, 0))
+        data = cls(motion, band, decimation, none, none, nothing, None, empty, settings)
+        data = replace(
+            data, residual=data.as_read, model_columns=data.reduce(model_columns(motion))
+        )
         if rate is None:
             blocks = make_blocks(CommonTime.single_clock(data.time), None, settings.blocks)
-            return replace(data, residual=residual, blocks=blocks, common_time=data.time)
+            return replace(data, blocks=blocks, common_time=data.time)
         part = np.repeat(np.arange(len(motion.parts)), [p.stop - p.start for p in motion.parts])
         seen = find_common_time(motion.time, part, motion.q, rate, motion.clocks)
         again = find_repetition(seen, part, motion.q, rate)
@@ -111,9 +116,7 @@ class FilteredData:
         columns = np.column_stack([common if again else seen.time, seen.group])
         thinned = data.reduce_state(columns)
         blocks = make_blocks(seen.at(*thinned.T), rate / decimation, settings.blocks)
-        return replace(
-            data, residual=residual, blocks=blocks, repetition=repetition, common_time=thinned[:, 0]
-        )
+        return replace(data, blocks=blocks, repetition=repetition, common_time=thinned[:, 0])
 
     def reduce(self, columns: Array) -> Array:
         """Low-pass and thin out (N, …) signals to (T, …)."""
@@ -167,10 +170,24 @@ class FilteredData:
             for candidate, columns in zip(batch, reduced, strict=True):
                 yield candidate.with_values(columns)
 
+    def relinearised(self, acting: MeasuredMotion, parameters: Array) -> FilteredData:
+        """Return the same with the model's columns as they are beside a cause that changes them.
+
+        Linear in the parameters and in the cause, at these: the residual has what their product
+        adds.
+
+        Args:
+            acting: The motion with the model on which the cause acts.
+            parameters: (d,) the model's parameters, in units of their standard deviations.
+        """
+        columns = self.reduce(model_columns(acting))
+        product = (columns - self.model_columns) @ parameters
+        return replace(self, residual=self.residual + product, model_columns=columns)
+
     @cached_property
-    def model_columns(self) -> Array:
-        """(T, n, d) changes of the model's torque by its parameters, of unit variance each."""
-        return self.reduce(model_columns(self.motion))
+    def as_read(self) -> Array:
+        """(T, n) measured minus modelled torque of the given model, N·m."""
+        return self.reduce(self.motion.residual)
 
     @cached_property
     def known_error(self) -> Array:

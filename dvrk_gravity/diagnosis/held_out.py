@@ -137,7 +137,7 @@ class HeldOut:
 
     def as_read(self) -> Array:
         """Return (H, n) errors of the given model; NaN where nothing can be said."""
-        return np.where(self._usable, self._validation.data.residual[self._held], np.nan)
+        return np.where(self._usable, self._validation.data.as_read[self._held], np.nan)
 
     def rmse(self, error: Array) -> Array:
         """Return (n,) root mean squares over the usable held-out samples, N·m."""

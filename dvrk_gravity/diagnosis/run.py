@@ -26,6 +26,7 @@ from dvrk_gravity.diagnosis.read_rightly import read_rightly
 from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
 from dvrk_gravity.diagnosis.reference_error import pulling_otherwise, rubbing_otherwise
+from dvrk_gravity.diagnosis.relinearised import relinearised
 from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection
 from dvrk_gravity.diagnosis.unstated import unstated
@@ -231,6 +232,11 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     again = _with_changes_told(loaded, validation, selected, say)
     if again is not None:
         return again
+    validation, acting = relinearised(validation, [effect.trial.candidate for effect in selected])
+    selected = [
+        replace(effect, trial=replace(effect.trial, move=candidate))
+        for effect, candidate in zip(selected, acting, strict=True)
+    ]
     other_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
     selected = [effect for effect in selected if not effect.trial.other_day]
     minor = no_news(validation, sparse, selected, unknown, at_calibration)

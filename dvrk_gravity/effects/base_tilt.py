@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -78,6 +79,15 @@ class _OfBase(Hypothesis):
         if len(shaft):
             shaft[:, :, 0] = _shaft_torque(motion.true_q)
         return np.stack([*columns, *shaft], axis=2)
+
+    def acting_on(self, model: Any, theta: Array) -> Any:
+        """See :meth:`Hypothesis.acting_on`: weights pull another way."""
+        vector = _turned(model.gravity, **self.describe(theta, self.setting))
+        weighing = (
+            term if term.gravity_vector is None else term.with_gravity(vector)
+            for term in model.terms
+        )
+        return replace(model, terms=tuple(weighing))
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """See :meth:`Hypothesis.merge`."""

@@ -173,6 +173,19 @@ class Hypothesis(ABC):
         del values, theta, motion
         return None
 
+    def acting_on(self, model: Any, theta: Array) -> Any:
+        """Return a model as it is with (k,) parameters of this acting on its terms.
+
+        For causes beside which the model's *own* parameters have other torques; ``None``: they
+        have the same.
+
+        Args:
+            model: A :class:`dvrk_gravity.model.TorqueModel`.
+            theta: Parameters.
+        """
+        del model, theta
+        return None
+
     def plausible(self, theta: Array) -> bool:
         """Tell whether (k,) such parameters are possible.
 
