@@ -19,8 +19,9 @@ from dvrk_gravity.diagnosis.findings import Gain
 from dvrk_gravity.diagnosis.held_out import HeldOut, JudgementSettings, Unconfirmed
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.model_error import friction_change, like_changed_friction
-from dvrk_gravity.diagnosis.selection import Selection, SelectionSettings
+from dvrk_gravity.diagnosis.selection import Selection, SelectionSettings, tried
 from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.contact import PushHypothesis
 from dvrk_gravity.effects.payload import PayloadHypothesis
 from dvrk_gravity.effects.torque_offset import OffsetHypothesis
 from dvrk_gravity.effects.viscous_friction import ViscousHypothesis
@@ -31,9 +32,11 @@ from testing.world import World
 ARM = Arm.load("mtmr")
 
 
-def claim(searched: int = 1) -> Candidate:
-    """Return a claim on joint 1 that is the best of some that were searched."""
-    hypothesis = OffsetHypothesis(arm=ARM, site=site.joint(0), joints=(0,), searched=searched)
+def claim(searched: int = 1, form: str = "") -> Candidate:
+    """Return a claim on joint 1, in one of several forms, the best of some that were searched."""
+    hypothesis = OffsetHypothesis(
+        arm=ARM, site=site.joint(0), joints=(0,), form=form, searched=searched
+    )
     columns = np.zeros((4, 7, 1))
     columns[:, 0] = 1.0
     return Candidate.of(hypothesis, columns)
@@ -67,7 +70,7 @@ class Scores:
         return np.ones(7)
 
     def p_value(self, before, after, candidate, inflation, tried) -> float:
-        return evidence.bonferroni(self._p_value, tried * candidate.hypothesis.searched)
+        return evidence.bonferroni(self._p_value, tried)
 
     def weigh(self, residual, final=False) -> None: ...
 
@@ -75,15 +78,22 @@ class Scores:
 
 
 @pytest.mark.parametrize(("searched", "p_value", "enough"), [
-    (1, 0.9e-4, True), (1, 1.1e-4, False), (200, 0.9e-4, False), (200, 0.9e-6 / 2, True),
+    (1, 0.9e-4, True), (1, 1.1e-4, False), (901, 0.9e-4, False), (901, 0.9e-5, True),
 ])  # fmt: skip
 def test_what_is_searched_among_many_needs_as_much_to_stay_as_to_come(searched, p_value, enough):
-    selection = Selection(Scores(p_value), [claim()] * 100, lambda line: None)
-    candidate = claim(searched)
+    """All torques that are tried count alike, those of a search among them: 100 or 1000 here."""
+    candidate, others = claim(searched), [claim(form=f"form {i}") for i in range(99)]
+    selection = Selection(Scores(p_value), [candidate, *others], lambda line: None)
     coming = selection.evaluate([], candidate, selection.validation.score([]))
-    assert coming.p_value == pytest.approx(min(1.0, 100 * searched * p_value))
+    assert coming.p_value == pytest.approx(min(1.0, (99 + searched) * p_value))
     assert coming.passes == enough
     assert selection.eliminate_backward([candidate]) == ([candidate] if enough else [])
+
+
+def test_a_search_counts_once_whether_its_hypotheses_are_made_beforehand_or_found():
+    first, second = claim(5), claim(form="another")
+    assert tried([first]) == tried([first] * 5) == 5
+    assert tried([first, second]) == 6
 
 
 def test_what_could_not_be_accepted_takes_no_place_from_what_could():
@@ -218,3 +228,30 @@ def test_an_error_of_poses_that_tell_no_noise_is_told_against_what_the_model_exp
 
     assert finding.parameters["rms"].value == 4.0
     assert "5.00 N RMS, 1.7 times the error that the model is known to have" in finding.sentence
+
+
+def test_a_push_is_as_large_as_while_it_pushes():
+    """Two seconds of twenty: of all samples' RMS it would be a third."""
+    model, random = World.draw(1).model(), np.random.default_rng(1)
+    time = np.arange(0.0, 20.0, 0.01)
+    q = 0.3 * np.sin(time[:, None] * (0.5 + 0.37 * np.arange(7)))
+    qd = np.gradient(q, time, axis=0)
+    effort = model.torque(q, qd) + 0.01 * random.normal(size=q.shape)
+    recording = Recording(JOINT_NAMES, time, q, qd, effort)
+    validation = CrossValidation(FilteredData.of(load([recording], model).motion))
+    place = {"arm": ARM, "site": site.joint(0), "joints": (0,)}
+    push = PushHypothesis(**place, setting={"start": 9.0, "end": 11.0})
+    bias = OffsetHypothesis(**place)
+
+    sizes = [
+        validation.size(candidate, np.array([0.2]))[0]
+        for candidate in validation.data.candidates([push, bias])
+    ]
+
+    assert sizes == pytest.approx([0.2, 0.2], rel=0.1)
+    least = np.full(7, 0.15)
+    shown = replace(
+        validation.data, residual=0.2 * validation.data.candidate(push).columns()[..., 0]
+    )
+    assert CrossValidation(shown).screen([], [validation.data.candidate(push)], 1, least)
+    assert not CrossValidation(shown).screen([], [validation.data.candidate(bias)], 1, least)

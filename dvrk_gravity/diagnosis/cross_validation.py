@@ -236,20 +236,32 @@ class CrossValidation:
     ) -> float:  # fmt: skip
         """Return the one-sided p-value of the gain over the blocks where a candidate acts.
 
-        It is the best of as many as were tried, each the best of those that it stands for; of the
-        gain only a part may be news.
+        It is the best of as many as were tried; of the gain only a part may be news. Blocks in
+        which friction holds the joint decide nothing.
 
         See :meth:`Significance.p_value`.
         """
+        acts = self._acting(candidate)
+        return self.significance.p_value(
+            (before.loss - after.loss)[acts], news * self.gain(before, after, inflation),
+            candidate.size, tried, candidate.hypothesis.transient,
+        )  # fmt: skip
+
+    def _acting(self, candidate: Candidate) -> NDArray[np.bool_]:
+        """Return (blocks,) in which a candidate acts."""
         weight = self.weight[candidate.joints] ** 2
         square = (candidate.values[self._rows] ** 2).sum(axis=2) @ weight
         energy = np.bincount(self._block, square, minlength=self.data.count)
-        # Blocks in which friction holds the joint decide nothing.
-        acts = energy > self.settings.active * energy.max()
-        return self.significance.p_value(
-            (before.loss - after.loss)[acts], news * self.gain(before, after, inflation),
-            candidate.size, tried * candidate.hypothesis.searched, candidate.hypothesis.transient,
-        )  # fmt: skip
+        return np.asarray(energy > self.settings.active * energy.max())
+
+    def _lasts(self, candidate: Candidate) -> float:
+        """Return which part of the samples of choice a candidate is there for.
+
+        What comes back with the state is there all the time, whether or not it acts.
+        """
+        if not candidate.hypothesis.transient:
+            return 1.0
+        return max(float(np.mean(self._acting(candidate)[self._block])), 1.0 / len(self._rows))
 
     def gain(self, before: Score, after: Score, inflation: Array) -> float:
         """Return the gain in log-likelihood that counts, of independent samples.
@@ -302,7 +314,8 @@ class CrossValidation:
             adjusted = theta[:, None] - besides @ coefficients
             spared = self._improbable(theta) - self._improbable(adjusted)
             gains = self._likelihood_of(error) - before + spared
-            large = np.any(self._rms(raws @ coefficients) > least, axis=1)
+            lasts = np.sqrt([[self._lasts(candidate)] for candidate in batch])
+            large = np.any(self._rms(raws @ coefficients) / lasts > least, axis=1)
             found += [
                 (gain - candidate.cost, candidate)
                 for gain, candidate, enough in zip(gains.tolist(), batch, large, strict=True)
@@ -395,5 +408,9 @@ class CrossValidation:
         return torque * self._usable
 
     def size(self, candidate: Candidate, theta: Array) -> Array:
-        """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice."""
-        return np.sqrt((self.torque(candidate, theta) ** 2).sum(axis=0) / self._counts)
+        """Return (n,) RMS torque of a candidate with (k,) parameters over the samples of choice.
+
+        Of what comes once over those in which it is there.
+        """
+        mean = (self.torque(candidate, theta) ** 2).sum(axis=0) / self._counts
+        return np.asarray(np.sqrt(mean / self._lasts(candidate)))

@@ -14,7 +14,7 @@ from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import ERROR, PARAMETERS, Known
 from dvrk_gravity.diagnosis.held_out import HeldOut, estimates
 from dvrk_gravity.diagnosis.model_error import part_of_friction
-from dvrk_gravity.diagnosis.selection import EffectTrial
+from dvrk_gravity.diagnosis.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.effects import is_friction
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.base.site import Kind
@@ -134,8 +134,8 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
         differ = Alike(validation).differ(candidate, theta, named)
         covariance = covariance + differ * np.diag(theta**2)
     parameters = estimates(hypothesis, theta, covariance, {})
-    claim, no_news = hypothesis.claim(parameters), "and less than the model is known to miss"
-    if np.any(trial.size > validation.known_error):
+    claim, no_news = hypothesis.claim(parameters), "and no more than the model is known to miss"
+    if np.any(trial.size > SelectionSettings().consequence * validation.known_error):
         no_news = "and next to nothing of the joint's torque"
     if trial.seen_before:
         claim = f"what the model misses looks as if {claim}"

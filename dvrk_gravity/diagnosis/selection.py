@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -40,8 +41,10 @@ class SelectionSettings:
             `make sensitivity`.
         equal_least: Log-likelihood likewise, at least: odds of 20 to one, "strong" in the scale of
             Kass and Raftery (1995).
-        consequence: Times a joint's expected error that a finding's torque must be, RMS: at one, a
-            finding is as large as all that the model is known to miss. Chosen.
+        consequence: Times a joint's expected error that a finding's torque must be, RMS: as large
+            as the error of a motion is in one of a hundred where nothing is there. The square of
+            that over the known one's is Fisher's F of 30 degrees of freedom each
+            (``SignificanceSettings.freedom``), of which 2.39 is the 99 % point.
         share: Part of a joint's torque, RMS, that it must be as well, of a model that was
             identified. Chosen: no torque constant is known as well.
     """
@@ -54,7 +57,7 @@ class SelectionSettings:
     close: float = 0.15
     equal: float = 0.02
     equal_least: float = 3.0
-    consequence: float = 1.0
+    consequence: float = 1.55
     share: float = 0.003
 
     def least(self, validation: CrossValidation, error: Array) -> Array:
@@ -121,7 +124,7 @@ class Selection:
             is looked for in its place.
         at_calibration: What was there when the model was identified, and is no news.
         settings: When a hypothesis is selected.
-        count: Number of hypotheses that are tried at each step.
+        count: Number of torques that are tried at each step.
     """
 
     def __init__(
@@ -152,7 +155,7 @@ class Selection:
         self.expected = list(expected)
         self.at_calibration = at_calibration
         self.pool = list(pool)
-        self.count = len(pool)
+        self.count = tried(self.pool)
         self._excluded: set[tuple[object, ...]] = set()
         self._for_all = Alike(validation)
         self.report = report
@@ -234,7 +237,7 @@ class Selection:
         if pool is None:
             pool = [*self.pool, *self._searched(selected)]
         # Whatever was looked at counts: that most did not get past the screen is chance, too.
-        self.count = max(self.count, len(pool))
+        self.count = max(self.count, tried(pool))
         known = {candidate.hypothesis.key for candidate in selected} | self._excluded
         pool = [candidate for candidate in pool if candidate.hypothesis.key not in known]
         least = settings.least(validation, validation.known_error)
@@ -274,8 +277,7 @@ class Selection:
     ) -> EffectTrial:  # fmt: skip
         """Return how a candidate does, whether it comes or stays: by the same measure.
 
-        Each hypothesis that is tried is the best of those that it stands for: Bonferroni's
-        correction among and within.
+        Bonferroni's correction is for all torques that were tried, a search's among them.
         """
         inflation = self.validation.inflation(after.error, before.error - after.error)
         p_value = self.validation.p_value(before, after, candidate, inflation, self.count)
@@ -399,6 +401,13 @@ class Selection:
         told = [(trial.gain, trial.candidate) for trial in trials]
         chosen = most_parsimonious(told, margin, self.settings.equal_least)
         return next(trial for trial in trials if trial.candidate is chosen)
+
+
+def tried(pool: Sequence[Candidate]) -> int:
+    """Return how many torques hypotheses stand for: a search's, whether or not it is over."""
+    found = Counter(candidate.hypothesis.key for candidate in pool)
+    searched = {candidate.hypothesis.key: candidate.hypothesis.searched for candidate in pool}
+    return sum(max(count, searched[key]) for key, count in found.items())
 
 
 def _possible(candidate: Candidate, fitted: Sequence[tuple[Candidate, Array]]) -> bool:
