@@ -281,11 +281,13 @@ def _finding(
     gain = held_out.gain(before, after, joints, candidate=effect.trial.candidate)
     rest_named = [other for k, other in enumerate(named) if k != i]
     alternatives = _alternatives(validation, rest_named, effect)
+    usual_remedy = _remedy(hypothesis, motion, not left_out)
     doubts = (
         (beyond_range(motion, hypothesis, theta), GO_THERE),
         (at_once(hypothesis, [other.hypothesis for other in rest_named]), RECORD_ALONE),
+        (held_out.shows_nothing_of(named, effect.trial.candidate), usual_remedy),
     )
-    no_doubt = ("", _remedy(hypothesis, motion, not left_out))
+    no_doubt = ("", usual_remedy)
     doubt, remedy = next((pair for pair in doubts if pair[0]), no_doubt)
     return Finding(
         effect=hypothesis.effect,

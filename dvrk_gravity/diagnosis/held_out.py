@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -173,17 +173,22 @@ class HeldOut:
         return sorted(better, key=lambda j: -float(removed[j]))
 
     def unconfirmed(
-        self, chosen: Sequence[Candidate], on_trial: Sequence[Candidate] | None = None
+        self,
+        chosen: Sequence[Candidate],
+        on_trial: Sequence[Candidate] | None = None,
+        sure: Callable[[Candidate], bool] = lambda candidate: False,
     ) -> list[tuple[Unconfirmed, Candidate]]:
         """Return the chosen candidates that the held-out blocks do not confirm.
 
         One fails if it removes next to nothing in the blocks in which it acts, or no more than
         chance would, by the tests of the choice and at its level, Holm's correction for the number
-        of those on trial included; or if it acts in no held-out block.
+        of those on trial included; or if it acts in no held-out block, and is not sure without.
 
         Args:
             chosen: All of them, as they are fitted together.
             on_trial: Those that are looked at; by default all.
+            sure: Tells of what acts in no held-out block whether it is sure without; by default
+                nothing is.
         """
         trials = [
             (self._in_active_blocks(chosen, candidate), candidate)
@@ -192,18 +197,23 @@ class HeldOut:
         told = [found.gain for found, _ in trials if found.gain is not None]
         corrected = iter(evidence.holm([gain.p_value for gain in told]))
         settings = self.settings
-        failed = [
-            (found, candidate)
-            for found, candidate in trials
-            if found.gain is None
-            or next(corrected) >= settings.alpha
-            or found.gain.relative <= settings.least_removed
-        ]
+
+        def fails(gain: Gain | None, candidate: Candidate) -> bool:
+            if gain is None:
+                return not sure(candidate)
+            return next(corrected) >= settings.alpha or gain.relative <= settings.least_removed
+
+        failed = [(found, candidate) for found, candidate in trials if fails(found.gain, candidate)]
         return failed or [
             (replace(found, partial=True), candidate)
             for found, candidate in trials
             if not self._shows(chosen, candidate)
         ]
+
+    def shows_nothing_of(self, chosen: Sequence[Candidate], candidate: Candidate) -> str:
+        """Return that a chosen candidate acts in no held-out block, if so; else ``""``."""
+        unseen = self._in_active_blocks(chosen, candidate).gain is None
+        return "it acts in no held-out block that could confirm it" if unseen else ""
 
     def _shows(self, chosen: Sequence[Candidate], candidate: Candidate) -> bool:
         """Tell whether the part of a claim of one parameter shows that must."""

@@ -367,7 +367,7 @@ def _confirmed(
         say("comparing alternatives")
         chosen = merge(selection, refine(selection, chosen))
         chosen = selection.eliminate_backward(chosen)
-        chosen, failed = _held_out_confirms(validation, chosen)
+        chosen, failed = _held_out_confirms(selection, chosen)
         unconfirmed += failed
         if not failed or attempt == _SETTINGS.attempts - 1:
             break
@@ -377,15 +377,21 @@ def _confirmed(
 
 
 def _held_out_confirms(
-    validation: CrossValidation, chosen: Sequence[Candidate]
+    selection: Selection, chosen: Sequence[Candidate]
 ) -> tuple[list[Candidate], list[Unconfirmed]]:
-    """Return the effects that blocks show which no choice had seen, and those that they do not."""
+    """Return the effects that blocks show which no choice had seen, and those that they do not.
+
+    What acts in none of these blocks may be sure without them.
+    """
+    validation = selection.validation
     failed: list[Unconfirmed] = []
 
     def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
         validation.weigh(validation.out_of_fold(kept))
         on_trial = [candidate for candidate in kept if not candidate.hypothesis.of_model]
-        found = HeldOut(validation).unconfirmed(kept, on_trial)
+        found = HeldOut(validation).unconfirmed(
+            kept, on_trial, lambda candidate: selection.sure_of(kept, candidate)
+        )
         failures.update({id(candidate): failure for failure, candidate in found})
         return [
             (0.0 if failure.gain is None else failure.gain.relative, candidate)

@@ -30,6 +30,8 @@ class SelectionSettings:
     Attributes:
         alpha: Chance that a step selects anything where nothing is, corrected for the number of
             hypotheses. A convention; a tenth of it would need longer recordings.
+        unseen: ... where it acts in no held-out block that could confirm it: as improbable as to
+            pass the test of the choice and theirs.
         least_gain: Part of a joint's error that a finding must remove. Chosen: what is worth a
             finding; see `make sensitivity`.
         most_effects: Selected at most, times the joints: a bound on time. Chosen: a model without
@@ -50,6 +52,7 @@ class SelectionSettings:
     """
 
     alpha: float = 0.01
+    unseen: float = 0.01**2
     least_gain: float = 0.06
     most_effects: int = 5
     screened: int = 24
@@ -334,6 +337,11 @@ class Selection:
         theta, covariance = self.validation.fit([*beside, candidate])
         own = slice(len(theta) - candidate.size, len(theta))
         return expected.news(theta[own], covariance[own, own])
+
+    def sure_of(self, selected: Sequence[Candidate], candidate: Candidate) -> bool:
+        """Tell whether one of those selected is sure without a look at held-out blocks."""
+        (trial,) = self._without(selected, [candidate])
+        return trial.p_value < self.settings.unseen
 
     def _without(
         self, selected: Sequence[Candidate], looked_at: Iterable[Candidate]

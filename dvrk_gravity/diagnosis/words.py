@@ -51,9 +51,9 @@ def sentence_of(
     preposition = "of" if gain.relative >= 0.0 else "to"
     removed = f"{does} {100 * abs(gain.relative):.0f} % {preposition} the error at {where}"
     sentence = f"{hypothesis.claim(parameters)}; {hypothesis.correction()} {removed}"
-    if gain.low <= 0.0:
+    if doubt:
+        sentence += f" (not certain: {doubt})"
+    elif gain.low <= 0.0:
         interval = f"{100 * gain.low:.0f} to {100 * gain.high:.0f} %"
         sentence += f" (not certain: 95 % interval of what it removes {interval})"
-    elif doubt:
-        sentence += f" (not certain: {doubt})"
     return sentence
