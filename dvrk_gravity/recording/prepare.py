@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.recording.acceleration import known_acceleration
 from dvrk_gravity.recording.checks import check
 from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.filters import ORDER, LowPass, derivative
 from dvrk_gravity.recording.gaps import Gaps
 from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
+from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.velocity import compare_velocity
 
 DEFAULT_CUTOFF = 5.65  # Hz; the published evaluations of these arms use it
@@ -70,7 +74,8 @@ def prepare(
     grid at the nominal rate (where it is not on one already); position, velocity and effort go
     through one zero-phase low-pass. The velocity of a joint whose column is missing or worse than
     the differentiated position is replaced by that derivative, and so is one that is late, as
-    filtered ones are. The acceleration is the derivative of the resulting velocity.
+    filtered ones are. The acceleration is the derivative of the resulting velocity, as far as the
+    steps of the positions let it be known (``known_acceleration``).
 
     Args:
         recording: What was recorded.
@@ -106,6 +111,7 @@ def prepare(
     gaps = Gaps(low, longest_bridged(rate, band or cutoff))
     gaps.count(recording.time)
     parts = split_at_gaps(recording, gaps.longest)
+    step = np.array([quantum(column) for column in recording.position.T])
     segments: list[Segment] = []
     first, gridded = 0, False
     for part in parts:
@@ -115,7 +121,7 @@ def prepare(
             continue
         uniform = resample(fresh, rate)
         gridded = gridded or uniform is not fresh
-        segments.append(_filtered(uniform, low, derived))
+        segments.append(_filtered(uniform, low, derived, step, band or cutoff))
     if not segments:
         raise RecordingError(
             recording.source,
@@ -153,7 +159,9 @@ def derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> t
     return tuple(joint for joint, fit in fits if joint in worse or (fit and fit.late))
 
 
-def _filtered(raw: Recording, low: LowPass, derived: tuple[str, ...]) -> Segment:
+def _filtered(
+    raw: Recording, low: LowPass, derived: tuple[str, ...], step: Array, band: float
+) -> Segment:
     position = low(raw.position)
     velocity = derivative(position, low.rate)
     if raw.velocity is not None:
@@ -162,7 +170,7 @@ def _filtered(raw: Recording, low: LowPass, derived: tuple[str, ...]) -> Segment
             if joint not in derived:
                 velocity[:, column] = measured[:, column]
     effort = None if raw.effort is None else low(raw.effort)
-    acceleration = derivative(velocity, low.rate)
+    acceleration = known_acceleration(derivative(velocity, low.rate), step, low.rate, band)
     acceleration.flags.writeable = False
     result = replace(raw, position=position, velocity=velocity, effort=effort)
     return Segment(result, acceleration, low.edge)
