@@ -19,7 +19,8 @@ from dvrk_gravity.diagnosis.findings import Gain
 from dvrk_gravity.diagnosis.held_out import HeldOut, JudgementSettings, Unconfirmed
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.model_error import friction_change, like_changed_friction
-from dvrk_gravity.diagnosis.selection import Selection, SelectionSettings, tried
+from dvrk_gravity.diagnosis.selection import Selection, SelectionSettings
+from dvrk_gravity.diagnosis.tried import Tried
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.contact import PushHypothesis
 from dvrk_gravity.effects.payload import PayloadHypothesis
@@ -47,7 +48,7 @@ class Scores:
 
     def __init__(self, p_value: float) -> None:
         self.weight = np.ones(7)
-        self.known_error, self.model_size = np.full(7, -1.0), 0
+        self.known_error, self.model_size = np.zeros(7), 0
         self.data = SimpleNamespace(
             friction=np.zeros((4, 7)), known_error=self.known_error, torque_rms=np.zeros(7)
         )
@@ -78,22 +79,24 @@ class Scores:
 
 
 @pytest.mark.parametrize(("searched", "p_value", "enough"), [
-    (1, 0.9e-4, True), (1, 1.1e-4, False), (901, 0.9e-4, False), (901, 0.9e-5, True),
+    (1, 0.9e-4 / 2, True), (1, 1.1e-4 / 2, False), (901, 0.9e-4 / 2, False), (901, 1e-5 / 2, True),
 ])  # fmt: skip
 def test_what_is_searched_among_many_needs_as_much_to_stay_as_to_come(searched, p_value, enough):
-    """All torques that are tried count alike, those of a search among them: 100 or 1000 here."""
+    """Of a hundred causes one is the best, or that one is the best of 901 of its own."""
     candidate, others = claim(searched), [claim(form=f"form {i}") for i in range(99)]
     selection = Selection(Scores(p_value), [candidate, *others], lambda line: None)
     coming = selection.evaluate([], candidate, selection.validation.score([]))
-    assert coming.p_value == pytest.approx(min(1.0, (99 + searched) * p_value))
+    of = 100 if searched == 1 else searched
+    assert coming.p_value == pytest.approx(2 * of * p_value)
     assert coming.passes == enough
     assert selection.eliminate_backward([candidate]) == ([candidate] if enough else [])
 
 
 def test_a_search_counts_once_whether_its_hypotheses_are_made_beforehand_or_found():
     first, second = claim(5), claim(form="another")
-    assert tried([first]) == tried([first] * 5) == 5
-    assert tried([first, second]) == 6
+    assert Tried.of([first]) == Tried.of([first] * 5) == Tried(0, 5)
+    both = Tried.of([first, second])
+    assert (both.beside(first), both.beside(second)) == (10, 2)
 
 
 def test_what_could_not_be_accepted_takes_no_place_from_what_could():

@@ -76,7 +76,7 @@ def difference(
     if chi2.sf(apart, len(change)) > settings.alpha:
         return ""
     common = np.tile(split(named, validation.parameters(named))[i][1], count)
-    known_error = SelectionSettings().least(validation, validation.known_error)
+    known_error = SelectionSettings().least(validation)
     least = np.maximum(known_error, validation.score(candidates).rms)
     of_recording = [np.kron(unit, np.ones(size)) for unit in np.eye(count)]
     part = np.array([[np.mean(data.recording[seen] == number)] for number in shown])

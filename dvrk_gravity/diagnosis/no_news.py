@@ -56,13 +56,13 @@ def no_news(
     validation.significance = Significance(validation.data, lenient)
     chosen = [effect.trial.candidate for effect in selected]
     chosen += [trial.candidate for trial in unknown]
-    settings = replace(SelectionSettings(), consequence=0.0, share=0.0)
+    settings = replace(SelectionSettings(), consequence=0.0, another_day=0.0, share=0.0)
     selection = Selection(
         validation, pool, lambda line: None, settings=settings, at_calibration=at_calibration
     )
     validation.weigh(validation.out_of_fold(chosen))
     # What is more was a finding, had held-out blocks confirmed it.
-    most = SelectionSettings().least(validation, validation.known_error)
+    most = SelectionSettings().least(validation)
     told: list[EffectTrial] = []
     trials = selection.best(chosen, validation.score(chosen))
     for_all = [trial for trial in trials if _no_news(trial, most)][:1]

@@ -46,18 +46,16 @@ class OtherDay:
         torque = self._validation.torque(candidate, theta)
         return self._explained(candidate, torque, change)
 
-    def error(self, beside: Sequence[Candidate]) -> Array:
-        """Return (n,) RMS error that is expected beside some candidates, N·m.
+    def changed(self, beside: Sequence[Candidate]) -> Array:
+        """Return (n,) RMS by which changed friction may be off beside some candidates, N·m.
 
         Friction that changed did not do so by just what one of them says: where one of them is that
         change, it may be off by as large a part as it changed by at any joint, and by no more than
         it does from one day to another.
         """
-        known_error = self._validation.data.known_error
         if not beside or not self._friction.any():
-            return known_error
-        _, changed = self._beside(beside)
-        return np.asarray(np.hypot(known_error, changed))
+            return np.zeros(self._friction.shape[1])
+        return self._beside(beside)[1]
 
     def _beside(self, selected: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return (n,) by what part friction may have changed, and by what RMS torque be off.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -15,6 +14,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.other_day import OtherDay
 from dvrk_gravity.diagnosis.refinement import refined
+from dvrk_gravity.diagnosis.tried import Tried
 from dvrk_gravity.effects.base.effect import MOST_LESS, Hypothesis
 from dvrk_gravity.effects.base.evidence import Residual
 from dvrk_gravity.estimation.selection import SearchSettings, Trial, eliminate_backward, select
@@ -43,10 +43,12 @@ class SelectionSettings:
             `make sensitivity`.
         equal_least: Log-likelihood likewise, at least: odds of 20 to one, "strong" in the scale of
             Kass and Raftery (1995).
-        consequence: Times a joint's expected error that a finding's torque must be, RMS: as large
+        consequence: Times a joint's known error that a finding's torque must be, RMS: as large
             as the error of a motion is in one of a hundred where nothing is there. The square of
             that over the known one's is Fisher's F of 30 degrees of freedom each
             (``SignificanceSettings.freedom``), of which 2.39 is the 99 % point.
+        another_day: Times what changed friction may be off by, likewise, in squares. One: that is
+            its standard deviation, and friction changes no more than once.
         share: Part of a joint's torque, RMS, that it must be as well, of a model that was
             identified. Chosen: no torque constant is known as well.
     """
@@ -61,17 +63,20 @@ class SelectionSettings:
     equal: float = 0.02
     equal_least: float = 3.0
     consequence: float = 1.55
+    another_day: float = 1.0
     share: float = 0.003
 
-    def least(self, validation: CrossValidation, error: Array) -> Array:
+    def least(self, validation: CrossValidation, changed: Array | float = 0.0) -> Array:
         """Return (n,) the least torque, RMS, that is of consequence, N·m.
 
         Args:
             validation: The validation.
-            error: (n,) that is expected of the model, N·m; zero where it does not tell.
+            changed: (n,) RMS by which changed friction may be off, which is expected, too, N·m.
         """
-        share = np.where(error > 0.0, self.share * validation.data.torque_rms, 0.0)
-        return np.maximum(self.consequence * error, share)
+        known = validation.known_error
+        share = np.where(known > 0.0, self.share * validation.data.torque_rms, 0.0)
+        least = np.hypot(self.consequence * known, self.another_day * np.asarray(changed))
+        return np.maximum(least, share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +132,7 @@ class Selection:
             is looked for in its place.
         at_calibration: What was there when the model was identified, and is no news.
         settings: When a hypothesis is selected.
-        count: Number of torques that are tried at each step.
+        tried: How many torques are tried at each step.
     """
 
     def __init__(
@@ -158,7 +163,7 @@ class Selection:
         self.expected = list(expected)
         self.at_calibration = at_calibration
         self.pool = list(pool)
-        self.count = tried(self.pool)
+        self.tried = Tried.of(self.pool)
         self._excluded: set[tuple[object, ...]] = set()
         self._for_all = Alike(validation)
         self.report = report
@@ -240,10 +245,10 @@ class Selection:
         if pool is None:
             pool = [*self.pool, *self._searched(selected)]
         # Whatever was looked at counts: that most did not get past the screen is chance, too.
-        self.count = max(self.count, tried(pool))
+        self.tried = self.tried.with_those_of(pool)
         known = {candidate.hypothesis.key for candidate in selected} | self._excluded
         pool = [candidate for candidate in pool if candidate.hypothesis.key not in known]
-        least = settings.least(validation, validation.known_error)
+        least = settings.least(validation)
         screened = validation.screen(selected, pool, settings.screened, least)
         trials = [self.evaluate(selected, candidate, before) for candidate in screened]
         if not trials:
@@ -280,10 +285,11 @@ class Selection:
     ) -> EffectTrial:  # fmt: skip
         """Return how a candidate does, whether it comes or stays: by the same measure.
 
-        Bonferroni's correction is for all torques that were tried, a search's among them.
+        Bonferroni's correction is for all torques that were tried (:class:`Tried`).
         """
         inflation = self.validation.inflation(after.error, before.error - after.error)
-        p_value = self.validation.p_value(before, after, candidate, inflation, self.count)
+        tried = self.tried.beside(candidate)
+        p_value = self.validation.p_value(before, after, candidate, inflation, tried)
         used = (self.validation.weight > 0.0) & candidate.acts
         removed = 1.0 - after.rms / np.maximum(before.rms, 1e-300)
         size = np.where(used, self.validation.size(candidate, theta), 0.0)
@@ -294,13 +300,13 @@ class Selection:
         most = float(np.max(removed[used], initial=0.0))
         gain, settings = after.likelihood - before.likelihood, self.settings
         expected = self._other_day.explains(candidate, theta, beside)
-        least = settings.least(self.validation, self._other_day.error(beside))
+        least = settings.least(self.validation, self._other_day.changed(beside))
         matters = used & (size >= least)
         passes = gain > 0.0 and most > settings.least_gain and p_value < settings.alpha
         passes = passes and possible and bool(matters.any())
         news = self._news(candidate, beside) if passes else 1.0
         if news < 1.0:
-            p_value = self.validation.p_value(before, after, candidate, inflation, self.count, news)
+            p_value = self.validation.p_value(before, after, candidate, inflation, tried, news)
         seen_before = passes and p_value >= settings.alpha
         other_day = bool(np.any(expected & (size > 0.0))) and not np.any(matters & ~expected)
         if passes and candidate.hypothesis.composite:
@@ -324,7 +330,7 @@ class Selection:
             return self._for_all.differ(candidate, theta, beside) < 1.0
         settings, validation = self.settings, self.validation
         clearly = settings.equal_least * float(np.max(inflation[candidate.acts]))
-        least = settings.least(validation, validation.known_error)
+        least = settings.least(validation)
         return self._for_all.hold(candidate, theta, beside, after.likelihood + clearly, least)
 
     def _news(self, candidate: Candidate, beside: Sequence[Candidate]) -> float:
@@ -409,13 +415,6 @@ class Selection:
         told = [(trial.gain, trial.candidate) for trial in trials]
         chosen = most_parsimonious(told, margin, self.settings.equal_least)
         return next(trial for trial in trials if trial.candidate is chosen)
-
-
-def tried(pool: Sequence[Candidate]) -> int:
-    """Return how many torques hypotheses stand for: a search's, whether or not it is over."""
-    found = Counter(candidate.hypothesis.key for candidate in pool)
-    searched = {candidate.hypothesis.key: candidate.hypothesis.searched for candidate in pool}
-    return sum(max(count, searched[key]) for key, count in found.items())
 
 
 def _possible(candidate: Candidate, fitted: Sequence[tuple[Candidate, Array]]) -> bool:
