@@ -345,7 +345,12 @@ class Selection:
         return expected.news(theta[own], covariance[own, own])
 
     def sure_of(self, selected: Sequence[Candidate], candidate: Candidate) -> bool:
-        """Tell whether one of those selected is sure without a look at held-out blocks."""
+        """Tell whether one of those selected is sure without a look at held-out blocks.
+
+        What comes once, and is over before one of them, is not: a joint that slips once looks so.
+        """
+        if candidate.hypothesis.transient:
+            return False
         (trial,) = self._without(selected, [candidate])
         return trial.p_value < self.settings.unseen
 
