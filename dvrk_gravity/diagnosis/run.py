@@ -232,11 +232,8 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     again = _with_changes_told(loaded, validation, selected, say)
     if again is not None:
         return again
-    validation, acting = relinearised(validation, [effect.trial.candidate for effect in selected])
-    selected = [
-        replace(effect, trial=replace(effect.trial, move=candidate))
-        for effect, candidate in zip(selected, acting, strict=True)
-    ]
+    validation, selected, failed = _at_the_fit(validation, selected, selection)
+    unconfirmed += failed
     other_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
     selected = [effect for effect in selected if not effect.trial.other_day]
     minor = no_news(validation, sparse, selected, unknown, at_calibration)
@@ -367,7 +364,7 @@ def _confirmed(
         say("comparing alternatives")
         chosen = merge(selection, refine(selection, chosen))
         chosen = selection.eliminate_backward(chosen)
-        chosen, failed = _held_out_confirms(selection, chosen)
+        chosen, failed = _held_out_confirms(validation, chosen, selection.sure_of)
         unconfirmed += failed
         if not failed or attempt == _SETTINGS.attempts - 1:
             break
@@ -376,21 +373,51 @@ def _confirmed(
     return chosen, unconfirmed
 
 
+def _at_the_fit(
+    validation: CrossValidation, selected: Sequence[SelectedEffect], selection: Selection
+) -> tuple[CrossValidation, list[SelectedEffect], list[Unconfirmed]]:
+    """Return what was selected, linearised at the fit, and what is confirmed no more there.
+
+    What made up for the product of two others, a tilt and weights that are off, is none there.
+    """
+    named = [effect.trial.candidate for effect in selected]
+    at_fit, acting = relinearised(validation, named)
+    failed: list[Unconfirmed] = []
+    if at_fit is not validation:
+        kept, failed = _held_out_confirms(at_fit, acting, selection.sure_of)
+        if failed:
+            selected = [
+                e for e, c in zip(selected, acting, strict=True) if any(c is k for k in kept)
+            ]
+            at_fit, acting = relinearised(
+                validation, [effect.trial.candidate for effect in selected]
+            )
+    return at_fit, [
+        replace(effect, trial=replace(effect.trial, move=candidate))
+        for effect, candidate in zip(selected, acting, strict=True)
+    ], failed  # fmt: skip
+
+
 def _held_out_confirms(
-    selection: Selection, chosen: Sequence[Candidate]
+    validation: CrossValidation,
+    chosen: Sequence[Candidate],
+    sure: Callable[[Sequence[Candidate], Candidate], bool],
 ) -> tuple[list[Candidate], list[Unconfirmed]]:
     """Return the effects that blocks show which no choice had seen, and those that they do not.
 
-    What acts in none of these blocks may be sure without them.
+    Args:
+        validation: The validation.
+        chosen: What was chosen.
+        sure: Tells of one of those kept, which acts in none of these blocks, whether it is sure
+            without them.
     """
-    validation = selection.validation
     failed: list[Unconfirmed] = []
 
     def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
         validation.weigh(validation.out_of_fold(kept))
         on_trial = [candidate for candidate in kept if not candidate.hypothesis.of_model]
         found = HeldOut(validation).unconfirmed(
-            kept, on_trial, lambda candidate: selection.sure_of(kept, candidate)
+            kept, on_trial, lambda candidate: sure(kept, candidate)
         )
         failures.update({id(candidate): failure for failure, candidate in found})
         return [

@@ -50,7 +50,10 @@ def sentence_of(
     does = "removes" if gain.relative >= 0.0 else "adds"
     preposition = "of" if gain.relative >= 0.0 else "to"
     removed = f"{does} {100 * abs(gain.relative):.0f} % {preposition} the error at {where}"
-    sentence = f"{hypothesis.claim(parameters)}; {hypothesis.correction()} {removed}"
+    claim = hypothesis.claim(parameters)
+    if (doubt or gain.low <= 0.0) and "perhaps" not in claim:
+        claim = f"perhaps {claim}"
+    sentence = f"{claim}; {hypothesis.correction()} {removed}"
     if doubt:
         sentence += f" (not certain: {doubt})"
     elif gain.low <= 0.0:
