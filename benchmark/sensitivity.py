@@ -50,6 +50,7 @@ from dvrk_gravity.diagnosis.readings import ReadingSettings
 from dvrk_gravity.diagnosis.reference import ReferenceSettings
 from dvrk_gravity.diagnosis.reference_error import ReferenceErrorSettings
 from dvrk_gravity.diagnosis.refinement import RefinementSettings
+from dvrk_gravity.diagnosis.relinearised import RelinearisationSettings
 from dvrk_gravity.diagnosis.run import RunSettings
 from dvrk_gravity.diagnosis.selection import SelectionSettings
 from dvrk_gravity.diagnosis.significance import SignificanceSettings
@@ -89,6 +90,7 @@ from dvrk_gravity.identification.static_solver import PoseSettings
 from dvrk_gravity.identification.verdict import VerdictSettings
 from dvrk_gravity.planning import MotionLimits
 from dvrk_gravity.recording import Recording, prepare
+from dvrk_gravity.recording.acceleration import AccelerationSettings
 from dvrk_gravity.recording.checks import CheckSettings
 from dvrk_gravity.recording.frozen import FrozenSettings
 from dvrk_gravity.recording.gaps import LossSettings
@@ -302,6 +304,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (NoNewsSettings, DIAGNOSIS),
     (OverlapSettings, DIAGNOSIS),
     (RefinementSettings, DIAGNOSIS),
+    (RelinearisationSettings, DIAGNOSIS),
     (FilterSettings, DIAGNOSIS),
     (BlockSettings, DIAGNOSIS),
     (EvidenceSettings, DIAGNOSIS),
@@ -349,6 +352,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (LossSettings, READING),
     (PieceSettings, READING),
     (CheckSettings, READING),
+    (AccelerationSettings, DIAGNOSIS),
     (PossibleSettings, READING),
     (SignalSettings, READING),
     (FrozenSettings, READING),
