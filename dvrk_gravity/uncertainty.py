@@ -102,6 +102,18 @@ class ModelUncertainty:
                         total += slope[..., None] * self.gravity[axis]
         return total
 
+    def of_longer(self, terms: Iterable[Term]) -> ModelUncertainty:
+        """Return the same about terms some of which have gained coefficients, which come last.
+
+        Nothing is said of those: beta has two more of a base that leans.
+        """
+        deviations = dict(self.deviations)
+        for name, theta in coefficients_of(terms).items():
+            change = deviations.get(name)
+            if change is not None and len(theta) > len(change):
+                deviations[name] = np.pad(change, ((0, len(theta) - len(change)), (0, 0)))
+        return replace(self, deviations=deviations)
+
     def moved(self, terms: Iterable[Term], parameters: Array) -> tuple[Term, ...]:
         """Return terms with (d,) parameters, in units of their standard deviations, put in.
 

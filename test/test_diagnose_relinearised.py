@@ -14,9 +14,11 @@ from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.refinement import refined
 from dvrk_gravity.diagnosis.relinearised import relinearised
+from dvrk_gravity.effects import Gravity
 from dvrk_gravity.effects.base_tilt import BaseTilt
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
+from dvrk_gravity.uncertainty import ModelUncertainty
 
 ARM = Arm.load(UR5)
 LEANS = 0.3, -0.2  # rad, roll and pitch
@@ -75,3 +77,16 @@ def test_where_nothing_changes_what_the_model_says_nothing_changes():
     model = TorqueModel.stated(ARM)
     validation = CrossValidation(FilteredData.of(load([leaning(model, 0)], model).motion))
     assert relinearised(validation, []) == (validation, [])
+
+
+def test_the_coefficients_that_beta_gains_in_a_base_that_leans_leave_the_others_uncertain():
+    mtm, unknown = Arm.load("mtmr"), np.full(7, np.nan)
+    known = ModelUncertainty(
+        {Gravity.NAME: np.zeros(12)}, {Gravity.NAME: np.eye(12)}, np.zeros((7, 12)),
+        np.zeros((3, 12)), unknown, np.nan, unknown, -np.ones(7), np.ones(7), unknown,
+    )  # fmt: skip
+    leaning_beta = [Gravity(mtm, np.zeros(14), mtm.gravity)]
+
+    (moved,) = known.of_longer(leaning_beta).moved(leaning_beta, np.arange(1.0, 13.0))
+
+    np.testing.assert_array_equal(moved.theta, [*range(1, 13), 0.0, 0.0])

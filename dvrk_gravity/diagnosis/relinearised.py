@@ -68,5 +68,11 @@ def relinearised(
             named = hypothesis.describe(values, hypothesis.setting)
             setting = {**hypothesis.setting, **{n: named[n] for n in hypothesis.fixed_point}}
             result[i] = validation.data.candidate(replace(hypothesis, setting=setting), moved)
+        changing = {i for i, _ in at}
+        for i, other in enumerate(result):
+            # A payload weighs in the base as it leans, too; readings of what acts have their own.
+            if i not in changing and not other.hypothesis.OF_ACTING:
+                beside = replace(motion, model=acting)
+                result[i] = validation.data.candidate(other.hypothesis, beside)
         validation.weigh(validation.out_of_fold(result))
     return validation, result

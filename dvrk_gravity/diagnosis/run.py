@@ -234,6 +234,14 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
         return again
     validation, selected, failed = _at_the_fit(validation, selected, selection)
     unconfirmed += failed
+    named = [effect.trial.candidate for effect in selected]
+    if validation is not selection.validation:  # nor need what has no name be there at the fit
+        held_out = HeldOut(validation)
+        unknown = [
+            trial
+            for trial in unknown
+            if not held_out.unconfirmed([*named, trial.candidate], [trial.candidate])
+        ]
     other_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
     selected = [effect for effect in selected if not effect.trial.other_day]
     minor = no_news(validation, sparse, selected, unknown, at_calibration)

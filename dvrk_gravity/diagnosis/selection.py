@@ -44,7 +44,7 @@ class SelectionSettings:
         equal_least: Log-likelihood likewise, at least: odds of 20 to one, "strong" in the scale of
             Kass and Raftery (1995).
         consequence: Times a joint's known error that a finding's torque must be, RMS: as large
-            as the error of a motion is in one of twenty where nothing is there. The square of
+            as its error is in one motion of twenty where nothing is there. The square of
             that over the known one's is Fisher's F of 30 degrees of freedom each
             (``SignificanceSettings.freedom``), of which 1.84 is the 95 % point. Chosen: with the
             99 % point, 1.55, two of 118 hidden causes of two to three times the error were lost.

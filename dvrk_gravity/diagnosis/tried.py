@@ -42,4 +42,5 @@ class Tried:
 
     def beside(self, candidate: Candidate) -> int:
         """Return of how many torques one is the best, of either kind."""
-        return 2 * (self.searched if candidate.hypothesis.searched > 1 else self.alone)
+        of_its_kind = self.searched if candidate.hypothesis.searched > 1 else self.alone
+        return 2 * max(of_its_kind, candidate.hypothesis.searched)

@@ -20,11 +20,13 @@ class AccelerationSettings:
             per cent.
         slowest: Hz; no lower cut-off. Chosen: as fast as arms swing at their usual speeds.
         tried: Cut-offs between that and the band.
+        taken: Times what steps would be of it, that a low-pass may take: more is motion. Chosen.
     """
 
     share: float = 0.02
     slowest: float = 1.0
     tried: int = 12
+    taken: float = 2.0
 
 
 # Of a fourth-power spectrum behind two runs of a second-order Butterworth low-pass:
@@ -40,7 +42,8 @@ def known_acceleration(
 
     Steps are noise of step / sqrt(12), evenly over all frequencies up to half the rate (Bennett
     1948); differentiated twice it grows with the fourth power of the frequency. Where that is too
-    much of what is seen below a band, the acceleration is low-passed as far as it takes.
+    much of what is seen below a band, the acceleration is low-passed as far as it takes, and no
+    further than steps are what that takes away.
 
     Args:
         acceleration: (N, n) rad/s^2 or m/s^2.
@@ -54,14 +57,20 @@ def known_acceleration(
     result = acceleration.copy()
     for joint in np.flatnonzero(step).tolist():
         density = step[joint] ** 2 / 12.0 / (rate / 2.0)
+        fastest, noisiest = 0.0, 0.0
         for cutoff in np.geomspace(band, slowest, settings.tried).tolist():
             low = LowPass(cutoff, rate)
             if len(acceleration) <= low.edge:
                 break
             slow = low(acceleration[:, joint])
+            variance = float(np.var(slow))
             noise = (2.0 * np.pi) ** 4 * density * _PASSED * cutoff**5
-            if cutoff < band:
+            if cutoff == band:
+                fastest, noisiest = variance, noise
+            elif fastest - variance > settings.taken * (noisiest - noise):
+                break
+            else:
                 result[:, joint] = slow
-            if noise <= settings.share * max(float(np.var(slow)) - noise, 0.0):
+            if noise <= settings.share * max(variance - noise, 0.0):
                 break
     return result
