@@ -33,6 +33,7 @@ from dvrk_gravity.diagnosis.ambiguity import AmbiguitySettings
 from dvrk_gravity.diagnosis.assemble import ShapelessSettings
 from dvrk_gravity.diagnosis.beyond_range import BeyondSettings
 from dvrk_gravity.diagnosis.by_recording import DifferenceSettings
+from dvrk_gravity.diagnosis.confirmed import ConfirmationSettings
 from dvrk_gravity.diagnosis.cross_validation import CrossValidationSettings
 from dvrk_gravity.diagnosis.extend import ExtensionSettings
 from dvrk_gravity.diagnosis.filtered_data import FilterSettings
@@ -299,6 +300,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (DifferenceSettings, DIAGNOSIS),
     (PlaceSettings, DIAGNOSIS),
     (JudgementSettings, DIAGNOSIS),
+    (ConfirmationSettings, DIAGNOSIS),
     (CrossValidationSettings, DIAGNOSIS),
     (SignificanceSettings, DIAGNOSIS),
     (NoNewsSettings, DIAGNOSIS),

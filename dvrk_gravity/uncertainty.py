@@ -123,7 +123,11 @@ class ModelUncertainty:
         result = []
         for term in terms:
             change = self.deviations.get(term.NAME)
-            if isinstance(term, LinearTerm) and change is not None and _of_same(term, change):
+            if (
+                isinstance(term, LinearTerm)
+                and change is not None
+                and len(term.theta) == len(change)
+            ):
                 term = term.with_theta(term.theta + change @ parameters)
             if self.gravity.any() and term.gravity_vector is not None:
                 term = term.with_gravity(term.gravity_vector + self.gravity @ parameters)
@@ -264,11 +268,6 @@ class ModelUncertainty:
             raise _unusable(path, "finite band above 0, or NaN of poses")
         if (self.lower > self.upper).any():
             raise _unusable(path, "lower no greater than upper")
-
-
-def _of_same(term: LinearTerm, change: Array) -> bool:
-    """Tell whether a term has the coefficients that (k, d) changes are about."""
-    return len(term.theta) == len(change)
 
 
 def coefficients_of(terms: Iterable[Term]) -> dict[str, Array]:

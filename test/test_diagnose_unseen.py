@@ -47,7 +47,7 @@ def test_an_effort_that_is_clipped_in_that_time_alone_is_told_with_that_doubt(re
     (found,) = diagnosed(recording, lambda effort: np.clip(effort, -LIMIT, LIMIT)).findings
 
     assert (found.effect, found.certain) == ("effort_saturation", False)
-    assert found.parameters["limit"].value == pytest.approx(LIMIT, rel=0.02)
+    assert found.parameters["limit"].value == pytest.approx(LIMIT, rel=0.01)
     assert found.doubt == f"it {UNSEEN}"
     assert found.doubt in found.sentence
 

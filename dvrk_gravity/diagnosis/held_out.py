@@ -210,10 +210,12 @@ class HeldOut:
             if not self._shows(chosen, candidate)
         ]
 
-    def shows_nothing_of(self, chosen: Sequence[Candidate], candidate: Candidate) -> str:
-        """Return that a chosen candidate acts in no held-out block, if so; else ``""``."""
-        unseen = self._in_active_blocks(chosen, candidate).gain is None
-        return "it acts in no held-out block that could confirm it" if unseen else ""
+    def shows_nothing_of(
+        self, chosen: Sequence[Candidate], candidate: Candidate, joints: Sequence[int]
+    ) -> str:
+        """Return that one acts in no held-out block, if so, else ``""``; judged by some joints."""
+        blocks, _ = self._active(chosen, candidate, joints)
+        return "" if len(blocks) else "it acts in no held-out block that could confirm it"
 
     def _shows(self, chosen: Sequence[Candidate], candidate: Candidate) -> bool:
         """Tell whether the part of a claim of one parameter shows that must."""
@@ -234,21 +236,30 @@ class HeldOut:
         before = self.error([other for other in chosen if other is not candidate], chosen)
         after = self.error(chosen)
         joints = self.main_joints(candidate, before, after)
+        blocks, edges = self._active(chosen, candidate, joints)
+        before[edges] = after[edges] = 0.0
+        gain = self.gain(before, after, joints, blocks, candidate) if len(blocks) else None
+        return Unconfirmed(candidate.hypothesis, self.joint_names[joints[0]], gain)
+
+    def _active(
+        self, chosen: Sequence[Candidate], candidate: Candidate, joints: Sequence[int]
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return held-out blocks where one acts on some joints, and (H,) samples at its edges.
+
+        Of an edge within a held-out block the choice could not know where it is.
+        """
         fitted = split(chosen, self._validation.parameters(chosen))
         torque = candidate.columns() @ next(theta for other, theta in fitted if other is candidate)
         data = self._validation.data
         square = (np.where(data.usable, torque, 0.0)[:, joints] ** 2).sum(axis=1)
         inside = data.block >= 0
         most = np.bincount(data.block[inside], square[inside]).max(initial=0.0)
-        power, least = square[self._held], self.settings.active * most
-        settings = candidate.hypothesis.setting
+        settings, near = candidate.hypothesis.setting, np.zeros(self.samples, dtype=bool)
         for edge in (settings[name] for name in candidate.hypothesis.edges):
-            # Of an edge within a held-out block the choice could not know where it is.
-            near = np.abs(self._time - edge) < data.blocks.settings.duration
-            before[near] = after[near] = power[near] = 0.0
-        blocks = np.flatnonzero(np.bincount(self._block, power) > least)
-        gain = self.gain(before, after, joints, blocks, candidate) if len(blocks) else None
-        return Unconfirmed(candidate.hypothesis, self.joint_names[joints[0]], gain)
+            near |= np.abs(self._time - edge) < data.blocks.settings.duration
+        power = np.where(near, 0.0, square[self._held])
+        least = self.settings.active * most
+        return np.flatnonzero(np.bincount(self._block, power) > least), near
 
     def gain(
         self,

@@ -60,11 +60,10 @@ def refined(
         return _reading_beside(validation, candidate, others)
     for _ in range(settings.fixed_points if hypothesis.fixed_point else 0):
         theta = validation.parameters([*others, candidate])
-        named = hypothesis.describe(theta[-candidate.size :], hypothesis.setting)
-        setting = dict(hypothesis.setting) | {n: named[n] for n in hypothesis.fixed_point}
-        moved = [abs(setting[n] - hypothesis.setting[n]) for n in hypothesis.fixed_point]
-        size = max(abs(setting[n]) for n in hypothesis.fixed_point)
-        hypothesis = replace(hypothesis, setting=setting)
+        before, hypothesis = hypothesis.setting, hypothesis.at_fit(theta[-candidate.size :])
+        now = {name: hypothesis.setting[name] for name in hypothesis.fixed_point}
+        moved = [abs(value - before[name]) for name, value in now.items()]
+        size = max(map(abs, now.values()))
         candidate = validation.data.candidate(hypothesis)
         if max(moved) <= settings.tolerance * size:
             break
@@ -126,9 +125,7 @@ def _read(
         if np.abs(theta - last).max() <= settings.tolerance * np.abs(theta).max():
             break
         last = theta
-        named = hypothesis.describe(theta, hypothesis.setting)
-        setting = dict(hypothesis.setting) | {n: named[n] for n in hypothesis.fixed_point}
-        hypothesis = replace(hypothesis, setting=setting)
+        hypothesis = hypothesis.at_fit(theta)
         # Columns of all samples are large: one cause's at a time.
         beside = np.zeros(motion.q.shape)
         for other, values in fitted if of_others else ():

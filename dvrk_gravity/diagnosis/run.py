@@ -14,26 +14,25 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.assemble import assemble
 from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.confirmed import at_the_fit, confirmed
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed
+from dvrk_gravity.diagnosis.held_out import Unconfirmed
 from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.load import Loaded, load
 from dvrk_gravity.diagnosis.nameless import with_nameless
 from dvrk_gravity.diagnosis.no_news import no_news
 from dvrk_gravity.diagnosis.overlap import spanned
-from dvrk_gravity.diagnosis.places import SelectedEffect, explained, merge, refine
+from dvrk_gravity.diagnosis.places import SelectedEffect, explained
 from dvrk_gravity.diagnosis.read_rightly import read_rightly
 from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
 from dvrk_gravity.diagnosis.reference_error import pulling_otherwise, rubbing_otherwise
-from dvrk_gravity.diagnosis.relinearised import relinearised
 from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection
 from dvrk_gravity.diagnosis.unstated import unstated
 from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.estimation.selection import eliminate_backward
 from dvrk_gravity.identification.beyond import with_held
 from dvrk_gravity.identification.coordinates import doubt
 from dvrk_gravity.identification.drive_gains import check_mass
@@ -56,12 +55,10 @@ class RunSettings:
             is may move along. Chosen.
         moving_gain: Log-likelihood that they must then bring, all costs taken off: what five
             parameters cost. Chosen.
-        attempts: At a choice that the held-out blocks confirm: a bound on time.
     """
 
     doubtful: float = 1.5
     moving_gain: float = 20.0
-    attempts: int = 3
 
 
 _SETTINGS = RunSettings()
@@ -221,7 +218,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     telling = motion.model.uncertainty is not None or motion.reference is not None
     if not telling and np.any(validation.score(chosen).rms > _SETTINGS.doubtful * floor):
         selection, chosen = _with_model_moving(validation, pool, selection, chosen, say)
-    chosen, unconfirmed = _confirmed(validation, selection, chosen, say)
+    chosen, unconfirmed = confirmed(selection, chosen)
     # Masses that only moved along are no cause: they come last.
     chosen.sort(key=lambda candidate: candidate.hypothesis.of_model)
     selected = explained(selection, chosen)
@@ -232,16 +229,8 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     again = _with_changes_told(loaded, validation, selected, say)
     if again is not None:
         return again
-    validation, selected, failed = _at_the_fit(validation, selected, selection)
+    validation, selected, unknown, failed = at_the_fit(selection, selected, unknown)
     unconfirmed += failed
-    named = [effect.trial.candidate for effect in selected]
-    if validation is not selection.validation:  # nor need what has no name be there at the fit
-        held_out = HeldOut(validation)
-        unknown = [
-            trial
-            for trial in unknown
-            if not held_out.unconfirmed([*named, trial.candidate], [trial.candidate])
-        ]
     other_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
     selected = [effect for effect in selected if not effect.trial.other_day]
     minor = no_news(validation, sparse, selected, unknown, at_calibration)
@@ -355,88 +344,6 @@ def _with_model_moving(
     if gain <= _SETTINGS.moving_gain:
         return selection, chosen
     return moving, other
-
-
-def _confirmed(
-    validation: CrossValidation,
-    selection: Selection,
-    chosen: list[Candidate],
-    say: Callable[[str], None],
-) -> tuple[list[Candidate], list[Unconfirmed]]:
-    """Return the effects that hold in the end, and those that the held-out blocks do not confirm.
-
-    In the place of one that fails the choice may find a simpler one.
-    """
-    unconfirmed: list[Unconfirmed] = []
-    for attempt in range(_SETTINGS.attempts):
-        say("comparing alternatives")
-        chosen = merge(selection, refine(selection, chosen))
-        chosen = selection.eliminate_backward(chosen)
-        chosen, failed = _held_out_confirms(validation, chosen, selection.sure_of)
-        unconfirmed += failed
-        if not failed or attempt == _SETTINGS.attempts - 1:
-            break
-        selection.exclude(effect.hypothesis for effect in failed)
-        chosen = selection.run(chosen)
-    return chosen, unconfirmed
-
-
-def _at_the_fit(
-    validation: CrossValidation, selected: Sequence[SelectedEffect], selection: Selection
-) -> tuple[CrossValidation, list[SelectedEffect], list[Unconfirmed]]:
-    """Return what was selected, linearised at the fit, and what is confirmed no more there.
-
-    What made up for the product of two others, a tilt and weights that are off, is none there.
-    """
-    named = [effect.trial.candidate for effect in selected]
-    at_fit, acting = relinearised(validation, named)
-    failed: list[Unconfirmed] = []
-    if at_fit is not validation:
-        kept, failed = _held_out_confirms(at_fit, acting, selection.sure_of)
-        if failed:
-            selected = [
-                e for e, c in zip(selected, acting, strict=True) if any(c is k for k in kept)
-            ]
-            at_fit, acting = relinearised(
-                validation, [effect.trial.candidate for effect in selected]
-            )
-    return at_fit, [
-        replace(effect, trial=replace(effect.trial, move=candidate))
-        for effect, candidate in zip(selected, acting, strict=True)
-    ], failed  # fmt: skip
-
-
-def _held_out_confirms(
-    validation: CrossValidation,
-    chosen: Sequence[Candidate],
-    sure: Callable[[Sequence[Candidate], Candidate], bool],
-) -> tuple[list[Candidate], list[Unconfirmed]]:
-    """Return the effects that blocks show which no choice had seen, and those that they do not.
-
-    Args:
-        validation: The validation.
-        chosen: What was chosen.
-        sure: Tells of one of those kept, which acts in none of these blocks, whether it is sure
-            without them.
-    """
-    failed: list[Unconfirmed] = []
-
-    def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
-        validation.weigh(validation.out_of_fold(kept))
-        on_trial = [candidate for candidate in kept if not candidate.hypothesis.of_model]
-        found = HeldOut(validation).unconfirmed(
-            kept, on_trial, lambda candidate: sure(kept, candidate)
-        )
-        failures.update({id(candidate): failure for failure, candidate in found})
-        return [
-            (0.0 if failure.gain is None else failure.gain.relative, candidate)
-            for failure, candidate in found
-        ]
-
-    # The weakest goes first: of two that share one torque, either may hold without the other.
-    failures: dict[int, Unconfirmed] = {}
-    kept = eliminate_backward(chosen, failing, lambda gone: failed.append(failures[id(gone)]))
-    return kept, failed
 
 
 def _silent(line: str) -> None:

@@ -47,9 +47,9 @@ class SelectionSettings:
             as its error is in one motion of twenty where nothing is there. The square of
             that over the known one's is Fisher's F of 30 degrees of freedom each
             (``SignificanceSettings.freedom``), of which 1.84 is the 95 % point. Chosen: with the
-            99 % point, 1.55, two of 118 hidden causes of two to three times the error were lost.
-        another_day: Times what changed friction may be off by, likewise, in squares. One: that is
-            its standard deviation, and friction changes no more than once.
+            99 % point, 1.55, causes of twice what the model leaves are lost.
+        another_day: Times what changed friction may be off by, added in squares. One: that is a
+            standard deviation by itself.
         share: Part of a joint's torque, RMS, that it must be as well, of a model that was
             identified. Chosen: no torque constant is known as well.
     """

@@ -8,6 +8,7 @@ import numpy as np
 
 from dvrk_gravity.recording.data import Array
 from dvrk_gravity.recording.filters import LowPass
+from dvrk_gravity.recording.quantization import acceleration_error
 
 
 @dataclass(frozen=True)
@@ -29,11 +30,6 @@ class AccelerationSettings:
     taken: float = 2.0
 
 
-# Of a fourth-power spectrum behind two runs of a second-order Butterworth low-pass:
-# the integral of x^4 / (1 + x^4)^2 over all x above zero.
-_PASSED = np.sqrt(2.0) * np.pi / 16.0
-
-
 def known_acceleration(
     acceleration: Array, step: Array, rate: float, band: float,
     settings: AccelerationSettings | None = None,
@@ -53,24 +49,31 @@ def known_acceleration(
         settings: How much may be steps.
     """
     settings = settings or AccelerationSettings()
-    slowest = min(settings.slowest, band)
     result = acceleration.copy()
     for joint in np.flatnonzero(step).tolist():
-        density = step[joint] ** 2 / 12.0 / (rate / 2.0)
-        fastest, noisiest = 0.0, 0.0
-        for cutoff in np.geomspace(band, slowest, settings.tried).tolist():
-            low = LowPass(cutoff, rate)
-            if len(acceleration) <= low.edge:
-                break
-            slow = low(acceleration[:, joint])
-            variance = float(np.var(slow))
-            noise = (2.0 * np.pi) ** 4 * density * _PASSED * cutoff**5
-            if cutoff == band:
-                fastest, noisiest = variance, noise
-            elif fastest - variance > settings.taken * (noisiest - noise):
-                break
-            else:
-                result[:, joint] = slow
-            if noise <= settings.share * max(variance - noise, 0.0):
-                break
+        result[:, joint] = _quiet(acceleration[:, joint], float(step[joint]), rate, band, settings)
     return result
+
+
+def _quiet(
+    values: Array, step: float, rate: float, band: float, settings: AccelerationSettings
+) -> Array:
+    """Return (N,) accelerations of one joint, low-passed as far as it takes."""
+    cutoffs = np.geomspace(band, min(settings.slowest, band), settings.tried).tolist()
+    quiet, seen = values, np.inf
+    noisiest = acceleration_error(step, band, rate) ** 2
+    for cutoff in cutoffs:
+        low = LowPass(cutoff, rate)
+        if len(values) <= low.edge:
+            break
+        slow = low(values)
+        variance, noise = float(np.var(slow)), acceleration_error(step, cutoff, rate) ** 2
+        if cutoff == band:  # all that is used of it: so much is left as it is
+            seen = variance
+        elif seen - variance > settings.taken * (noisiest - noise):
+            break
+        else:
+            quiet = slow
+        if noise <= settings.share * max(variance - noise, 0.0):
+            break
+    return quiet

@@ -41,6 +41,22 @@ def velocity_error(step: float, band: float, rate: float) -> float:
     return float(step / np.sqrt(12.0) * 2.0 * np.pi * band * np.sqrt(2.0 * band / rate / 3.0))
 
 
+def acceleration_error(step: float, cutoff: float, rate: float) -> float:
+    """Return the RMS error that steps of a position give its second derivative below a cut-off.
+
+    As for :func:`velocity_error`, but behind two runs of a second-order Butterworth low-pass: the
+    integral of x^4 / (1 + x^4)^2 over all x above zero is sqrt(2) pi / 16.
+
+    Args:
+        step: Of the position.
+        cutoff: Of one run, Hz.
+        rate: Of the samples, Hz.
+    """
+    density = step**2 / 12.0 / (rate / 2.0)
+    passed = np.sqrt(2.0) * np.pi / 16.0
+    return float((2.0 * np.pi) ** 2 * np.sqrt(density * passed * cutoff**5))
+
+
 def quantum(values: Array) -> float:
     """Return the step of quantised values ``(N,)``, or 0 if they are not multiples of a step.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -158,6 +158,15 @@ class Hypothesis(ABC):
     @abstractmethod
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """Return named values of (k,) parameters at a setting."""
+
+    def at_fit(self, theta: Array) -> Hypothesis:
+        """Return it at the settings that (k,) parameters themselves tell (:attr:`fixed_point`)."""
+        if not self.fixed_point:
+            return self
+        told = self.describe(theta, self.setting)
+        return replace(
+            self, setting={**self.setting, **{name: told[name] for name in self.fixed_point}}
+        )
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """Return a model's parameters with (k,) parameters of this put in.
