@@ -46,6 +46,7 @@ from dvrk_gravity.diagnosis.refinement import RefinementSettings, plateau
 from dvrk_gravity.diagnosis.result import Diagnosis, Verdict, by_joint
 from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.diagnosis.separate import separation
+from dvrk_gravity.diagnosis.tangent import tangents
 from dvrk_gravity.diagnosis.unstated import little_said_of
 from dvrk_gravity.diagnosis.words import sentence_of
 from dvrk_gravity.effects.base.effect import Hypothesis
@@ -241,7 +242,8 @@ def _fit(
     if not named:
         return np.zeros(0), np.zeros((0, 0)), []
     validation.weigh(validation.out_of_fold(named))
-    theta, _ = validation.fit(named)
+    along, tangent = tangents(validation, named)
+    theta, _ = along.fit(tangent)
     slopes: list[Candidate] = []
     names: list[list[str]] = []
     for candidate, rows in zip(named, _slices(named), strict=True):
@@ -249,7 +251,7 @@ def _fit(
         names.append(found)
         slopes += columns
     # The settings move along, so that they widen the others' intervals; their values stay.
-    _, covariance = validation.fit([*named, *slopes])
+    _, covariance = along.fit([*tangent, *slopes])
     deviation = np.sqrt(np.maximum(np.diag(covariance)[len(theta) :], 0.0)).tolist()
     spreads = []
     for candidate, found in zip(named, names, strict=True):
