@@ -9,7 +9,11 @@ import pytest
 
 from dvrk_gravity.calibration_samples import CalibrationSamples, KeptSettings
 from dvrk_gravity.diagnosis import diagnose
+from dvrk_gravity.diagnosis.at_calibration import AtCalibration
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.effects.presliding_hysteresis import PreslidingHysteresis
+from dvrk_gravity.effects.time_delay import TimeDelay
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel, uncertainty_file
@@ -94,6 +98,39 @@ def test_more_of_it_is_news_its_interval_holds_what_came_and_the_extended_model_
     assert size.value == pytest.approx(4 * FRICTION, rel=0.1)
     again = diagnose(rubbed(world, 5, 4 * FRICTION), diagnosis.model)
     assert again.findings == ()
+
+
+def test_what_comes_back_widens_sizes_and_the_settings_that_were_searched_for(world, found, model):
+    def widened(kept: TorqueModel) -> tuple[float, dict[str, float]]:
+        motion = load([rubbed(world, 4, FRICTION)], kept).motion
+        presliding = next(
+            each for each in PreslidingHysteresis.hypotheses(motion) if each.site.index == JOINT
+        )
+        calibration = AtCalibration.of(motion)
+        assert calibration is not None
+        candidate = FilteredData.of(motion).candidate(presliding)
+        spread, settings = calibration.spread(candidate, np.array([FRICTION]))
+        return float(spread[0, 0]), settings
+
+    level, settings = widened(model)
+    level_of_a_good_one, of_a_good_one = widened(found)
+
+    assert level > (0.5 * FRICTION) ** 2 > 4 * level_of_a_good_one
+    assert settings["length"] > 4 * of_a_good_one.get("length", 0.0)
+
+
+def test_a_delay_of_the_calibration_may_be_in_a_model_that_was_identified(world, found):
+    """Anything up to a sample, uniformly; nothing where the model was written down."""
+    recording = rubbed(world, 4, 0.0)
+
+    def taken_in(model: TorqueModel) -> float:
+        motion = load([recording], model).motion
+        (claim,) = TimeDelay.hypotheses(motion)
+        return claim.taken_in(motion)
+
+    sample = float(np.median(np.diff(recording.time)))
+    assert taken_in(found) == pytest.approx(sample**2 / 12.0)
+    assert taken_in(replace(found, uncertainty=None)) == 0.0
 
 
 def test_an_extended_model_that_lacks_what_was_found_keeps_no_samples_that_show_it(world, model):

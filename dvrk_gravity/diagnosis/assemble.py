@@ -139,9 +139,12 @@ def assemble(
     for i, effect in enumerate(selected):
         rows, hypothesis = slices[i], effect.trial.candidate.hypothesis
         spread = covariance[rows, rows] + scale**2 * np.outer(theta[rows], theta[rows])
-        back = None if at_calibration is None else at_calibration.comes_back(named[i])
-        if back is not None:
-            spread += back.spread
+        if at_calibration is not None:
+            back, of_settings = at_calibration.spread(named[i], theta[rows])
+            spread += back
+            for name, deviation in of_settings.items():
+                spreads[i][name] = np.hypot(spreads[i].get(name, 0.0), deviation)
+        spread += hypothesis.taken_in(loaded.motion) * np.eye(len(spread))
         parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
         finding = _finding(held_out, validation, selected, i, parameters, theta[rows], left_out[i])
         if differences[i]:

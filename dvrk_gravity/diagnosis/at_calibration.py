@@ -8,6 +8,7 @@ more of it, or less.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData, FilterSettings
+from dvrk_gravity.diagnosis.held_out import setting_columns
 from dvrk_gravity.diagnosis.load import LoadSettings
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.estimation.covariance import squared_distance
@@ -109,17 +111,45 @@ class AtCalibration:
         hypothesis = candidate.hypothesis
         key = (*hypothesis.key, candidate.size, *sorted(hypothesis.setting.items()))
         if key not in self._found:
-            self._found[key] = self._expected(candidate)
+            felt = self._felt(candidate)
+            self._found[key] = None if felt is None else self._expected([felt])
         return self._found[key]
 
-    def _expected(self, on_trial: Candidate) -> Expected | None:
+    def spread(self, on_trial: Candidate, theta: Array) -> tuple[Array, dict[str, float]]:
+        """Return by how much a cause's parameters may differ for what comes back of the error.
+
+        Settings that were searched for, too: what looked like the slope of its torque by one of
+        them at calibration shifts that one.
+
+        Args:
+            on_trial: The cause.
+            theta: (k,) its parameters in the recording on trial.
+
+        Returns:
+            (k, k) second moments of its parameters, and standard deviations of its settings.
+        """
+        k = on_trial.size
+        candidate = self._felt(on_trial)
+        if candidate is None:
+            return np.zeros((k, k)), {}
+        names, slopes = setting_columns(self._validation, candidate, theta)
+        back = self._expected([candidate, *slopes])
+        if back is None:
+            return np.zeros((k, k)), {}
+        settings = np.sqrt(np.diag(back.spread)[k:])
+        return back.spread[:k, :k], dict(zip(names, settings.tolist(), strict=True))
+
+    def _felt(self, on_trial: Candidate) -> Candidate | None:
+        """Return a cause in the calibration's samples; ``None`` where it comes with no state."""
         hypothesis, validation = on_trial.hypothesis, self._validation
         if hypothesis.transient or hypothesis.of_model:
             return None
         candidate = validation.data.candidate(hypothesis)
-        if not validation.size(candidate, np.ones(candidate.size)).any():
-            return None
-        theta, covariance = validation.fit([candidate])
+        felt = validation.size(candidate, np.ones(candidate.size)).any()
+        return candidate if felt else None
+
+    def _expected(self, candidates: Sequence[Candidate]) -> Expected | None:
+        theta, covariance = self._validation.fit(candidates)
         more = squared_distance(theta, covariance) / len(theta)
         if more <= 1.0:
             return None

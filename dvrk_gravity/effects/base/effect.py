@@ -182,6 +182,14 @@ class Hypothesis(ABC):
         del values, theta, motion
         return None
 
+    def taken_in(self, motion: Motion) -> float:
+        """Return the variance of each parameter for what a model may have taken in unseen.
+
+        What was there of it when the model was identified, and looked like the arm itself.
+        """
+        del motion
+        return 0.0
+
     def acting_on(self, model: Any, theta: Array) -> Any:
         """Return a model as it is with (k,) parameters of this acting on its terms.
 
