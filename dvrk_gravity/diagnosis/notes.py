@@ -59,7 +59,7 @@ def _certainty(data: FilteredData) -> list[str]:
         return [
             f"the model does not tell how sure it is{why}: its parameters were taken as exact and, "
             "where much was left, as free as links plausibly weigh (their prior in "
-            "docs/diagnosis.md)"
+            "docs/judgement.md)"
         ]
     return [
         f"the model's parameters could move in {uncertainty.size} directions as far as their "
