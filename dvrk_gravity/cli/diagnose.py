@@ -197,13 +197,14 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     ]
     lines.append(told)
     if diagnosis.in_simulation is not None:
-        from dvrk_gravity.report.in_simulation import line
+        from dvrk_gravity.report import in_simulation
 
-        compared = line(diagnosis.in_simulation, diagnosis.model.arm, diagnosis.gains_most)
-        lines.append(compared)
+        arm, joint = diagnosis.model.arm, diagnosis.gains_most
+        lines += in_simulation.lines(diagnosis.in_simulation, arm, joint)
     if diagnosis.weighed is not None:
         lines.append(f"known payload: {diagnosis.weighed.sentence}")
-    lines += [f"extrapolated: {line}" for line in diagnosis.outside]
+    if diagnosis.outside:
+        lines += ["extrapolated:", *(f"   {line}" for line in diagnosis.outside)]
     shown_here = ("warning: ", "not recorded", "not judged")
     lines += [note for note in diagnosis.notes if note.startswith(shown_here)]
     lines += [f"warning: {line}" for line in brief(diagnosis.warnings)]

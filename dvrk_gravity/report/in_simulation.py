@@ -1,4 +1,4 @@
-"""What two models do in the simulator: a section of the report, and a line for the terminal."""
+"""What two models do in the simulator: a section of the report, and lines for the terminal."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def section(result: InSimulation, arm: Arm) -> str:
     return "\n".join(parts)
 
 
-def line(result: InSimulation, arm: Arm, name: str) -> str:
-    """Return the same for the terminal, of one joint."""
+def lines(result: InSimulation, arm: Arm, name: str) -> list[str]:
+    """Return the same for the terminal, of one joint: a heading and what belongs to it."""
     joint = arm.joint_names.index(name)
     said = []
     if result.before is not None and result.after is not None:
@@ -76,7 +76,7 @@ def line(result: InSimulation, arm: Arm, name: str) -> str:
                 f"{shown_position(arm)[joint][1]}, as with the given model"
             )
     supposed = ", where the arm is as the extended model says" if result.drifts else ""
-    return f"in the simulator{supposed}: " + "; ".join([*said, *result.notes])
+    return [f"in the simulator{supposed}:", *(f"   {told}" for told in (*said, *result.notes))]
 
 
 def _largest(way: Array, arm: Arm) -> Array:
