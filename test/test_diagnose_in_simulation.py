@@ -67,6 +67,28 @@ def test_the_arm_itself_drifts_less_under_the_extended_model(weighted):
         assert extended < 0.05 * given
 
 
+def test_an_arm_with_a_tenth_of_its_friction_is_compensated_for_a_tenth():
+    """The roll, which weighs nothing, else runs away for what its friction is taken to be."""
+    model = World.draw(6, step=COARSE).model()
+    heavier = replace(
+        model,
+        terms=tuple(
+            replace(term, beta=1.1 * term.beta) if isinstance(term, Gravity) else term
+            for term in model.terms
+        ),
+    )
+    plant, pose = ModelArm.of(model).plant(0.1), np.array([0.1, 0.2, 0.1, 0.3, 1.0, 0.1, 0.2])
+
+    of_a_tenth, of_all = (
+        np.degrees(np.abs(let_go(plant, heavier, pose, part=part)).max(axis=0))
+        for part in (0.1, 1.0)
+    )
+
+    assert of_all[-1] > 100.0
+    assert of_a_tenth[-1] < 2.0
+    assert of_a_tenth[1:3].min() > 5.0  # shoulder and elbow fall, for they weigh
+
+
 def test_the_plant_of_identified_parameters_has_the_arm_s_mass_matrix():
     world = World.draw(6, step=COARSE)
     model = world.model()

@@ -7,7 +7,7 @@ has it: if that is right, this is what a hand will feel.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,7 @@ class Drift:
     """How an arm that is let go moves under compensation.
 
     Attributes:
-        friction: Part of the arm's friction that there is.
+        friction: Part of the arm's friction that there is, and of its compensation.
         time: (T,) s.
         before: (P, T, n) way from each pose under the given model's compensation, rad or m.
         after: (P, T, n) the same under the extended model's.
@@ -182,7 +182,9 @@ def _inertia_note(arm: ModelArm) -> str:
     )
 
 
-def let_go(plant: Plant, model: TorqueModel, pose: Array, duration: float = DURATION) -> Array:
+def let_go(
+    plant: Plant, model: TorqueModel, pose: Array, duration: float = DURATION, part: float = 1.0
+) -> Array:
     """Let an arm go at a pose, compensated by a model as the node does it.
 
     Args:
@@ -190,6 +192,8 @@ def let_go(plant: Plant, model: TorqueModel, pose: Array, duration: float = DURA
         model: The model that compensates.
         pose: (n,) measured position, rad or m.
         duration: s.
+        part: Of the friction that the node compensates. An arm with less friction than that
+            compensation takes it to have runs away, whatever else the model says.
 
     Returns:
         (T, n) way from the pose at 50 Hz, rad or m.
@@ -198,6 +202,7 @@ def let_go(plant: Plant, model: TorqueModel, pose: Array, duration: float = DURA
         ConfigError: A model that the compensator refuses.
     """
     settings = Settings.from_parameters(model.parameters() | {"allow_poor_model": True})
+    settings = replace(settings, friction_ratio=part * settings.friction_ratio)
     arm_type, offset = plant.model.arm, plant.model.joint_offset
     plant.reset(np.clip(pose - offset, arm_type.lower, arm_type.upper))
     arm = SimulatedArm(plant, builtin_compensation=False, dt=STEP)
@@ -218,7 +223,8 @@ def _drift(
 ) -> Drift:
     plant = arm.plant(part)
     before, after = (
-        np.array([let_go(plant, model, pose) for pose in poses]) for model in (given, extended)
+        np.array([let_go(plant, model, pose, part=part) for pose in poses])
+        for model in (given, extended)
     )
     return Drift(part, np.arange(before.shape[1]) / _RATE, before, after)
 

@@ -36,7 +36,7 @@ def section(result: InSimulation, arm: Arm) -> str:
             f"<p>If the arm is as the extended model says: largest drift in {DURATION:g} s after "
             f"it is let go at {len(first.before)} poses, compensated as the node does, "
             f"{_units(arm)}, as far as the joints' stops. Most friction hides what is wrong; with "
-            "a tenth of it, it shows.</p>"
+            "a tenth of it, and of its compensation, it shows.</p>"
         )
         rows = [
             (f"{name}, {100 * drift.friction:.0f} % friction", *figures)
