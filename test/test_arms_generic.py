@@ -176,6 +176,8 @@ def test_where_joints_stood_is_said_in_units_of_their_kind(made_up):
         ("insertion=2deg", "a length with its unit, like 20mm or 0.02m"),
         ("yaw=2mm", "an angle with its unit, like 2.5deg or 0.04rad"),
         ("insertion=99m", "a length within 10 m"),
+        ("yaw=300deg", "a position of yaw at .* deg, the limits of"),
+        ("insertion=2m", "a position of insertion at .* mm, the limits of"),
         ("others=5deg", "a position of insertion, too"),
         ("elbow_pitch=0", "JOINT=ANGLE of yaw, pitch, insertion, roll or others"),
     ):

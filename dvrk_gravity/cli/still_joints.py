@@ -49,6 +49,18 @@ def _entries(texts: Sequence[str]) -> Iterator[tuple[str, str, str]]:
         yield entry, name, position
 
 
+def _require_within_reach(entry: str, arm: Arm, name: str, position: float) -> None:
+    """Refuse a position that is as far beyond the arm's limits as no zero is off."""
+    from dvrk_gravity.identification.hand import HandSettings
+
+    index = arm.joint_names.index(name)
+    joint, lower, upper = arm.joints[index], float(arm.lower[index]), float(arm.upper[index])
+    beyond = HandSettings().beyond * float(arm.scale[index])
+    if not lower - beyond <= position <= upper + beyond:
+        limits = f"{joint.shown(lower)} to {joint.shown(upper)}, the limits of {arm.name}"
+        raise ConfigError("--at", entry, f"a position of {name} at {limits}")
+
+
 def still_joints(texts: Sequence[str], arm: Arm) -> dict[str, float]:
     """Return joint positions, rad or m, from ``JOINT=POSITION,...``; ``others``: all not named."""
     joints = {joint.name: joint for joint in arm.joints}
@@ -74,6 +86,8 @@ def still_joints(texts: Sequence[str], arm: Arm) -> dict[str, float]:
         if abs(named[name]) > farthest:
             what = "an angle" if kind == "revolute" else "a length"
             raise ConfigError("--at", entry, f"{what} within {words}")
+        if name in joints:
+            _require_within_reach(entry, arm, name, named[name])
     if "others" in named:
         rest = named.pop("others")
         if rest:
