@@ -111,6 +111,28 @@ def test_the_extended_model_knows_how_sure_it_is_and_finds_nothing_more(tmp_path
     assert diagnose(recording, again).findings == ()
 
 
+def test_an_extended_model_knows_the_range_where_it_was_right_and_no_other():
+    """Where it took a torque to explain the efforts that it has no terms for, it is as unsure."""
+    world, model, _ = calibrated("chain")
+    truth = world.truth(draw_other(world.arm, 3))
+    edge, end = np.quantile(truth.q[:, 0], (0.7, 1.0))
+    seen = replace(model.uncertainty, upper=np.array([edge, *model.uncertainty.upper[1:]]))
+    away = np.maximum(truth.q[:, 0] - edge, 0.0) / (end - edge)
+    rubbed, unseen = truth.effort.copy(), np.zeros_like(truth.effort)
+    rubbed[:, 1] += 10.0 * model.uncertainty.error[1] * np.sign(truth.qd[:, 1])
+    unseen[:, 0] += 20.0 * model.uncertainty.error[0] * away**2
+
+    def known(efforts) -> float:
+        recording = world.record(replace(truth, effort=efforts), 3)
+        diagnosis = diagnose(recording, replace(model, uncertainty=seen))
+        (certain,) = [finding for finding in diagnosis.findings if finding.certain]
+        assert (certain.effect, certain.joints) == ("coulomb_friction", world.arm.joint_names[1:2])
+        return float(diagnosis.model.uncertainty.upper[0])
+
+    assert known(rubbed) > edge + 0.5 * (end - edge)
+    assert known(rubbed + unseen) == edge
+
+
 def test_a_wall_where_the_model_was_not_identified_may_be_the_model_s_own_error():
     world, model, _ = calibrated("chain")
     recording = world.record(world.truth(draw_other(world.arm, 3)), 3)

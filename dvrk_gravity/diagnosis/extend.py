@@ -177,20 +177,39 @@ def updated(
     )
     after = coefficients_of(moved.terms)
     error = held_out.rmse(held_out.error(named))
+    error = np.where(np.isfinite(error) & (error > 0.0), error, before.error)
+    outside = slice(before.size, validation.model_size)
+    right = _right_outside(validation.data.model_columns[:, :, outside], mean[outside], error)
+    lower, upper = motion.true_q.min(axis=0), motion.true_q.max(axis=0)
+    fastest = np.abs(motion.qd).max(axis=0)
     uncertainty = ModelUncertainty(
         coefficients={name: after[name] for name in deviations if name in after},
         deviations={name: change for name, change in deviations.items() if name in after},
         offset=before.offset @ spread[: before.size],
         gravity=before.gravity @ spread[: before.size],
-        error=np.where(np.isfinite(error) & (error > 0.0), error, before.error),
+        error=error,
         band=validation.data.band or before.band,
         together=before.together,
-        lower=np.minimum(before.lower, motion.true_q.min(axis=0)),
-        upper=np.maximum(before.upper, motion.true_q.max(axis=0)),
-        speed=np.maximum(before.speed, np.abs(motion.qd).max(axis=0)),
+        lower=np.where(right, np.minimum(before.lower, lower), before.lower),
+        upper=np.where(right, np.maximum(before.upper, upper), before.upper),
+        speed=np.where(right, np.maximum(before.speed, fastest), before.speed),
         calibration=_samples(validation.data) if whole else None,
     )
     return replace(moved, uncertainty=uncertainty)
+
+
+def _right_outside(columns: Array, parameters: Array, error: Array) -> Array:
+    """Return (n,) whether a model is right to its error where joints were outside its range.
+
+    Else it has no terms for what it missed there, and has that as unseen as before.
+
+    Args:
+        columns: (T, n, e) torques by which it may be off there.
+        parameters: (e,) of them, as they were fitted beside what was found.
+        error: (n,) RMS error that is known from now on.
+    """
+    missed = np.square(columns @ parameters).sum(axis=0)
+    return np.asarray(missed <= error**2 * columns.any(axis=2).sum(axis=0))
 
 
 def _samples(data: FilteredData) -> CalibrationSamples | None:
