@@ -84,13 +84,14 @@ class DelayHypothesis(Hypothesis):
     def taken_in(self, motion: Motion) -> float:
         """See :meth:`Hypothesis.taken_in`, s^2: it looks like damping and mass.
 
-        Of its calibration anything up to a sample is usual, and nobody sees it: uniform.
+        Of its calibration anything up to a sample, early or late, is usual and nobody sees it:
+        uniform.
         """
         model = motion.model
         identified = model.uncertainty is not None and not model.of_file
         if not identified or self.beside_reference:
             return 0.0
-        return float(np.median(np.diff(motion.time))) ** 2 / 12.0
+        return float(np.median(np.diff(motion.time))) ** 2 / 3.0
 
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """See :meth:`Hypothesis.describe`."""
