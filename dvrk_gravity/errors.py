@@ -41,7 +41,7 @@ class ConfigError(DvrkGravityError):
         where = "".join(f"{part}: " for part in (self.source, self.field) if part)
         # NumPy's numbers would show their type.
         value = self.value.item() if isinstance(self.value, np.generic) else self.value
-        shown = " ".join(repr(value).split())
+        shown = "nothing" if value is None else " ".join(repr(value).split())
         if len(shown) > 80:
             shown = shown[:77] + "..."
         return " ".join(f"{where}got {shown}, expected {self.expected}".split())

@@ -106,7 +106,7 @@ def test_constants_of_an_arm_cannot_be_written(arm):
 MISSING = object()
 WRONG = {
     "unknown field": (("colour",), "red", "colour: got 'colour'"),
-    "missing field": (("parallelogram",), MISSING, "parallelogram: got None"),
+    "missing field": (("parallelogram",), MISSING, "parallelogram: got nothing"),
     "name": (("name",), 7, "name: got 7"),
     "six joints": (("joints",), [], "joints: got []"),
     "joints not a list": (("joints",), "seven", "joints: got 'seven'"),
@@ -130,7 +130,7 @@ WRONG = {
     "motor limit negative": (("actuator_effort_limit", 2), -1, "of elbow_pitch: got -1.0"),
     "motor limits short": (("actuator_effort_limit",), [1, 2], "actuator_effort_limit: got [1, 2]"),
     "bar of no length": (("parallelogram",), 0, "parallelogram: got 0"),
-    "base": (("base_rpy", 1), None, "base_rpy[1]: got None"),
+    "base": (("base_rpy", 1), None, "base_rpy[1]: got nothing"),
 }
 
 

@@ -104,7 +104,7 @@ WRONG_YAML = {
     "no master": (follower(1, follows={}), "followers.lever.follows: got {}"),
     "strange master": (follower(1, follows={"jaw": 1}), "followers.lever.follows: got 'jaw'"),
     "factor": (follower(1, follows={"yaw": "x"}), "followers.lever.follows.yaw: got 'x'"),
-    "motors without limits": ({"actuator_effort_limit": None}, "actuator_effort_limit: got None"),
+    "motors without limits": ({"actuator_effort_limit": None}, "actuator_effort_limit: got nothing"),
     "parallelogram": ({"parallelogram": 0.1}, "followers: got"),
     "link that follows nothing": (joint(3, follows={}), "joints.roll.follows: got {}"),
     "link that follows what is not there": (
@@ -241,11 +241,11 @@ WRONG_URDF = {
         (a_joint("one", "a", "b", "floating"), TWO), "abc", "joint one: type: got 'floating'",
     ),
     "no limit": (
-        (a_joint("one", "a", "b", inner=""), TWO), "abc", "joint one: limit effort: got None",
+        (a_joint("one", "a", "b", inner=""), TWO), "abc", "joint one: limit effort: got nothing",
     ),
     "no effort": (
         (a_joint("one", "a", "b", inner='<limit lower="0" upper="1" velocity="1"/>'),), "ab",
-        "joint one: limit effort: got None",
+        "joint one: limit effort: got nothing",
     ),
     "no effort allowed": (
         (a_joint("one", "a", "b", inner='<limit lower="0" upper="1" effort="0" velocity="1"/>'),),
@@ -261,7 +261,7 @@ WRONG_URDF = {
     ),
     "endless continuous without effort": (
         (a_joint("one", "a", "b", "continuous", ""),), "ab",
-        "joint one: limit effort: got None, expected a finite number, as in <limit effort=",
+        "joint one: limit effort: got nothing, expected a finite number, as in <limit effort=",
     ),
     "mimic loop": (
         (a_joint("one", "a", "b", inner=mimic("two")), a_joint("two", "b", "c", inner=mimic("one")),
@@ -285,7 +285,7 @@ WRONG_URDF = {
     ),
     "mimic of no joint": (
         (ONE, a_joint("two", "b", "c", inner=f"{LIMIT}<mimic/>")), "abc",
-        "joint two: mimic joint: got None, expected the joint that it follows",
+        "joint two: mimic joint: got nothing, expected the joint that it follows",
     ),
     "mimic of nothing": (
         (a_joint("one", "a", "b", inner=mimic("jaw")), TWO), "abc", "joint one: mimic: got 'jaw'",
@@ -354,7 +354,7 @@ def test_a_file_that_is_no_urdf_is_refused(case, tmp_path):
     [
         ('mass value="1"', 'mass value="x"', "link a: inertial mass value: got 'x'"),
         ('mass value="1"', 'mass value="-1"', "link a: inertial mass: got -1.0"),
-        ('ixx="1" ', "", "link a: inertial inertia ixx: got None, expected a finite number"),
+        ('ixx="1" ', "", "link a: inertial inertia ixx: got nothing, expected a finite number"),
         ('xyz="0.1 0 0.2"', 'xyz="0.1 0"', "joint one origin xyz: got '0.1 0', expected 3"),
         ('xyz="0 0 1"', 'xyz="0 0 0"', "joint one: axis: got '0 0 0', expected a direction"),
         ('xyz="0 0 1"', 'xyz="0 1e-200 0"', "joint one: axis: got '0 1e-200 0', expected a direct"),

@@ -283,9 +283,9 @@ def files(bare, loaded, tmp_path_factory) -> Path:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ([], "--model: got None, expected a model; or --arm with --reference"),
-        (["--arm", UR5], "--model: got None, expected a model; or --arm with --reference"),
-        (["--reference", "bare.csv"], "--arm: got None, expected the arm, or a --model"),
+        ([], "--model: got nothing, expected a model; or --arm with --reference"),
+        (["--arm", UR5], "--model: got nothing, expected a model; or --arm with --reference"),
+        (["--reference", "bare.csv"], "--arm: got nothing, expected the arm, or a --model"),
         (["--reference", "bare.csv", "--arm", "mtmr", "--model", "ur5.yaml"],
          "--arm: got 'mtmr', expected that of the model"),
         (["--reference", "bare.csv", "--arm", "mtmr"], "expected time, direction or"),

@@ -268,7 +268,7 @@ WRONG = {
     "tab": ("/**:\n\tros__parameters:\n", "line 2"),
     "alias": (document("effort_limit: &a [1, 1]", "slew_limit: *a"), "anchors and aliases"),
     "no parameters": ("/**:\n  other: 1\n", "`ros__parameters:` under it and nothing else"),
-    "null": ("/**:\n  ros__parameters:\n", "/**.ros__parameters: got None, expected a mapping"),
+    "null": ("/**:\n  ros__parameters:\n", "/**.ros__parameters: got nothing, expected a mapping"),
     "two nodes": ("a: {ros__parameters: {}}\nb: {ros__parameters: {}}\n", "one entry, `/**:`"),
     "not JSON": (document("console: {document: '{'}"), "console.document: got '{', expected JSON"),
 }

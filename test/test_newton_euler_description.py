@@ -102,7 +102,7 @@ REFUSED = [
     (("forces", 0, 3), 1.5, r"forces row 1: link: got 1\.5, expected the number"),
     (("forces", 0), [1, 2, 3, 1], r"forces row 1: got \[1, 2, 3, 1\], expected 7 numbers"),
     (("moments", 0, 3), -1, r"moments row 1: link: got -1\.0, expected the number"),
-    (("moments", 0, 0), None, r"moments row 1\[0\]: got None, expected a number"),
+    (("moments", 0, 0), None, r"moments row 1\[0\]: got nothing, expected a number"),
     (("q",), [1, 2, 3], r"q: got \[1, 2, 3\], expected 2 numbers"),
     (("qd",), [[0, 0], [0, 0]], r"qd: got 'shape \(2, 2\)', expected as many samples as q"),
     (("qdd",), [[1, 2], [3]], r"qdd row 2: got \[3\], expected 2 numbers"),
@@ -125,7 +125,7 @@ def test_a_bad_value_is_named_with_its_link_and_field(path, value, message):
 @pytest.mark.parametrize("key", ["links", "joints", "q", "qd", "qdd"])
 def test_a_missing_key_is_named(key):
     document = {name: value for name, value in GOOD.items() if name != key}
-    with pytest.raises(ConfigError, match=f"^{key}: got None, expected a value, but the key"):
+    with pytest.raises(ConfigError, match=f"^{key}: got nothing, expected a value, but the key"):
         parse(document)
 
 

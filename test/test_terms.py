@@ -171,7 +171,7 @@ def test_sets_of_different_degree_are_refused():
     sets = {f"positive.{JOINT_NAMES[0]}": [1.0, 2.0], f"negative.{JOINT_NAMES[0]}": [1.0]}
     with pytest.raises(ConfigError, match="got '1 coefficients', expected as many coefficients"):
         built(DirectionalCable, **sets)
-    with pytest.raises(ConfigError, match="got None, expected as many coefficients"):
+    with pytest.raises(ConfigError, match="got nothing, expected as many coefficients"):
         built(DirectionalCable, **{f"positive.{JOINT_NAMES[0]}": [1.0, 2.0]})
 
 
