@@ -55,6 +55,7 @@ from dvrk_gravity.diagnosis.relinearised import RelinearisationSettings
 from dvrk_gravity.diagnosis.run import RunSettings
 from dvrk_gravity.diagnosis.selection import SelectionSettings
 from dvrk_gravity.diagnosis.significance import SignificanceSettings
+from dvrk_gravity.diagnosis.tangent import TangentSettings
 from dvrk_gravity.estimation.covariance import CovarianceSettings
 from dvrk_gravity.estimation.evidence import EvidenceSettings
 from dvrk_gravity.estimation.noise import NoiseSettings
@@ -307,6 +308,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (OverlapSettings, DIAGNOSIS),
     (RefinementSettings, DIAGNOSIS),
     (RelinearisationSettings, DIAGNOSIS),
+    (TangentSettings, DIAGNOSIS),
     (FilterSettings, DIAGNOSIS),
     (BlockSettings, DIAGNOSIS),
     (EvidenceSettings, DIAGNOSIS),

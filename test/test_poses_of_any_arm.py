@@ -188,7 +188,7 @@ def test_the_compensator_takes_the_model_and_sends_what_holds_the_links(known):
 
 
 def test_from_a_file_of_three_joints_to_a_load_on_the_command_line(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(in_simulation.let_go, "__defaults__", (0.1,))  # s
+    monkeypatch.setattr(in_simulation.let_go, "__defaults__", (0.1, 1.0))  # s; of friction
     posed, model, out = ecm(), tmp_path / "model.yaml", tmp_path / "diagnosis"
     for name, seed, load in (("poses", 1, 0.0), ("other", 7, 0.0), ("loaded", 8, posed.load)):
         posed.record(seed, 80, load).save(tmp_path / f"{name}.csv")
