@@ -104,7 +104,10 @@ WRONG_YAML = {
     "no master": (follower(1, follows={}), "followers.lever.follows: got {}"),
     "strange master": (follower(1, follows={"jaw": 1}), "followers.lever.follows: got 'jaw'"),
     "factor": (follower(1, follows={"yaw": "x"}), "followers.lever.follows.yaw: got 'x'"),
-    "motors without limits": ({"actuator_effort_limit": None}, "effort_limit: got nothing"),
+    "motors without limits": (
+        {"actuator_effort_limit": None},
+        "actuator_effort_limit: got nothing",
+    ),
     "parallelogram": ({"parallelogram": 0.1}, "followers: got"),
     "link that follows nothing": (joint(3, follows={}), "joints.roll.follows: got {}"),
     "link that follows what is not there": (
