@@ -201,6 +201,28 @@ def test_efforts_that_read_by_a_factor_more_than_a_reference_are_told_by_it(worl
     assert scale.low < factor < scale.high
 
 
+@pytest.mark.parametrize("noise", [1.0, pytest.param(2.0, marks=SLOW)])
+@pytest.mark.parametrize("delay", [pytest.param(0.012, marks=SLOW), 0.04, -0.04])
+def test_efforts_that_come_later_than_a_reference_s_are_told_by_how_much(world, delay, noise):
+    """Noise of the two is not taken for their slope, nor friction's steps, left out, for none."""
+    rng, sensors = np.random.default_rng(3), NOISE * world.arm.actuator_effort_limit
+    bare, again = (record(world, 1, seed) for seed in (15, 16))
+    bare, again = (
+        replace(r, effort=r.effort + (noise - 1.0) * sensors * rng.standard_normal(r.effort.shape))
+        for r in (bare, again)
+    )
+    late = [np.interp(again.time - delay, again.time, effort) for effort in again.effort.T]
+
+    (found,) = diagnose(
+        replace(again, effort=np.column_stack(late)), arm=UR5, reference=bare
+    ).findings
+
+    told = found.parameters["delay"]
+    assert found.effect == "time_delay"
+    assert told.value == pytest.approx(delay, rel=0.1, abs=0.003)
+    assert told.low < delay < told.high
+
+
 @pytest.mark.parametrize("joint", [1, pytest.param(slice(None), marks=SLOW)], ids=["one", "all"])
 def test_efforts_of_the_other_sign_than_the_reference_s_are_refused(world, bare, joint):
     turned = record(world, 1, 13)

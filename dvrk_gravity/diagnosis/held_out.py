@@ -228,7 +228,8 @@ class HeldOut:
         claimed = next(theta for other, theta in fitted if other is candidate)
         rest = [other for other in chosen if other is not candidate]
         theta, covariance = validation.fit([*rest, *others, first])
-        deviation = np.sqrt(max(float(covariance[-1, -1]), 0.0))
+        unseen = candidate.hypothesis.taken_in(validation.data.motion)
+        deviation = np.sqrt(max(float(covariance[-1, -1]), 0.0) + unseen)
         return bool(np.sign(claimed[0]) * theta[-1] > NORMAL_95 * deviation)
 
     def _in_active_blocks(self, chosen: Sequence[Candidate], candidate: Candidate) -> Unconfirmed:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
+from dvrk_gravity.effects.base.late import slope_by_delay
 from dvrk_gravity.estimation.covariance import NORMAL_95
 
 Array = NDArray[np.float64]
@@ -69,9 +70,7 @@ def reference_columns(
     load = changed.inertial_torque(motion)
     inertia = changed.inertial_torque(motion, np.zeros(3))
     grown = np.abs(motion.reference + load) - np.abs(motion.reference)
-    late = np.zeros(motion.q.shape)
-    for part in motion.parts:
-        late[part] = -np.gradient(motion.reference[part] + load[part], motion.time[part], axis=0)
+    late = slope_by_delay(motion)
     columns = np.zeros((*motion.q.shape, _EACH * len(joints)))
     middle, half = motion.travel
     size = np.sqrt(np.mean(motion.reference**2, axis=0))

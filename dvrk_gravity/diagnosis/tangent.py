@@ -72,10 +72,13 @@ def _bend(data: FilteredData, candidate: Candidate, theta: Array) -> tuple[Array
         there = data.candidate(candidate.hypothesis.at_fit(parameters))
         return there.columns() @ parameters
 
+    columns = data.candidate(candidate.hypothesis).columns()
+    curved, own = torque(theta) - columns @ theta, candidate.hypothesis.slope(data.motion)
+    if own is not None:
+        return data.reduce(own) - columns, curved
     step = TangentSettings().step * float(np.abs(theta).max())
     slopes = [
         (torque(theta + change) - torque(theta - change)) / (2.0 * step)
         for change in step * np.eye(len(theta))
     ]
-    columns = data.candidate(candidate.hypothesis).columns()
-    return np.stack(slopes, axis=2) - columns, torque(theta) - columns @ theta
+    return np.stack(slopes, axis=2) - columns, curved

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.late import shifted, slope_by_delay
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 
 Array = NDArray[np.float64]
@@ -41,6 +42,7 @@ class DelayHypothesis(Hypothesis):
 
     Attributes:
         of_friction: Whether the model's friction is late; ``None``: all that it has is.
+        over_a_while: Told by how torques change over a while, in which noise is nearly gone.
     """
 
     EFFECT = TimeDelay
@@ -49,6 +51,7 @@ class DelayHypothesis(Hypothesis):
     CLAIM = "efforts and positions are stamped apart, efforts {delay}"
 
     of_friction: bool | None = None
+    over_a_while: bool = False
     form: str = "effort"
     fixed_point: tuple[str, ...] = ("delay",)
     variable: str = "time"
@@ -58,26 +61,40 @@ class DelayHypothesis(Hypothesis):
         """See :meth:`Hypothesis.build`.
 
         Of the model's torques: the measured ones hold noise that the residual holds, too, and a
-        shift of them would explain it.
+        shift of them would explain it. Beside a reference, of both, the mean of what the reference
+        becomes later and of what the efforts were before: then noise of the columns is none of what
+        they leave.
         """
         step = setting["delay"] if abs(setting["delay"]) > _SMALL else _FIRST
+        if self.over_a_while:
+            return slope_by_delay(motion, setting["delay"])[:, :, None]
+        if motion.reference is not None:
+            was = shifted(motion, motion.effort, -step)
+            becomes = shifted(motion, motion.reference, step)
+            return (0.5 * (motion.effort - was + becomes - motion.reference) / step)[:, :, None]
         acting = motion.acting
         if self.of_friction is not None:
             acting = motion.friction if self.of_friction else acting - motion.friction
-        late = np.empty_like(acting)
-        for part in motion.parts:
-            time = motion.time[part]
-            for joint, torque in enumerate(acting[part].T):
-                late[part, joint] = np.interp(time - step, time, torque)
-        return ((late - acting) / step)[:, :, None]
+        return ((shifted(motion, acting, step) - acting) / step)[:, :, None]
+
+    def slope(self, motion: Motion) -> Array | None:
+        """See :meth:`Hypothesis.slope`.
+
+        A column with noise of its own would make the delay seem surer than it is.
+        """
+        if motion.reference is None:
+            return None
+        return slope_by_delay(motion, self.setting["delay"])[:, :, None]
 
     def must_show(self, motion: Motion) -> tuple[Hypothesis, ...]:
         """See :meth:`Hypothesis.must_show`.
 
         Friction that comes on over a way is late, too, where a joint turns back; but then weight
-        and inertia are not.
+        and inertia are not. Beside a reference noise must not be what is late.
         """
-        if self.beside_reference or not any(term.FRICTION for term in motion.model.terms):
+        if self.beside_reference:
+            return (replace(self, over_a_while=True),)
+        if not any(term.FRICTION for term in motion.model.terms):
             return ()
         return replace(self, of_friction=False), replace(self, of_friction=True)
 
@@ -85,13 +102,13 @@ class DelayHypothesis(Hypothesis):
         """See :meth:`Hypothesis.taken_in`, s^2: it looks like damping and mass.
 
         Of its calibration anything up to a sample, early or late, is usual and nobody sees it:
-        uniform.
+        uniform. Of a reference half of that is: clocks of positions and efforts run freely.
         """
-        model = motion.model
+        model, interval = motion.model, float(np.median(np.diff(motion.time)))
+        if self.beside_reference:
+            return interval**2 / 12.0
         identified = model.uncertainty is not None and not model.of_file
-        if not identified or self.beside_reference:
-            return 0.0
-        return float(np.median(np.diff(motion.time))) ** 2 / 3.0
+        return interval**2 / 3.0 if identified else 0.0
 
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """See :meth:`Hypothesis.describe`."""

@@ -159,6 +159,16 @@ class Hypothesis(ABC):
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """Return named values of (k,) parameters at a setting."""
 
+    def slope(self, motion: Motion) -> Array | None:
+        """Return (N, n, k) slopes of its torque by its parameters, at its setting.
+
+        ``None``: those of what :meth:`build` returns, by finite differences.
+
+        Args:
+            motion: The motion with the model on trial.
+        """
+        return None
+
     def at_fit(self, theta: Array) -> Hypothesis:
         """Return it at the settings that (k,) parameters themselves tell (:attr:`fixed_point`)."""
         if not self.fixed_point:

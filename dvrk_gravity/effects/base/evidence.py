@@ -41,6 +41,10 @@ class Motion(Protocol):
         """(N, n) measured torques."""
 
     @property
+    def reference(self) -> Array | None:
+        """(N, n) torques measured in the same motion when all was well; ``None``: there is none."""
+
+    @property
     def direction(self) -> Array | None:
         """(N, n) +1/-1 of static poses whose approach is known."""
 
