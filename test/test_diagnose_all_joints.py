@@ -67,6 +67,21 @@ def test_all_friction_that_has_grown_is_known_and_no_scale_of_all_efforts(world,
         assert factor.low < MORE < factor.high
 
 
+def test_friction_that_has_halved_is_in_the_headline_with_what_to_do_about_it(world, model):
+    """Compensated as the model has it, it would drive the arm."""
+    recording = on_a_day(world, model, lambda kinds: -0.5 * sum(kinds.values()))
+
+    diagnosis = diagnose(recording, model)
+
+    known, *others = diagnosis.known
+    assert diagnosis.verdict == "nothing_to_explain"
+    assert "but friction as another day has it: there is" in diagnosis.sentence
+    assert "% less" in diagnosis.sentence
+    ratio = float(known.remedy.split("friction_compensation.ratio ")[1].split()[0])
+    assert ratio == pytest.approx(0.5, abs=0.05)
+    assert not [entry for entry in others if "moved within" in entry.sentence]
+
+
 def test_a_load_on_a_day_of_more_friction_is_told_as_the_load(world, model):
     motion = draw_other(world.arm, 7, draw_calibration(world.arm, 5))
     arm, mass = warmed(world), 0.8

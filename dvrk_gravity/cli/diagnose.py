@@ -163,7 +163,9 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
     known = [entry for entry in diagnosis.known if entry.effect != ERROR]
     if known:
         lines.append(f"{BETWEEN if diagnosis.beside_reference else KNOWN}:")
-        lines += [f"   {entry.sentence}" for entry in known]
+        for entry in known:
+            lines.append(f"   {entry.sentence}")
+            lines += [f"   what to do: {entry.remedy}"] if entry.remedy else []
     suspected = [ambiguity for ambiguity in diagnosis.ambiguities if ambiguity.suspected]
     lines += [f"not to be told apart: {ambiguity.sentence}" for ambiguity in suspected]
     unseen = [ambiguity.pair for ambiguity in diagnosis.ambiguities if ambiguity not in suspected]

@@ -258,12 +258,16 @@ class Known:
         joints: Names of the joints.
         parameters: Estimates by name.
         sentence: It in words, with figures.
+        of_all_friction: What friction changed by at all joints, in words; ``""``: it is no such.
+        remedy: What to do about it; ``""``: nothing.
     """
 
     effect: str
     joints: tuple[str, ...]
     parameters: Mapping[str, Estimate]
     sentence: str
+    of_all_friction: str = ""
+    remedy: str = ""
 
     @property
     def of_effect(self) -> bool:
@@ -277,6 +281,7 @@ class Known:
             "joints": list(self.joints),
             "parameters": _parameters(self.parameters),
             "sentence": self.sentence,
+            "remedy": self.remedy,
         }
 
 

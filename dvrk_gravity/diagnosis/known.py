@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from dvrk_gravity.diagnosis.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.effects import is_friction
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.base.site import Kind
+from dvrk_gravity.estimation.covariance import NORMAL_95
+from dvrk_gravity.node_parameters import DEFAULTS
 from dvrk_gravity.quantity import quantity
 
 Array = NDArray[np.float64]
@@ -70,12 +72,14 @@ def known(
         error = float(validation.data.expected_on_another_day[joint])
         if size[joint] > error:
             reach = float(np.sqrt(max(expected[joint] ** 2 - error**2, 0.0)))
+            moves = (
+                f"{quantity(float(size[joint]), unit)} RMS at {name} are the model's own parameters"
+            )
+            left_open = f"what its {source} left open ({quantity(reach, unit)} RMS)"
+            how = "moved within" if size[joint] <= NORMAL_95 * reach else "moved further than"
             told.append(
                 _of_size(
-                    PARAMETERS, name, float(size[joint]), unit,
-                    f"{quantity(float(size[joint]), unit)} RMS at {name} are the model's own "
-                    f"parameters, moved within what its {source} left open (expected: "
-                    f"{quantity(reach, unit)})",
+                    PARAMETERS, name, float(size[joint]), unit, f"{moves}, {how} {left_open}"
                 )
             )  # fmt: skip
         if error > 0.0:
@@ -146,7 +150,22 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
             no_news += ", as other joints' has here"
         if not is_friction(hypothesis.effect):
             claim = f"{_friction_of(validation, candidate, theta)}, much as if {claim}"
+    sentence, of_all = f"{claim}; that is significant, {no_news}", ""
+    if trial.other_day and hypothesis.composite and is_friction(hypothesis.effect):
+        of_all = claim
     return Known(
-        hypothesis.effect, hypothesis.names, parameters,
-        f"{claim}; that is significant, {no_news}",
+        hypothesis.effect, hypothesis.names, parameters, sentence, of_all,
+        _of_changed_friction(parameters) if of_all else "",
     )  # fmt: skip
+
+
+def _of_changed_friction(factors: Mapping[str, Estimate]) -> str:
+    """Return what to do about friction that is so many times the model's, and compensated."""
+    least = min(factor.value for factor in factors.values())
+    again = "identify again as warm as the arm is in use"
+    if least >= DEFAULTS.ratio:
+        return again
+    return (
+        f"{again}; till then friction_compensation.ratio {least:.2f} at most: more than there is "
+        "drives the arm"
+    )

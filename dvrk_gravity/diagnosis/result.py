@@ -89,6 +89,9 @@ class Diagnosis:
         if self.findings:
             return self.findings[0].sentence
         against = compared_with(self.beside_reference)
+        friction = "; ".join(entry.of_all_friction for entry in self.known if entry.of_all_friction)
+        but = f" but friction as another day has it: {friction}" if friction else ""
+        nothing = f"Nothing was found that {against} lacks{but}"
         # A model that tells how sure it is is measured by that; of others only noise is known.
         expects = bool(np.isfinite(list(self.expected.values())).any())
         least, words = (
@@ -102,18 +105,18 @@ class Diagnosis:
             if value > 0 and np.isfinite(self.after[name])
         }
         if not ratio:
-            return f"Nothing was found that {against} lacks."
+            return f"{nothing}."
         most = max(ratio, key=lambda name: ratio[name])
         told = any(most in entry.joints for entry in self.known if entry.of_effect)
         beside = ", friction of another day and other known causes included" if told else ""
         more = (
-            f" That is more than it should be, and too little to be named with certainty: a longer "
-            f"recording in which {most} moves more would tell."
+            f" That is more than it should be, and nothing that was tried explains it for certain: "
+            f"a longer recording in which {most} moves more, and one of it alone, would tell."
             if expects and not told and ratio[most] > _MORE
             else ""
         )
         return (
-            f"Nothing was found that {against} lacks: what it leaves is at most "
+            f"{nothing}{'. What' if friction else ': what'} it leaves is at most "
             f"{ratio[most]:.2g} times {words} ({most}{beside}).{more}"
         )
 

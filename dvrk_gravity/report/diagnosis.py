@@ -159,7 +159,11 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
 
 def _known(known: Sequence[Known], beside_reference: bool) -> str:
     """Return what is no news: known, within the model's uncertainty, or friction of another day."""
-    items = "".join(f"<li>{escape(entry.sentence)}</li>" for entry in known)
+    said = (
+        f"{entry.sentence}. What to do: {entry.remedy}" if entry.remedy else entry.sentence
+        for entry in known
+    )
+    items = "".join(f"<li>{escape(text)}</li>" for text in said)
     title, why = (
         KNOWN,
         (
