@@ -60,7 +60,7 @@ def least_squares(validation: CrossValidation) -> float:
 def by_secants(validation: CrossValidation) -> Candidate:
     """Return the delay at the setting that its own fit tells."""
     motion = validation.data.motion
-    (hypothesis,) = TimeDelay.hypotheses(motion)
+    hypothesis = next(TimeDelay.hypotheses(motion))
     found = refined(validation, validation.data.candidate(hypothesis), [])
     validation.weigh(validation.out_of_fold([found]))
     return found

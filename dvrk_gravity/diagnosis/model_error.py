@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.diagnosis.friction_by_load import friction_by_load
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.reference_error import reference_columns
 from dvrk_gravity.effects import State
@@ -150,8 +151,8 @@ def model_columns(motion: MeasuredMotion, settings: ExtrapolationSettings | None
     """Return (N, n, d) changes of the model's torque that its uncertainty allows.
 
     In each of d independent directions, of one standard deviation each: those of its parameters,
-    and of what it says outside the range that it was identified on. None of a model that does not
-    tell how sure it is.
+    of what it says outside the range that it was identified on, and of friction under other loads.
+    None of a model that does not tell how sure it is.
     """
     if motion.reference is not None:
         return reference_columns(motion)
@@ -170,7 +171,7 @@ def model_columns(motion: MeasuredMotion, settings: ExtrapolationSettings | None
     if uncertainty.offset.any():
         torque -= motion.slope @ uncertainty.offset
     outside = _extrapolated(motion, uncertainty, settings or ExtrapolationSettings())
-    return np.concatenate([torque, outside], axis=2)
+    return np.concatenate([torque, outside, friction_by_load(motion)], axis=2)
 
 
 def _extrapolated(

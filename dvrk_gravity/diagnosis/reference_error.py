@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
-from dvrk_gravity.effects.base.late import slope_by_delay
+from dvrk_gravity.effects.base.late import mean_slope_by_delay
 from dvrk_gravity.estimation.covariance import NORMAL_95
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def reference_columns(
     load = changed.inertial_torque(motion)
     inertia = changed.inertial_torque(motion, np.zeros(3))
     grown = np.abs(motion.reference + load) - np.abs(motion.reference)
-    late = slope_by_delay(motion)
+    late = mean_slope_by_delay(motion)
     columns = np.zeros((*motion.q.shape, _EACH * len(joints)))
     middle, half = motion.travel
     size = np.sqrt(np.mean(motion.reference**2, axis=0))

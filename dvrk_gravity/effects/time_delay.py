@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.late import shifted, slope_by_delay
+from dvrk_gravity.effects.base.late import mean_slope_by_delay, shifted, slope_by_delay
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 
 Array = NDArray[np.float64]
@@ -32,8 +32,15 @@ class TimeDelay(Effect):
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """See :meth:`Effect.hypotheses`."""
-        if not motion.static:
-            yield DelayHypothesis(arm=motion.arm, site=site.THE_ARM, setting={"delay": 0.0})
+        if motion.static:
+            return
+        yield DelayHypothesis(arm=motion.arm, site=site.THE_ARM, setting={"delay": 0.0})
+        # Sharp where joints turn back, or hardly moved by the noise of a model's accelerations.
+        if motion.reference is None:
+            yield DelayHypothesis(
+                arm=motion.arm, site=site.THE_ARM, setting={"delay": 0.0}, over_a_while=True,
+                fixed_point=(),
+            )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,15 +73,17 @@ class DelayHypothesis(Hypothesis):
         they leave.
         """
         step = setting["delay"] if abs(setting["delay"]) > _SMALL else _FIRST
-        if self.over_a_while:
-            return slope_by_delay(motion, setting["delay"])[:, :, None]
         if motion.reference is not None:
+            if self.over_a_while:
+                return mean_slope_by_delay(motion, setting["delay"])[:, :, None]
             was = shifted(motion, motion.effort, -step)
             becomes = shifted(motion, motion.reference, step)
             return (0.5 * (motion.effort - was + becomes - motion.reference) / step)[:, :, None]
         acting = motion.acting
         if self.of_friction is not None:
             acting = motion.friction if self.of_friction else acting - motion.friction
+        if self.over_a_while:
+            return slope_by_delay(motion, acting)[:, :, None]
         return ((shifted(motion, acting, step) - acting) / step)[:, :, None]
 
     def slope(self, motion: Motion) -> Array | None:
@@ -84,7 +93,7 @@ class DelayHypothesis(Hypothesis):
         """
         if motion.reference is None:
             return None
-        return slope_by_delay(motion, self.setting["delay"])[:, :, None]
+        return mean_slope_by_delay(motion, self.setting["delay"])[:, :, None]
 
     def must_show(self, motion: Motion) -> tuple[Hypothesis, ...]:
         """See :meth:`Hypothesis.must_show`.

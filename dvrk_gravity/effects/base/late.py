@@ -26,20 +26,23 @@ def shifted(motion: Motion, torque: Array, late: float) -> Array:
     return result
 
 
-def slope_by_delay(motion: Motion, delay: float = 0.0) -> Array:
-    """Return (N, n) how efforts and reference change with their delay, N·m/s: minus their slope.
+def slope_by_delay(motion: Motion, torque: Array, late: float = 0.0) -> Array:
+    """Return (N, n) how a torque changes with its delay, N·m/s: minus its slope, so long before.
 
-    Of the two laid over each other, and over a while, in which noise is nearly gone: it would be
-    found again in what is left between them.
+    Over a while, in which noise is nearly gone: in a column it makes a delay look smaller, and
+    surer, than it is.
+    """
+    further, before = (shifted(motion, torque, late + way) for way in (_WHILE, -_WHILE))
+    return (further - before) / (2.0 * _WHILE)
+
+
+def mean_slope_by_delay(motion: Motion, delay: float = 0.0) -> Array:
+    """Return (N, n) the same of efforts and reference, their mean, laid over each other.
 
     Args:
         motion: N samples with a reference.
         delay: By which the efforts are late, s.
     """
     assert motion.reference is not None
-    early, late = (
-        shifted(motion, motion.effort, way - 0.5 * delay)
-        + shifted(motion, motion.reference, way + 0.5 * delay)
-        for way in (-_WHILE, _WHILE)
-    )
-    return (late - early) / (4.0 * _WHILE)
+    efforts = slope_by_delay(motion, motion.effort, -0.5 * delay)
+    return 0.5 * (efforts + slope_by_delay(motion, motion.reference, 0.5 * delay))

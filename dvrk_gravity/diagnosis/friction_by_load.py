@@ -1,0 +1,61 @@
+"""Friction that grows with what a joint transmits: no term of a model has it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.effects import State
+from dvrk_gravity.model import TorqueModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FrictionByLoadSettings:
+    """How friction may grow.
+
+    Attributes:
+        part: Standard deviation of the part of the transmitted torque that is friction. Chosen:
+            harmonic drives lose some per cent (Taghirad and Bélanger 1998); two joints of a UR10e 7
+            and 8 % (docs/own_arm.md), and no more than twice the standard deviation.
+    """
+
+    part: float = 0.04
+
+
+def friction_by_load(
+    motion: MeasuredMotion, settings: FrictionByLoadSettings | None = None
+) -> Array:
+    """Return (N, n, m) torques by which friction may differ since loads do, N·m, of m joints.
+
+    Coulomb friction as it was identified has what came of the loads of then, on average. What
+    loads differ from that has come as a joint's friction that changed, which it is not.
+
+    None of a model that does not know what it was identified on.
+    """
+    settings = settings or FrictionByLoadSettings()
+    model = motion.model
+    samples = None if model.uncertainty is None else model.uncertainty.calibration
+    joints = np.flatnonzero(motion.moves).tolist()
+    if samples is None or model.of_file or motion.static:
+        return np.zeros((*motion.q.shape, 0))
+    now = np.abs(motion.modelled - motion.friction)
+    then = np.abs(
+        _transmitted(model, State(samples.q - model.joint_offset, samples.qd, samples.qdd))
+    )
+    columns = np.zeros((*motion.q.shape, len(joints)))
+    for index, joint in enumerate(joints):
+        heavier = now[:, joint] - then[:, joint].mean()
+        sign = motion.sign(np.eye(motion.arm.n)[joint])
+        columns[:, joint, index] = settings.part * heavier * sign
+    return columns
+
+
+def _transmitted(model: TorqueModel, state: State) -> Array:
+    """Return (N, n) torque of a model without its friction."""
+    torques = (term.torque(state) for term in model.terms if not term.FRICTION)
+    return sum(torques, np.zeros(state.q.shape))
