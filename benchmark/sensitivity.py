@@ -37,6 +37,7 @@ from dvrk_gravity.diagnosis.confirmed import ConfirmationSettings
 from dvrk_gravity.diagnosis.cross_validation import CrossValidationSettings
 from dvrk_gravity.diagnosis.extend import ExtensionSettings
 from dvrk_gravity.diagnosis.filtered_data import FilterSettings
+from dvrk_gravity.diagnosis.friction_by_load import FrictionByLoadSettings
 from dvrk_gravity.diagnosis.held_out import JudgementSettings
 from dvrk_gravity.diagnosis.load import LoadSettings
 from dvrk_gravity.diagnosis.model_error import ExtrapolationSettings, FrictionChangeSettings
@@ -323,6 +324,7 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (AmbiguitySettings, DIAGNOSIS),
     (BeyondSettings, DIAGNOSIS),
     (ExtrapolationSettings, DIAGNOSIS),
+    (FrictionByLoadSettings, DIAGNOSIS),
     (FrictionChangeSettings, DIAGNOSIS),
     (NoiseSettings, DIAGNOSIS),
     (RepetitionSettings, REFERENCE),

@@ -76,8 +76,8 @@ class ShapelessSettings:
 
 _SHAPELESS = ShapelessSettings()
 _CONTRADICTED = (
-    "merged into a model it has another torque than was found: friction of less than none (see the "
-    "warnings), or a fault of the effect"
+    "merged into a model it has another torque than was found: friction of less than none, or a "
+    "fault of the effect"
 )
 _DIFFERENT = "the recordings differ about it"
 _BESIDE_DIFFERENT = "found beside the average of what the recordings differ about"
