@@ -56,11 +56,11 @@ def run(name: str, seed: int, effects: Sequence[str], sizes: tuple[float, float]
     return session
 
 
-def _differ(one: Recording, other: Recording) -> np.ndarray:
+def _differ(first: Recording, second: Recording) -> np.ndarray:
     """Return (n,) by what two recordings of one motion differ, RMS below the band, N·m or N."""
-    assert one.time is not None
-    low = LowPass(lab_effects.BAND, 1.0 / float(np.median(np.diff(one.time))))
-    difference = low(one.effort - other.effort)
+    assert first.time is not None
+    low = LowPass(lab_effects.BAND, 1.0 / float(np.median(np.diff(first.time))))
+    difference = low(first.effort - second.effort)
     return np.asarray(np.sqrt(np.mean(difference**2, axis=0)))
 
 

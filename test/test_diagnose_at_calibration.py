@@ -125,7 +125,7 @@ def test_a_delay_of_the_calibration_may_be_in_a_model_that_was_identified(world,
 
     def taken_in(model: TorqueModel) -> float:
         motion = load([recording], model).motion
-        (claim,) = TimeDelay.hypotheses(motion)
+        claim = next(TimeDelay.hypotheses(motion))
         return claim.taken_in(motion)
 
     sample = float(np.median(np.diff(recording.time)))

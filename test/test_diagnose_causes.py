@@ -446,7 +446,7 @@ def test_friction_alone_that_is_late_is_no_delay_of_the_efforts(late):
 
     motion = load([recording(time, q, effort + noise(len(q)), velocity=qd)], model).motion
     validation = CrossValidation(FilteredData.of(motion))
-    (claim,) = TimeDelay.hypotheses(motion)
+    claim = next(TimeDelay.hypotheses(motion))
     candidate = validation.data.candidate(replace(claim, setting={"delay": 0.08}))
     validation.weigh(validation.out_of_fold([candidate]), final=True)
 

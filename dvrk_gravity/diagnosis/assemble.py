@@ -109,8 +109,12 @@ def assemble(
     ]
     differences = [difference(validation, named, i, loaded.sources) for i in range(len(named))]
     different = any(differences)
-    not_told = [i for i, text in enumerate(differences) if different and not text]
-    contradictory = {i: _DIFFERENT for i, text in enumerate(differences) if text}
+    # What no recording shows by itself only makes up for the average of what they differ about.
+    shown = any(each and each.shown for each in differences)
+    not_told = [
+        i for i, each in enumerate(differences) if different and (not each or shown > each.shown)
+    ]
+    contradictory = {i: _DIFFERENT for i, each in enumerate(differences) if each}
     contradictory |= dict.fromkeys(not_told, _BESIDE_DIFFERENT)
     model, left_out = extended(loaded.motion, found, contradictory)
     contradictory |= {
@@ -147,11 +151,12 @@ def assemble(
         spread += hypothesis.taken_in(loaded.motion) * np.eye(len(spread))
         parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
         finding = _finding(held_out, validation, selected, i, parameters, theta[rows], left_out[i])
-        if differences[i]:
-            sentence = f"{differences[i]}; on average {finding.sentence}"
-            finding = replace(finding, sentence=sentence, remedy=DIAGNOSE_ALONE)
-        elif i in not_told:
+        if i in not_told:
             continue
+        differs = differences[i]
+        if differs is not None:
+            sentence = f"{differs.sentence}; on average {finding.sentence}"
+            finding = replace(finding, sentence=sentence, remedy=DIAGNOSE_ALONE)
         effect_findings.append(finding)
     findings += ordered(effect_findings, of_any_arm)
     if not different:

@@ -35,10 +35,23 @@ class DifferenceSettings:
     missed: float = 0.2
 
 
+@dataclass(frozen=True)
+class Difference:
+    """What each recording says of a cause about which they differ.
+
+    Attributes:
+        sentence: It in words.
+        shown: Whether any of them shows it by itself.
+    """
+
+    sentence: str
+    shown: bool
+
+
 def difference(
     validation: CrossValidation, named: Sequence[Candidate], i: int, sources: Sequence[str]
-) -> str:
-    """Return what each recording says of a cause, ``""`` where they agree about it.
+) -> Difference | None:
+    """Return what each recording says of a cause, ``None`` where they agree about it.
 
     They differ where one parameter for each explains it significantly otherwise (Wald's test of
     homogeneity), and a common one misses at some joint over a fifth of the torque that one of them
@@ -61,7 +74,7 @@ def difference(
     ]
     # Of the model itself one recording may tell little; of what comes once, there is one.
     if len(shown) < 2 or cause.hypothesis.transient or cause.hypothesis.of_model:
-        return ""
+        return None
     divided = _divided(cause, data.recording, shown)
     candidates = [*named[:i], divided, *named[i + 1 :]]
     theta, covariance = validation.fit(candidates)
@@ -74,7 +87,7 @@ def difference(
     settings = DifferenceSettings()
     apart = squared_distance(change, contrast @ covariance @ contrast.T)
     if chi2.sf(apart, len(change)) > settings.alpha:
-        return ""
+        return None
     common = np.tile(split(named, validation.parameters(named))[i][1], count)
     known_error = SelectionSettings().least(validation)
     least = np.maximum(known_error, validation.score(candidates).rms)
@@ -85,15 +98,17 @@ def difference(
         for values in (theta - common, theta)
     )
     if not np.any((missed > least) & (missed > settings.missed * each)):
-        return ""
-    told = []
+        return None
+    told, shows = [], False
     for number, mine in zip(shown, of_recording, strict=True):
         own = mine > 0.0
         values, spread = theta[own], covariance[np.ix_(own, own)]
         nothing = chi2.sf(squared_distance(values, spread), size) > settings.alpha
+        shows |= not nothing
         claim = cause.hypothesis.claim(estimates(cause.hypothesis, values, spread, {}))
         told.append(f"{labels(sources)[number]}: {'nothing of it' if nothing else claim}")
-    return f"recordings differ about {cause.hypothesis.subject}: {'; '.join(told)}"
+    sentence = f"recordings differ about {cause.hypothesis.subject}: {'; '.join(told)}"
+    return Difference(sentence, shows)
 
 
 def _divided(cause: Candidate, recording: NDArray[np.int64], shown: Sequence[int]) -> Candidate:
