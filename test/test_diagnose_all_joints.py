@@ -11,6 +11,7 @@ from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.effects import CoulombFriction, State
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.coulomb_friction import AllFrictionHypothesis
+from dvrk_gravity.effects.presliding_hysteresis import PreslidingHypothesis
 from dvrk_gravity.identification import identify
 from testing.lab_effects import payload
 from testing.lab_motion import draw_calibration, draw_other
@@ -194,3 +195,30 @@ class _Motion:
 
     def sign(self, row, transition=None):
         return np.sign(self.qd @ row)
+
+
+def test_merged_after_an_element_of_presliding_it_leaves_that_as_it_was_found(model):
+    arm = model.arm
+
+    def with_element(model, joint: int, level: float, length: float):
+        element = PreslidingHypothesis(
+            arm=arm, site=site.joint(joint), joints=(joint,), setting={"length": length},
+            shortest=length,
+        )  # fmt: skip
+        return element.merge(model.parameters(), np.array([level]), None)
+
+    bare = replace(model, terms=tuple(t for t in model.terms if t.NAME != "presliding_hysteresis"))
+    has_one = type(model).from_parameters(with_element(bare, 0, 0.3, 0.02), arm)
+    random = np.random.default_rng(0)
+    motion = _Motion(has_one, *random.uniform(-0.5, 0.5, (2, 30, arm.n)))
+    everywhere = next(
+        each
+        for each in CoulombFriction.hypotheses(motion)
+        if isinstance(each, AllFrictionHypothesis)
+    )
+
+    values = everywhere.merge(with_element(has_one, 1, 0.2, 0.01), np.array([MORE - 1.0]), motion)
+
+    merged = type(model).from_parameters(values, arm).term("presliding_hysteresis")
+    assert merged.displacement == pytest.approx([0.02, 0.01])
+    assert merged.joint[:, :2] == pytest.approx(np.diag([MORE * 0.3, 0.2]))

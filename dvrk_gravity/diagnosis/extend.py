@@ -14,6 +14,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import NO_TERM
+from dvrk_gravity.diagnosis.friction_by_load import friction_by_load
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.effects import LinearTerm, Term
@@ -138,7 +139,7 @@ def updated(
     mean, covariance = validation.posterior(named)
     variance, vectors = np.linalg.eigh(covariance)
     spread = vectors * np.sqrt(np.maximum(variance, 0.0))
-    # Between them lies what the model was asked outside its range.
+    # Between them lies what no term has: outside the model's range, and of friction by load.
     own_parameters, found = mean[: before.size], mean[validation.model_size :]
     edges = np.cumsum([0, *(candidate.size for candidate in named)])
     own_parameters = _within(
@@ -178,7 +179,9 @@ def updated(
     after = coefficients_of(moved.terms)
     error = held_out.rmse(held_out.error(named))
     error = np.where(np.isfinite(error) & (error > 0.0), error, before.error)
-    outside = slice(before.size, validation.model_size)
+    # What follows is friction by load, which acts everywhere.
+    by_load = friction_by_load(motion).shape[2]
+    outside = slice(before.size, validation.model_size - by_load)
     right = _right_outside(validation.data.model_columns[:, :, outside], mean[outside], error)
     lower, upper = motion.true_q.min(axis=0), motion.true_q.max(axis=0)
     fastest = np.abs(motion.qd).max(axis=0)

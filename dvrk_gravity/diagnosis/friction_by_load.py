@@ -1,4 +1,4 @@
-"""Friction that grows with what a joint transmits: no term of a model has it."""
+"""Friction that grows with what a joint transmits, which no term of a model has."""
 
 from __future__ import annotations
 
@@ -35,12 +35,13 @@ def friction_by_load(
     Coulomb friction as it was identified has what came of the loads of then, on average. What
     loads differ from that has come as a joint's friction that changed, which it is not.
 
-    None of a model that does not know what it was identified on.
+    None of a model that does not know what it was identified on, and where it has no friction.
     """
     settings = settings or FrictionByLoadSettings()
     model = motion.model
     samples = None if model.uncertainty is None else model.uncertainty.calibration
-    joints = np.flatnonzero(motion.moves).tolist()
+    rubs = motion.friction.any(axis=0) & ~np.isin(motion.arm.joint_names, motion.arm.frictionless)
+    joints = np.flatnonzero(motion.moves & rubs).tolist()
     if samples is None or model.of_file or motion.static:
         return np.zeros((*motion.q.shape, 0))
     now = np.abs(motion.modelled - motion.friction)

@@ -162,7 +162,9 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
 
 def _of_changed_friction(factors: Mapping[str, Estimate]) -> str:
     """Return what to do about friction that is so many times the model's, and compensated."""
-    least = min(factor.value for factor in factors.values())
+    # Of kinds that are told apart the claim is of those that surely differ.
+    sure = [factor.low for factor in factors.values() if not factor.doubtful(1.0)]
+    least = np.floor(100.0 * max(min(sure, default=1.0), 0.0)) / 100.0
     again = "identify again as warm as the arm is in use"
     if least >= DEFAULTS.ratio:
         return again

@@ -74,6 +74,7 @@ class MeasuredMotion:
         rate: Hz; ``None`` for static poses.
         present: (n,) which joints were recorded.
         step: (n,) steps of the positions, rad.
+        thinned: Of so many samples that were recorded one was kept.
         clock: By part, number of the recording whose time it is in; default: all of one.
         rounding: (n,) density of the noise that the steps of the efforts leave, N·m/sqrt(Hz).
         reference: (N, n) torques that were measured in the same motion when all was well, N·m;
@@ -97,6 +98,7 @@ class MeasuredMotion:
     rate: float | None
     present: NDArray[np.bool_]
     step: Array
+    thinned: int = 1
     clock: tuple[int, ...] = ()
     rounding: Array = field(default_factory=lambda: np.zeros(()))
     reference: Array | None = None

@@ -58,7 +58,7 @@ def relinearised(
         if last is not None and np.abs(now - last).max() <= settings.tolerance * np.abs(now).max():
             break
         last = now
-        # After them comes what the model says beyond its range, on which no cause acts.
+        # After them comes what no term has, on which no cause acts.
         terms = uncertainty.moved(motion.model.terms, own_parameters[: uncertainty.size])
         moved = replace(motion, model=replace(motion.model, terms=terms))
         beside = replace(motion, model=acting)

@@ -40,7 +40,10 @@ def motions(
     step, rounding = _step(stretch, model.arm), _rounding(stretch, model.arm)
     unread = frozen_efforts(stretch)
     pieces = (_piece(segment, thin, model, start, still, step) for segment in segments)
-    return [_without(replace(piece, rounding=rounding), unread, stretch, start) for piece in pieces]
+    return [
+        _without(replace(piece, rounding=rounding, thinned=thin), unread, stretch, start)
+        for piece in pieces
+    ]
 
 
 def noise_density(recording: Recording, arm: Arm, band: float) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.late import mean_slope_by_delay, shifted, slope_by_delay
+from dvrk_gravity.effects.base.late import mean_slope_by_delay, shifted, smoothed
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 
 Array = NDArray[np.float64]
@@ -38,9 +38,8 @@ class TimeDelay(Effect):
         # Sharp where joints turn back, or hardly moved by the noise of a model's accelerations.
         if motion.reference is None:
             yield DelayHypothesis(
-                arm=motion.arm, site=site.THE_ARM, setting={"delay": 0.0}, over_a_while=True,
-                fixed_point=(),
-            )  # fmt: skip
+                arm=motion.arm, site=site.THE_ARM, setting={"delay": 0.0}, over_a_while=True
+            )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -83,7 +82,7 @@ class DelayHypothesis(Hypothesis):
         if self.of_friction is not None:
             acting = motion.friction if self.of_friction else acting - motion.friction
         if self.over_a_while:
-            return slope_by_delay(motion, acting)[:, :, None]
+            acting = smoothed(motion, acting)
         return ((shifted(motion, acting, step) - acting) / step)[:, :, None]
 
     def slope(self, motion: Motion) -> Array | None:
@@ -113,7 +112,8 @@ class DelayHypothesis(Hypothesis):
         Of its calibration anything up to a sample, early or late, is usual and nobody sees it:
         uniform. Of a reference half of that is: clocks of positions and efforts run freely.
         """
-        model, interval = motion.model, float(np.median(np.diff(motion.time)))
+        model = motion.model
+        interval = float(np.median(np.diff(motion.time))) / motion.thinned
         if self.beside_reference:
             return interval**2 / 12.0
         identified = model.uncertainty is not None and not model.of_file

@@ -120,6 +120,8 @@ class AllFriction(Hypothesis):
                 nothing = np.zeros(np.shape(before))  # what is nothing has no name in a file
                 if has.get(name) != before:
                     more = np.asarray(has.get(name, nothing)) - np.asarray(before)
-                    total = np.asarray(values.get(name, nothing)) + more
+                    total = np.array(values.get(name, nothing), dtype=float)
+                    # What was found beside it, an element of presliding say, comes after it.
+                    total[: len(more)] += more
                     changed[name] = tuple(total.tolist())
         return changed

@@ -53,6 +53,10 @@ class Motion(Protocol):
         """(N,) s."""
 
     @property
+    def thinned(self) -> int:
+        """Of so many samples that were recorded one was kept."""
+
+    @property
     def parts(self) -> tuple[slice, ...]:
         """Contiguous parts, uniformly sampled."""
 

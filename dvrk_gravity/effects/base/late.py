@@ -26,14 +26,36 @@ def shifted(motion: Motion, torque: Array, late: float) -> Array:
     return result
 
 
+def smoothed(motion: Motion, torque: Array) -> Array:
+    """Return (N, n) the mean of a torque over a while about each sample, or what there is of it."""
+    result = np.empty_like(torque)
+    for part in motion.parts:
+        sums = CubicSpline(motion.time[part], torque[part], axis=0).antiderivative()
+        first, last = _while_about(motion.time[part], motion.time[part])
+        result[part] = (sums(last) - sums(first)) / (last - first)[:, None]
+    return result
+
+
 def slope_by_delay(motion: Motion, torque: Array, late: float = 0.0) -> Array:
     """Return (N, n) how a torque changes with its delay, N·m/s: minus its slope, so long before.
 
     Over a while, in which noise is nearly gone: in a column it makes a delay look smaller, and
-    surer, than it is.
+    surer, than it is. Zero where all of that is outside what was recorded.
     """
-    further, before = (shifted(motion, torque, late + way) for way in (_WHILE, -_WHILE))
-    return (further - before) / (2.0 * _WHILE)
+    result = np.empty_like(torque)
+    for part in motion.parts:
+        time = motion.time[part]
+        first, last = _while_about(time - late, time)
+        spline = CubicSpline(time, torque[part], axis=0)
+        length = np.where(last > first, last - first, np.inf)
+        result[part] = (spline(first) - spline(last)) / length[:, None]
+    return result
+
+
+def _while_about(moments: Array, time: Array) -> tuple[Array, Array]:
+    """Return (N,) when a while about some moments begins and ends, within recorded times."""
+    first, last = (np.clip(moments + way, time[0], time[-1]) for way in (-_WHILE, _WHILE))
+    return first, last
 
 
 def mean_slope_by_delay(motion: Motion, delay: float = 0.0) -> Array:
