@@ -15,7 +15,8 @@ from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.refinement import refined
 from dvrk_gravity.diagnosis.tangent import tangents
-from dvrk_gravity.effects.time_delay import TimeDelay
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects.time_delay import DelayHypothesis
 from dvrk_gravity.effects.torque_offset import TorqueOffset
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass, Recording
@@ -57,10 +58,16 @@ def least_squares(validation: CrossValidation) -> float:
     return float(minimize_scalar(cost, bounds=(0.0, 0.2), method="bounded").x)
 
 
+class Sharp(DelayHypothesis):
+    """The model's torque as it is, late: in one form alone, that of :func:`least_squares`."""
+
+    other_form = None
+
+
 def by_secants(validation: CrossValidation) -> Candidate:
     """Return the delay at the setting that its own fit tells."""
     motion = validation.data.motion
-    hypothesis = next(TimeDelay.hypotheses(motion))
+    hypothesis = Sharp(arm=motion.arm, site=site.THE_ARM, setting={"delay": 0.0})
     found = refined(validation, validation.data.candidate(hypothesis), [])
     validation.weigh(validation.out_of_fold([found]))
     return found

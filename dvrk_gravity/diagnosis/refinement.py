@@ -57,7 +57,7 @@ def refined(
     settings = RefinementSettings()
     hypothesis = candidate.hypothesis
     if hypothesis.OF_ACTING:
-        return _reading_beside(validation, candidate, others)
+        return _likeliest_form(validation, candidate, others)
     for _ in range(settings.fixed_points if hypothesis.fixed_point else 0):
         theta = validation.parameters([*others, candidate])
         before, hypothesis = hypothesis.setting, hypothesis.at_fit(theta[-candidate.size :])
@@ -87,6 +87,22 @@ def refined(
             candidate = rebuilt(validation, hypothesis, name, float(best.x))
             hypothesis = candidate.hypothesis
     return candidate
+
+
+def _likeliest_form(
+    validation: CrossValidation, candidate: Candidate, others: Sequence[Candidate]
+) -> Candidate:
+    """Return a reading of what acts in the form that fits better, if it has two.
+
+    Which does, shows at the settings where either is best.
+    """
+    found = _reading_beside(validation, candidate, others)
+    form = candidate.hypothesis.other_form
+    if form is None:
+        return found
+    other = _reading_beside(validation, validation.data.candidate(form), others)
+    better = validation.misfit([*others, other]) < validation.misfit([*others, found])
+    return other if better else found
 
 
 def _reading_beside(

@@ -85,6 +85,11 @@ class DelayHypothesis(Hypothesis):
             acting = smoothed(motion, acting)
         return ((shifted(motion, acting, step) - acting) / step)[:, :, None]
 
+    @property
+    def other_form(self) -> Hypothesis | None:
+        """See :meth:`Hypothesis.other_form`."""
+        return None if self.beside_reference else replace(self, over_a_while=not self.over_a_while)
+
     def slope(self, motion: Motion) -> Array | None:
         """See :meth:`Hypothesis.slope`.
 

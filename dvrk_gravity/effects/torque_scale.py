@@ -109,9 +109,12 @@ class ScaleHypothesis(Hypothesis):
 
     def remedy(self, carried: bool) -> str:
         """See :meth:`Hypothesis.remedy`: masses that are all off alike need such efforts, too."""
-        if self.site != site.THE_ARM or self.beside_reference:
+        if self.site != site.THE_ARM:
             return super().remedy(carried)
-        return "check the scale of all efforts; if it is right, the model's masses are off alike"
+        scale = "check the scale of all efforts"
+        if self.beside_reference:
+            return scale
+        return f"{scale}; if it is right, the model's masses are off alike"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

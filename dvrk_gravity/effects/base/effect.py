@@ -169,6 +169,11 @@ class Hypothesis(ABC):
         """
         return None
 
+    @property
+    def other_form(self) -> Hypothesis | None:
+        """The same claim with columns of another form, the likelier of which is taken, if any."""
+        return None
+
     def at_fit(self, theta: Array) -> Hypothesis:
         """Return it at the settings that (k,) parameters themselves tell (:attr:`fixed_point`)."""
         if not self.fixed_point:
