@@ -14,7 +14,6 @@ goes beyond the calibration's has more left than that had, at times many times a
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -28,12 +27,12 @@ from testing import lab_effects
 from testing.hidden_parts import Hidden
 from testing.lab_effects import left_by
 from testing.lab_motion import draw_calibration, draw_other
-from testing.mujoco_world import NAMES, MujocoWorld
+from testing.mujoco_world import MujocoWorld
 from testing.session import Laboratory, Session, Trial, hold, hold_all, save, table
+from testing.trial_arguments import parsed, trial_parser
 from testing.world import World
 
 ENGINES = ("ours", "mujoco")
-CLEAN = 3  # recordings with nothing hidden, a seed
 ARM_SEED = 7000  # apart from those of benchmark/trials.py
 Sizes = tuple[float, float]
 
@@ -103,30 +102,16 @@ def _each(
 
 def main() -> int:
     """Run the trials."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    # fmt: off
-    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 5), metavar=("FIRST", "END"))
+    parser = trial_parser(
+        __doc__, (0, 5), lab_effects.SIZES, "what the model leaves of that motion without it"
+    )
     parser.add_argument("--engine", choices=(*ENGINES, "both"), default="both")
-    parser.add_argument("--arms", default=",".join(NAMES),
-                        help="of MuJoCo's, one a seed in turn (default: %(default)s)")
-    parser.add_argument("--effects", nargs="*",
-                        help="only these, one named twice twice a seed (default: all once)")
-    parser.add_argument("--sizes", type=float, nargs=2, default=lab_effects.SIZES,
-                        metavar=("LEAST", "GREATEST"),
-                        help="of what is hidden in MuJoCo's, in units of what the model leaves "
-                             "of that motion without it (default: %(default)s)")
-    parser.add_argument("--clean", type=int, default=CLEAN, metavar="N",
-                        help="recordings with nothing hidden, a seed (default: %(default)s)")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument("--through-file", action="store_true",
-                        help="save every model and load it again before it diagnoses")
-    parser.add_argument("--json", help="write every trial here")
-    # fmt: on
-    args = parser.parse_args()
-    arms = args.arms.split(",")
-    unknown = set(arms) - set(NAMES)
-    if unknown:
-        parser.error(f"--arms: got {', '.join(sorted(unknown))}, expected some of {NAMES}")
+    parser.add_argument(
+        "--through-file",
+        action="store_true",
+        help="save every model and load it again before it diagnoses",
+    )
+    args, arms = parsed(parser)
     todo = []
     for seed in range(*args.seeds):
         for engine in ENGINES if args.engine == "both" else (args.engine,):

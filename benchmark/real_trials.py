@@ -34,7 +34,7 @@ from testing import lab_effects
 from testing.hidden_parts import Hidden
 from testing.lab_effects import Hiding, Setting, left_by
 from testing.lab_physics import Truth
-from testing.session import Laboratory, Session, Trial, hold, hold_all, save, table
+from testing.session import Laboratory, Session, Trial, hold, hold_all, tell
 
 Array = NDArray[np.float64]
 
@@ -283,10 +283,7 @@ def main() -> int:
     known = [effect for effect in lab_effects.HIDERS if effect != "nothing"]
     effects = [effect for effect in known if args.effects is None or effect in args.effects]
     todo = [(case, effects, args.places) for case in args.cases]
-    sessions = hold_all(run, todo, args.jobs)
-    if args.json:
-        save(sessions, args.json)
-    print(table("real recordings", sessions))
+    tell("real recordings", hold_all(run, todo, args.jobs), args.json)
     return 0
 
 

@@ -9,21 +9,20 @@ recordings without it differ by, below 8 Hz, at the joint where it is largest.
 
 from __future__ import annotations
 
-import argparse
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from dvrk_gravity.diagnosis import diagnose
+from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass, Recording
 from testing import lab_effects
 from testing.lab_motion import draw_calibration, draw_other
-from testing.mujoco_world import NAMES, MujocoWorld
-from testing.score import Outcome, compare
-from testing.session import Session, hold_all, save, table
+from testing.mujoco_world import MujocoWorld
+from testing.score import Outcome, run_trial
+from testing.session import Session, hold_all, tell
+from testing.trial_arguments import parsed, trial_parser
 
 # Zeros, the tilt and masses of links cannot be told from a difference (docs/diagnosis.md).
 EFFECTS = (
@@ -31,13 +30,12 @@ EFFECTS = (
     "elastic_cable", "time_delay", "effort_saturation", "thermal_drift", "cogging", "contact",
 )  # fmt: skip
 SIZES = (3.0, 12.0)
-CLEAN = 3  # recordings with nothing hidden, a seed
 
 
 def run(name: str, seed: int, effects: Sequence[str], sizes: tuple[float, float]) -> Session:
     """Try every effect in one arm."""
     world, session = MujocoWorld.draw(name, seed), Session("mujoco", name, seed)
-    calibration = draw_calibration(world.arm, seed)
+    calibration, bare = draw_calibration(world.arm, seed), TorqueModel(world.arm, ())
     for number, effect in enumerate(effects):
         random = np.random.default_rng([seed, number])
         motion, *noises = (int(value) for value in random.integers(1 << 30, size=4))
@@ -46,13 +44,10 @@ def run(name: str, seed: int, effects: Sequence[str], sizes: tuple[float, float]
         # Sensors that are late are so both times.
         setting = replace(world.setting(truth, _differ(reference, again)), delay=0.0)
         hiding = lab_effects.hide(setting, effect, random, sizes=sizes)
-        outcome = Outcome("mujoco", name, seed, effect, ratio=hiding.ratio)
-        start = time.monotonic()
-        told = diagnose(world.record(hiding.truth, noises[2]), arm=world.arm, reference=reference)
-        outcome.seconds = time.monotonic() - start
-        compare(outcome, hiding.hidden, told, world.arm)
-        session.outcomes.append(outcome)
-        print(outcome, file=sys.stderr, flush=True)
+        recording = world.record(hiding.truth, noises[2])
+        outcome = Outcome("mujoco", name, seed, effect)
+        made = recording, hiding.hidden, hiding.ratio
+        session.add(run_trial(outcome, lambda made=made: made, bare, reference))
     return session
 
 
@@ -66,30 +61,15 @@ def _differ(first: Recording, second: Recording) -> np.ndarray:
 
 def main() -> int:
     """Run the trials."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    # fmt: off
-    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 8), metavar=("FIRST", "END"))
-    parser.add_argument("--arms", default=",".join(NAMES),
-                        help="one a seed in turn (default: %(default)s)")
-    parser.add_argument("--effects", nargs="*", default=EFFECTS, choices=EFFECTS,
-                        help="only these, one named twice twice a seed (default: all once)")
-    parser.add_argument("--sizes", type=float, nargs=2, default=SIZES,
-                        metavar=("LEAST", "GREATEST"), help="(default: %(default)s)")
-    parser.add_argument("--clean", type=int, default=CLEAN, metavar="N",
-                        help="recordings with nothing hidden, a seed (default: %(default)s)")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument("--json", help="write every trial here")
-    # fmt: on
-    args = parser.parse_args()
-    arms = args.arms.split(",")
-    effects = ["nothing"] * args.clean + list(args.effects)
+    parser = trial_parser(__doc__, (0, 8), SIZES, "what two recordings without it differ by")
+    args, arms = parsed(parser)
+    effects = ["nothing"] * args.clean + list(EFFECTS if args.effects is None else args.effects)
+    if unknown := set(effects) - {"nothing", *EFFECTS}:
+        parser.error(f"--effects: got {', '.join(sorted(unknown))}, expected some of {EFFECTS}")
     todo = [
         (arms[seed % len(arms)], seed, effects, tuple(args.sizes)) for seed in range(*args.seeds)
     ]
-    sessions = hold_all(run, todo, args.jobs)
-    if args.json:
-        save(sessions, args.json)
-    print(table("beside a reference", sessions))
+    tell("beside a reference", hold_all(run, todo, args.jobs), args.json)
     return 0
 
 

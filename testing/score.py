@@ -114,20 +114,28 @@ class Outcome:
 
 
 def run_trial(
-    outcome: Outcome, make: Callable[[], tuple[Recording, Hidden, float]], model: TorqueModel
+    outcome: Outcome,
+    make: Callable[[], tuple[Recording, Hidden, float]],
+    model: TorqueModel,
+    reference: Recording | None = None,
 ) -> Outcome:
     """Record, diagnose, compare; a trial that fails says so.
 
     Args:
         outcome: What is known of it before.
         make: The recording, what is hidden in it, and how large.
-        model: The identified model.
+        model: The identified model; beside a reference one of the arm.
+        reference: The same motion without it, to diagnose against in the place of the model.
     """
     try:
         recording, hidden, outcome.ratio = make()
         outcome.outside = outside(recording, hidden, model)
         start = time.monotonic()
-        diagnosis = diagnose(recording, model)
+        diagnosis = (
+            diagnose(recording, model)
+            if reference is None
+            else diagnose(recording, arm=model.arm, reference=reference)
+        )
         outcome.seconds = time.monotonic() - start
         compare(outcome, hidden, diagnosis, model.arm)
     except Exception:

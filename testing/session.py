@@ -49,6 +49,11 @@ class Session:
     outcomes: list[Outcome] = field(default_factory=list)
     failure: str = ""
 
+    def add(self, outcome: Outcome) -> None:
+        """Add a trial, and say how it went."""
+        self.outcomes.append(outcome)
+        _say(str(outcome))
+
 
 @dataclass(frozen=True, eq=False)
 class Laboratory:
@@ -75,9 +80,8 @@ def hold(session: Session, prepare: Callable[[], Laboratory]) -> Session:
         laboratory = prepare()
         model = _identified(session, laboratory)
         for effect, seed, make in laboratory.trials(model):
-            outcome = run_trial(Outcome(session.engine, session.arm, seed, effect), make, model)
-            session.outcomes.append(outcome)
-            _say(str(outcome))
+            outcome = Outcome(session.engine, session.arm, seed, effect)
+            session.add(run_trial(outcome, make, model))
     except Exception as error:
         why = error if isinstance(error, ConfigError) else traceback.format_exc(limit=4)
         session.failure = f"{session.engine} {session.arm} {session.seed}: left out: {why}"
@@ -103,6 +107,13 @@ def save(sessions: Sequence[Session], path: str) -> None:
     """Write every trial as JSON."""
     with open(path, "w", encoding="utf-8") as stream:
         json.dump([asdict(session) for session in sessions], stream, indent=1, default=float)
+
+
+def tell(title: str, sessions: Sequence[Session], path: str | None) -> None:
+    """Write every trial as JSON, if there is a path for it, and print the table."""
+    if path:
+        save(sessions, path)
+    print(table(title, sessions))
 
 
 def table(title: str, sessions: Sequence[Session]) -> str:
