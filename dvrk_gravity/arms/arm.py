@@ -143,6 +143,11 @@ class Arm(Description):
         return np.array([SCALES[joint.kind] for joint in self.joints])
 
     @cached_property
+    def rubs(self) -> NDArray[np.bool_]:
+        """(n,) which joints have friction of their own: all but :attr:`frictionless`."""
+        return ~np.isin(self.joint_names, self.frictionless)
+
+    @cached_property
     def joint_to_actuator(self) -> Array:
         """(n, n) inverse of :attr:`actuator_to_joint`."""
         return np.asarray(np.linalg.inv(self.actuator_to_joint), dtype=float)

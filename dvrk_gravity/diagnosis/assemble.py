@@ -141,6 +141,8 @@ def assemble(
     findings = [reading_finding(reading, *readings, held_out) for reading in wrong]
     effect_findings = []
     for i, effect in enumerate(selected):
+        if i in not_told:
+            continue
         rows, hypothesis = slices[i], effect.trial.candidate.hypothesis
         spread = covariance[rows, rows] + scale**2 * np.outer(theta[rows], theta[rows])
         if at_calibration is not None:
@@ -151,8 +153,6 @@ def assemble(
         spread += hypothesis.taken_in(loaded.motion) * np.eye(len(spread))
         parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
         finding = _finding(held_out, validation, selected, i, parameters, theta[rows], left_out[i])
-        if i in not_told:
-            continue
         differs = differences[i]
         if differs is not None:
             sentence = f"{differs.sentence}; on average {finding.sentence}"

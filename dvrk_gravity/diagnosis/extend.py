@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import effects
 from dvrk_gravity.calibration_samples import CalibrationSamples
+from dvrk_gravity.diagnosis import friction_by_load
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import NO_TERM
-from dvrk_gravity.diagnosis.friction_by_load import friction_by_load
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.effects import LinearTerm, Term
@@ -180,7 +180,7 @@ def updated(
     error = held_out.rmse(held_out.error(named))
     error = np.where(np.isfinite(error) & (error > 0.0), error, before.error)
     # What follows is friction by load, which acts everywhere.
-    by_load = friction_by_load(motion).shape[2]
+    by_load = len(friction_by_load.of_joints(motion))
     outside = slice(before.size, validation.model_size - by_load)
     right = _right_outside(validation.data.model_columns[:, :, outside], mean[outside], error)
     lower, upper = motion.true_q.min(axis=0), motion.true_q.max(axis=0)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.calibration_samples import CalibrationSamples
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.effects import State
 from dvrk_gravity.model import TorqueModel
@@ -37,23 +38,35 @@ def friction_by_load(
 
     None of a model that does not know what it was identified on, and where it has no friction.
     """
-    settings = settings or FrictionByLoadSettings()
-    model = motion.model
-    samples = None if model.uncertainty is None else model.uncertainty.calibration
-    rubs = motion.friction.any(axis=0) & ~np.isin(motion.arm.joint_names, motion.arm.frictionless)
-    joints = np.flatnonzero(motion.moves & rubs).tolist()
-    if samples is None or model.of_file or motion.static:
-        return np.zeros((*motion.q.shape, 0))
+    settings, model, joints = settings or FrictionByLoadSettings(), motion.model, of_joints(motion)
+    samples, columns = _samples(motion), np.zeros((*motion.q.shape, len(joints)))
+    if samples is None:
+        return columns
     now = np.abs(motion.modelled - motion.friction)
     then = np.abs(
         _transmitted(model, State(samples.q - model.joint_offset, samples.qd, samples.qdd))
     )
-    columns = np.zeros((*motion.q.shape, len(joints)))
     for index, joint in enumerate(joints):
         heavier = now[:, joint] - then[:, joint].mean()
         sign = motion.sign(np.eye(motion.arm.n)[joint])
         columns[:, joint, index] = settings.part * heavier * sign
     return columns
+
+
+def of_joints(motion: MeasuredMotion) -> list[int]:
+    """Return the joints that :func:`friction_by_load` has a column of, in order."""
+    if _samples(motion) is None:
+        return []
+    rubs = motion.moves & motion.arm.rubs & motion.friction.any(axis=0)
+    return [int(joint) for joint in np.flatnonzero(rubs)]
+
+
+def _samples(motion: MeasuredMotion) -> CalibrationSamples | None:
+    """Return what the model was identified on, if that tells of friction in this motion."""
+    model = motion.model
+    if model.uncertainty is None or model.of_file or motion.static:
+        return None
+    return model.uncertainty.calibration
 
 
 def _transmitted(model: TorqueModel, state: State) -> Array:

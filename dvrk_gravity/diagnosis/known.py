@@ -34,8 +34,8 @@ def expected_error(data: FilteredData, held_out: HeldOut) -> Array:
     if data.motion.model.uncertainty is None:
         return np.full(data.motion.arm.n, np.nan)
     usable = data.usable[held_out.rows]
-    most = np.array([joint.effort_limit for joint in data.motion.arm.joints])
-    variance = np.minimum((data.model_columns[held_out.rows] ** 2).sum(axis=2), most**2)
+    variance = (data.model_columns[held_out.rows] ** 2).sum(axis=2)
+    variance = np.minimum(variance, data.motion.arm.effort_limit**2)
     mean = np.where(usable, variance, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
     return np.sqrt(data.expected_on_another_day**2 + mean)
 

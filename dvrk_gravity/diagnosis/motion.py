@@ -197,8 +197,7 @@ class MeasuredMotion:
         """(n,) which joints friction may hold all the time; no poses, which are about that."""
         if self.static:
             return np.zeros(self.arm.n, dtype=bool)
-        rubs = ~np.isin(self.arm.joint_names, self.arm.frictionless)
-        return self.present & ~self.moves & rubs
+        return self.present & ~self.moves & self.arm.rubs
 
     @cached_property
     def speed(self) -> Array:

@@ -48,7 +48,7 @@ class DelayHypothesis(Hypothesis):
 
     Attributes:
         of_friction: Whether the model's friction is late; ``None``: all that it has is.
-        over_a_while: Told by how torques change over a while, in which noise is nearly gone.
+        over_a_while: Of torques' means over a while, in which noise is nearly gone.
     """
 
     EFFECT = TimeDelay

@@ -361,8 +361,7 @@ def without_standing(
 
 def stands(lower: Array, upper: Array, arm: Arm) -> NDArray[np.bool_]:
     """Return (n,) joints that friction may hold all the time, by their least and greatest q."""
-    rubs = ~np.isin(arm.joint_names, arm.frictionless)
-    return np.asarray((upper - lower < CheckSettings().still * arm.scale) & rubs)
+    return np.asarray((upper - lower < CheckSettings().still * arm.scale) & arm.rubs)
 
 
 def motors_measured(

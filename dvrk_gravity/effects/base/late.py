@@ -36,7 +36,7 @@ def smoothed(motion: Motion, torque: Array) -> Array:
     return result
 
 
-def slope_by_delay(motion: Motion, torque: Array, late: float = 0.0) -> Array:
+def slope_by_delay(motion: Motion, torque: Array, late: float) -> Array:
     """Return (N, n) how a torque changes with its delay, N·m/s: minus its slope, so long before.
 
     Over a while, in which noise is nearly gone: in a column it makes a delay look smaller, and
