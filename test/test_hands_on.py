@@ -128,6 +128,30 @@ def test_twenty_changes_of_parameters_a_second_starve_no_command(arm, start):
     assert not arm.holds
 
 
+@pytest.mark.parametrize(
+    "change",
+    [{"payload.mass": 0.25}, {"gravity_vector": [0.0, 0.0, 9.81]}, {"gravity_enabled": False}],
+)
+def test_a_change_beyond_what_a_start_accepts_holds_the_arm_and_is_measured_anew(
+    arm, start, change
+):
+    arm.effort = MODEL.torque(arm.position).tolist()
+    start("compensator", *PATIENT)
+    commanding(arm)
+    before = len(arm.client.states["compensator"])
+    assert arm.client.set_parameters(change)[0]
+    arm.run_until(lambda: bool(arm.holds), "the hold")
+    said = arm.client.states["compensator"][before:]
+    assert said[0].startswith("waiting: changed parameters ask ")
+    assert arm.commands[-1][0] < arm.holds[0] + 0.1
+    torque = arm.efforts[-1]
+    np.testing.assert_allclose(torque, MODEL.torque(arm.position), atol=0.03)
+    if "gravity_enabled" not in change:
+        arm.run_until(lambda: arm.state.startswith("fault"), "the refusal")
+        assert "start_tolerance" in arm.state
+        np.testing.assert_array_equal(arm.efforts[-1], torque)
+
+
 # --- holding -----------------------------------------------------------------------------------
 
 

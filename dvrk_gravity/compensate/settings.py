@@ -162,6 +162,18 @@ class Settings:
         conservative, friction = self.parts(q, qd)
         return conservative + friction
 
+    def at_rest(self, q: Array) -> Array:
+        """Return the (n,) torque within the limits that holds the arm at (n,) positions, N·m."""
+        return self.limits.clip(self.torque(q, None))
+
+    def asks_as(self, other: Settings) -> bool:
+        """Tell whether other settings ask an arm at rest for the same torque, wherever it is."""
+        return self is other or (
+            self.model is other.model
+            and np.array_equal(self.limits.joint, other.limits.joint)
+            and np.array_equal(self.limits.actuator, other.limits.actuator)
+        )
+
     def parts(self, q: Array, qd: Array | None) -> tuple[Array, Array]:
         """Return :meth:`torque` as its two parts, (n,) each: without friction, and friction."""
         if self._offset is not None:

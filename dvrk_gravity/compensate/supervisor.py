@@ -80,7 +80,7 @@ class Supervisor:
         dropped: Messages dropped, by cause.
         saturated: (n,) whether the last command was cut by a limit.
         origin: What the last start began with, in words; ``""`` before the first.
-        loss: Support that changes of parameters have taken away since the start, in words.
+        change: What changes of parameters have done to the arm's support since the start, in words.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -92,8 +92,8 @@ class Supervisor:
         self._uncut.setflags(write=False)
         self.saturated: NDArray[np.bool_] = self._uncut
         self.hold_due = False
-        self.origin = self.loss = ""
-        self._started_with = settings
+        self.origin = self.change = ""
+        self._accepted = settings  # by the last start
         self._interruptions = 0  # by the arm's own compensation, since we were enabled
         self._obstacles: dict[str, str] = {}
         self._fresh = Freshness()
@@ -158,8 +158,8 @@ class Supervisor:
     def configure(self, settings: Settings, now: float) -> None:
         """Take other settings; the torque goes to the new one by the ramp, without a jump."""
         before, self.settings = self.settings, settings
-        if self._command is not None:
-            self.loss = self._support_lost(self._started_with, settings)
+        if self._command is not None and not self._leaves_what_was_accepted(self._position):
+            self.change = self._support_changed()
             # What they know of the motion, a debt above all, stays: parameters may change often.
             self._passivity.limit(settings.friction_part, settings.allowance)
             self._guard.limit(settings.speed_limit)
@@ -279,7 +279,7 @@ class Supervisor:
         except StartRefusedError as error:
             self.fail(str(error))
             return
-        self._start, self.loss, self._started_with = None, "", self.settings
+        self._start, self.change, self._accepted = None, "", self.settings
         self._watch_energy()
         self._begin_ramp(self._command, sample.position, sample.velocity, now)
         self.status, self.reason = Status.RAMPING, "blending to the model's torque"
@@ -317,6 +317,8 @@ class Supervisor:
         if runaway:
             self.fail(runaway)
             return None
+        if self._leaves_what_was_accepted(sample.position):
+            return None
         conservative, friction = settings.parts(sample.position, sample.velocity)
         # Of friction no more than is passive.
         factor = self._passivity.update(sample.velocity, friction, now)
@@ -336,17 +338,40 @@ class Supervisor:
         self._position, self._velocity = sample.position, sample.velocity
         return self._command
 
-    def _support_lost(self, before: Settings, after: Settings) -> str:
-        """Return in words what other settings no longer hold of where the arm is."""
-        with np.errstate(all="ignore"):
-            old, new = (
-                settings.limits.clip(settings.torque(self._position, None))
-                for settings in (before, after)
-            )
-        arm = after.model.arm
-        lost = np.sign(old) * (old - new) / arm.effort_limit
-        joint = int(np.argmax(lost))
-        if not lost[joint] > CHANGE.considerable:
+    @np.errstate(over="ignore", invalid="ignore")
+    def _leaves_what_was_accepted(self, position: Array) -> bool:
+        """Hold an arm for which changed parameters ask for what no start has compared.
+
+        A start compares the model with what holds the arm. Parameters that change afterwards are
+        compared, wherever the arm is, with those that it accepted; where they differ by more than
+        a start allows, a new one has to measure.
+        """
+        settings, accepted = self.settings, self._accepted
+        if settings.asks_as(accepted):
+            return False
+        arm = settings.model.arm
+        before, after = accepted.at_rest(position), settings.at_rest(position)
+        excess = np.abs(after - before) / arm.effort_limit
+        worst = int(np.argmax(excess))
+        # A tolerance that is raised is for the next start to use.
+        if excess[worst] <= min(accepted.start_tolerance, settings.start_tolerance):
+            return False
+        joint = arm.joints[worst]
+        self._stop(
+            Status.WAITING,
+            f"changed parameters ask {joint.name} for {after[worst]:.3g} {joint.effort_unit} where "
+            f"those of the last start ask for {before[worst]:.3g}, more than start_tolerance "
+            "apart: the arm is held, and what holds it is measured anew",
+        )
+        return True
+
+    def _support_changed(self) -> str:
+        """Return in words what parameters have changed of what holds the arm where it is."""
+        arm = self.settings.model.arm
+        old, new = (each.at_rest(self._position) for each in (self._accepted, self.settings))
+        difference = np.abs(new - old) / arm.effort_limit
+        joint = int(np.argmax(difference))
+        if not difference[joint] > CHANGE.considerable:
             return ""
         return (
             f"{arm.joint_names[joint]} is held with {new[joint]:.3g} {arm.effort_units[joint]} "

@@ -43,6 +43,7 @@ from dvrk_gravity.ros.wire import CommandWriter, JointStateReader
 # DDS sends what was lost again, seconds later: an old effort must not come after a hold.
 _COMMANDS = QoSProfile(depth=10, lifespan=Duration(seconds=0.1))
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_COMMANDED = (Status.RAMPING, Status.COMMANDING)  # the arm was under our command
 
 
 class Compensator(PromptNode):
@@ -335,12 +336,14 @@ class Compensator(PromptNode):
         self._state.publish(String(data=text))
         if supervisor.status is Status.FAULT:
             self.get_logger().error(f"{text} — no command until ~/enable is called")
+        elif supervisor.status is Status.WAITING and before and before[0] in _COMMANDED:
+            self.get_logger().warning(text)
         else:
             self.get_logger().info(text)
         if supervisor.active and before is not None and before[0] is Status.STARTING:
             self.get_logger().info(f"starting from {supervisor.origin}")
-        elif supervisor.status is Status.RAMPING and supervisor.loss:
-            self.get_logger().warning(supervisor.loss)
+        elif supervisor.status is Status.RAMPING and supervisor.change:
+            self.get_logger().warning(supervisor.change)
 
     def _tell_once(self, text: str) -> None:
         if text not in self._told_once:

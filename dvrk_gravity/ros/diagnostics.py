@@ -56,8 +56,8 @@ def warnings(supervisor: Supervisor) -> list[str]:
     told = []
     if supervisor.settings.weightless:
         told.append("gravity is left out: nothing carries the arm's weight")
-    if supervisor.loss:
-        told.append(supervisor.loss)
+    if supervisor.change:
+        told.append(supervisor.change)
     if supervisor.saturated.any():
         told.append(f"effort limits cut the torque of {_joints(supervisor, supervisor.saturated)}")
     if supervisor.doubtful.any():
