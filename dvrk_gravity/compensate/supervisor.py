@@ -13,10 +13,9 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.compensate.freshness import Freshness
+from dvrk_gravity.compensate.input_gate import InputGate
 from dvrk_gravity.compensate.limits import slew
 from dvrk_gravity.compensate.passivity import PassivityObserver
-from dvrk_gravity.compensate.plausibility import MotionCheck
 from dvrk_gravity.compensate.ramp import Ramp
 from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, Sample
 from dvrk_gravity.compensate.settings import CHANGE, Settings
@@ -96,8 +95,7 @@ class Supervisor:
         self._accepted = settings  # by the last start
         self._interruptions = 0  # by the arm's own compensation, since we were enabled
         self._obstacles: dict[str, str] = {}
-        self._fresh = Freshness()
-        self._motion = MotionCheck(names, scale=settings.model.arm.scale)
+        self._gate = InputGate(settings.model.arm)
         self._start: Start | None = None
         self._ramp: Ramp | None = None
         self._command: Array | None = None
@@ -118,7 +116,7 @@ class Supervisor:
     @property
     def doubtful(self) -> NDArray[np.bool_]:
         """(n,) joints whose velocity was not believed in the last sample."""
-        return self._motion.doubtful
+        return self._gate.doubtful
 
     @property
     def outside(self) -> NDArray[np.bool_]:
@@ -212,7 +210,7 @@ class Supervisor:
         """Notice that valid input has stopped; to be called a few times within the timeout."""
         if not self.active and self._start is None:
             return
-        silence = self._fresh.silence(now, self.settings.timeout)
+        silence = self._gate.silence(now, self.settings.timeout)
         if silence and self.active:
             self._input_fault = True
             self._stop(Status.FAULT, silence)
@@ -246,11 +244,9 @@ class Supervisor:
         """
         self.check_input(now)
         settings = self.settings
-        step, gap = self._fresh.judge(
-            sample.stamp, now, clock, settings.timeout, settings.max_stamp_age, self.active
+        sample, step, gap = self._gate.admit(
+            sample, now, clock, settings.timeout, settings.max_stamp_age, self.active
         )
-        sample = self._motion.check(sample, now, settings.timeout)
-        self._fresh.accept(sample.stamp, now)
         if self.status is Status.FAULT and self._input_fault:
             if gap > settings.timeout:
                 raise DroppedSampleError("after_gap", "first message after a gap")
@@ -313,7 +309,7 @@ class Supervisor:
         settings = self.settings
         previous = self._command
         assert previous is not None  # set by _collect, before anything is active
-        runaway = self._guard.check(self._motion.velocity, previous, now)
+        runaway = self._guard.check(self._gate.velocity, previous, now)
         if runaway:
             self.fail(runaway)
             return None
