@@ -79,6 +79,27 @@ def test_multisines_of_simulated_arms_are_those_of_old() -> None:
         assert velocity[6] == pytest.approx(roll_speed, abs=1e-12)
 
 
+def test_a_velocity_limit_that_the_arm_s_file_states_binds(tmp_path: Path) -> None:
+    urdf = tmp_path / "arm.urdf"
+    joint = (
+        '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/>'
+        '<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="10" velocity="{3}"/></joint>'
+    )
+    link = (
+        '<link name="{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
+        'ixz="0" iyz="0"/></inertial></link>'
+    )
+    urdf.write_text(
+        f'<robot name="two">{"".join(map(link.format, "abc"))}'
+        f"{joint.format('slow', 'a', 'b', 0.1)}{joint.format('fast', 'b', 'c', 5.0)}</robot>"
+    )
+    limits = MotionLimits.of(Arm.load(urdf))
+    np.testing.assert_allclose(limits.velocity, [0.1, np.radians(60.0)])
+    _, velocity = exciting_motion(limits, 30.0, 1).at(np.arange(0.0, 30.0, 1e-3))
+    assert np.abs(velocity[:, 0]).max() < 0.1 + 1e-4
+    assert np.abs(careful(Arm.load(urdf))[0][0]) <= 0.1
+
+
 def test_one_seed_is_one_motion() -> None:
     limits = MotionLimits.of(Arm.load("mtmr"))
     first, again, other = (exciting_motion(limits, 20.0, seed) for seed in (1, 1, 2))
@@ -143,9 +164,9 @@ class FakeArm:
         self.message = JointState
         self.measured = node.create_publisher(JointState, "measured_js", 100)
         self.servo_jf = node.create_publisher(JointState, "servo_jf", 10)
-        node.create_subscription(JointState, "servo_jp", self.on_servo_jp, 100)
+        node.create_subscription(JointState, "servo_jp", lambda m: self.on_servo_jp(m), 100)
         node.create_subscription(Empty, "hold", self.on_hold, 10)
-        node.create_timer(0.01, self.speak)
+        self.speak_timer = node.create_timer(0.01, self.speak)
 
     def on_servo_jp(self, message) -> None:
         self.told.append(np.array(message.position))
@@ -252,8 +273,16 @@ def test_after_a_pause_of_ours_the_arm_is_not_sent_after_the_motion(fake: FakeAr
     assert np.abs(np.diff(fake.told, axis=0)).max() < 0.011
 
 
-@pytest.mark.parametrize("topic", ["servo_jf", "hold"])
-def test_an_arm_that_somebody_else_commands_is_left_alone(fake: FakeArm, topic: str) -> None:
+@pytest.mark.parametrize(
+    ("topic", "says"),
+    [
+        ("servo_jf", "commands /MTMR/servo_jf: stop it first"),
+        ("hold", "has told the arm to hold"),
+    ],
+)
+def test_an_arm_that_somebody_else_commands_is_left_alone(
+    fake: FakeArm, topic: str, says: str
+) -> None:
     from std_msgs.msg import Empty
 
     from dvrk_gravity.ros.mover import MotionError
@@ -266,7 +295,7 @@ def test_an_arm_that_somebody_else_commands_is_left_alone(fake: FakeArm, topic: 
     fake.client.node.create_timer(0.1, send)
     with (
         mover(fake) as moving,
-        pytest.raises(MotionError, match=f"another node.* sends {topic}: stop it first"),
+        pytest.raises(MotionError, match=f"another node.* {says}"),
     ):
         moving.connect()
     assert not fake.told
@@ -289,19 +318,180 @@ def fault(fake: FakeArm, name: str) -> None:
         elif name == "rival":
             fake.servo_jf.publish(fake.message(effort=[0.0] * 7))
         else:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.Signals[name])
 
     timer = fake.client.node.create_timer(0.5, now)
+
+
+def second_arm(fake: FakeArm, position: np.ndarray, ahead: float = 0.0) -> None:
+    """Let somebody else measure an arm that stands elsewhere, its stamps ahead by some s."""
+    other = fake.client.node.create_publisher(fake.message, "measured_js", 100)
+
+    def speak() -> None:
+        message = fake.message(name=JOINT_NAMES, position=position.tolist())
+        stamp = fake.time.from_msg(fake.stamp()).nanoseconds + round(ahead * 1e9)
+        message.header.stamp = fake.time(nanoseconds=stamp).to_msg()
+        other.publish(message)
+
+    fake.client.node.create_timer(0.013, speak)
+
+
+@pytest.mark.parametrize("ahead", [0.0, 0.03])
+@pytest.mark.parametrize("when", ["before", "on the way"])
+def test_two_arms_on_one_topic_are_not_driven(fake: FakeArm, when: str, ahead: float) -> None:
+    from dvrk_gravity.ros.mover import MotionError
+
+    elsewhere = POSE + np.radians(30.0)
+    with mover(fake) as moving:
+        if when == "before":
+            second_arm(fake, elsewhere, ahead)
+            with pytest.raises(MotionError, match=r"several nodes .*/MTMR/fake_arm"):
+                moving.connect()
+            assert not fake.told
+            return
+        moving.connect()
+        begin = len(fake.told)
+
+        def appear() -> None:
+            timer.cancel()
+            second_arm(fake, elsewhere, ahead)
+
+        timer = fake.client.node.create_timer(0.3, appear)
+        with pytest.raises(MotionError, match=r"several nodes .* stop all but the arm"):
+            moving.follow(to(POSE + 0.1, 2.0), 2.0)
+    assert fake.held()
+    assert np.abs(np.array(fake.told[begin:]) - POSE).max() < 0.1
+    assert np.abs(np.diff(fake.told, axis=0)).max() < np.radians(2.0)
+
+
+@pytest.mark.parametrize("wrong", [1, 5, 60])
+def test_wrong_readings_at_the_start_command_nothing_wrong(fake: FakeArm, wrong: int) -> None:
+    """An encoder that reads 123 deg off for a moment, as when an arm is homed."""
+    from dvrk_gravity.ros.mover import MotionError
+
+    readings = iter([POSE + np.radians(123.0) * np.eye(7)[3]] * wrong)
+    speak = fake.speak
+
+    def speak_wrongly() -> None:
+        right = fake.position
+        fake.position = next(readings, right)
+        speak()
+        fake.position = right
+
+    with mover(fake) as moving:
+        moving.connect()
+        fake.speak_timer.cancel()
+        fake.client.node.create_timer(0.01, speak_wrongly)
+        if wrong < 10:
+            np.testing.assert_allclose(moving.connect(), POSE)
+            moving.follow(to(POSE + 0.1), 1.0)
+        else:
+            with pytest.raises(MotionError, match=r"wrist_platform moves by 123 deg|no valid"):
+                moving.connect()
+            assert not fake.told
+            return
+    assert np.abs(np.array(fake.told) - POSE).max() < 0.1 + 1e-9
+
+
+def test_an_encoder_that_slips_on_the_way_stops_the_arm_where_it_was_told_to_be(
+    fake: FakeArm,
+) -> None:
+    from dvrk_gravity.ros.mover import MotionError
+
+    slip = np.radians(25.0) * np.eye(7)[2]
+
+    def slipped(message) -> None:
+        fake.told.append(np.array(message.position))
+        fake.position = fake.told[-1] + slip * (len(fake.told) > 60)
+
+    fake.on_servo_jp = slipped
+    with mover(fake) as moving:
+        moving.connect()
+        with pytest.raises(
+            MotionError, match=r"elbow_pitch is 2.* deg from where it is told|no val"
+        ):
+            moving.follow(to(POSE + 0.1, 2.0), 2.0)
+    assert fake.held()
+    assert np.abs(np.array(fake.told) - POSE).max() < 0.1
+
+
+def test_an_arm_that_moves_by_itself_is_not_driven(fake: FakeArm) -> None:
+    from dvrk_gravity.ros.mover import MotionError
+
+    def drift() -> None:
+        fake.position = fake.position + 0.001 * np.eye(7)[1]
+
+    fake.client.node.create_timer(0.01, drift)
+    with mover(fake) as moving, pytest.raises(MotionError, match="shoulder_pitch moves by"):
+        moving.connect()
+    assert not fake.told
+
+
+def test_an_arm_that_was_moved_meanwhile_is_not_driven_back(fake: FakeArm) -> None:
+    from dvrk_gravity.ros.mover import MotionError
+
+    with mover(fake) as moving:
+        moving.connect()
+        for _ in range(100):  # by hand, while nobody commands it
+            fake.position = fake.position + np.radians(0.3) * np.eye(7)[0]
+            time.sleep(0.01)
+        with pytest.raises(MotionError, match=r"outer_yaw is \d+\.\d deg from where it is told"):
+            moving.follow(to(POSE + 0.1), 1.0)
+    assert not fake.told
+    assert not fake.holds  # it was never ours
+
+
+@pytest.mark.parametrize(("speed", "most"), [(45.0, 8.0 + 4.5), (90.0, 8.0 + 9.0), (0.0, 8.0)])
+def test_a_stuck_arm_is_not_pressed_far_and_is_let_go_of(
+    fake: FakeArm, speed: float, most: float
+) -> None:
+    """A console's hold keeps the set point: it must be where the arm is by then, deg, deg/s."""
+    from dvrk_gravity.ros.mover import MotionError
+
+    rate = np.radians(speed) * np.eye(7)[0]
+    step = np.zeros(7) if speed else np.radians(9.0) * np.eye(7)[0]
+
+    def path(t: float) -> tuple[np.ndarray, np.ndarray]:
+        return POSE + rate * t + step * (t > 0.3), rate
+
+    fake.follows = False
+    with mover(fake) as moving:
+        moving.connect()
+        with pytest.raises(MotionError, match=r"outer_yaw is .* deg from where it is told to go"):
+            moving.follow(path, 2.0)
+        assert fake.held()
+    lead = np.degrees(np.array(fake.told)[:, 0] - POSE[0])
+    assert lead.max() < most
+    np.testing.assert_array_equal(fake.told[-1], POSE)
+
+
+@pytest.mark.parametrize("topic", ["servo_cs", "servo_ci", "state_command"])
+def test_a_command_that_cannot_be_read_here_is_noticed_by_who_may_give_it(
+    fake: FakeArm, topic: str
+) -> None:
+    """The types of newer consoles' commands come with the dVRK's workspace."""
+    from std_msgs.msg import String
+
+    from dvrk_gravity.ros.mover import MotionError
+
+    node = fake.client.node
+    node.create_publisher(String, topic, 10)
+    with (
+        mover(fake) as moving,
+        pytest.raises(MotionError, match=rf"\(/MTMR/fake_arm\) may command /MTMR/{topic}, whose"),
+    ):
+        moving.connect()
+    assert not fake.told
 
 
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("silent", r"nothing valid for \d+ ms"),
-        ("stopped", r"nothing valid for \d+ ms"),
-        ("stuck", "deg from where it was told to be in the last 0.45 s"),
-        ("invalid", "positions are not finite"),
-        ("rival", r"another node \(/MTMR/fake_arm\) sends servo_jf"),
+        ("silent", "no valid measured_js for 0.3 s"),
+        ("stopped", r"no valid measured_js for 0.3 s \(stamp_backwards: "),
+        ("stuck", "deg from where it is told to go"),
+        ("invalid", r"no valid measured_js for 0.3 s \(not_finite: position of "),
+        ("rival", r"another node \(/MTMR/fake_arm\) commands /MTMR/servo_jf"),
     ],
 )
 def test_what_goes_wrong_on_the_way_holds_the_arm(fake: FakeArm, name: str, says: str) -> None:
@@ -316,10 +506,13 @@ def test_what_goes_wrong_on_the_way_holds_the_arm(fake: FakeArm, name: str, says
     assert fake.told[-1][0] < POSE[0] + 0.29
 
 
-def test_ctrl_c_holds_the_arm(fake: FakeArm) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1])
+def test_whatever_signal_asks_for_the_end_the_arm_is_held(
+    fake: FakeArm, number: signal.Signals
+) -> None:
     with mover(fake) as moving:
         moving.connect()
-        fault(fake, "ctrl-c")
+        fault(fake, number.name)
         with pytest.raises(KeyboardInterrupt):
             moving.follow(to(POSE + 0.1, 2.0), 2.0)
     assert fake.held()

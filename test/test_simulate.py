@@ -494,6 +494,21 @@ def test_hold_catches_a_falling_arm(truth: PlantFile) -> None:
     assert np.abs(mtm.plant.q - caught).max() < 0.05
 
 
+def test_hold_keeps_the_set_point_of_an_arm_that_does_not_follow(truth: PlantFile) -> None:
+    """As a console's: what is in its way is pressed on until another position is commanded."""
+    mtm = arm_at(truth)
+    mtm.servo_jp(POSE + joint_vector(0, 0.2))
+    mtm.push(joint_vector(0, -1.5), duration=60.0)
+    steps(mtm, 1000)
+    pressed = mtm.effort[0]
+    assert pressed > 1.0
+    mtm.hold()
+    steps(mtm, 1000)
+    assert mtm.effort[0] == pytest.approx(pressed, rel=1e-3)
+    mtm.servo_jp(mtm.measure().position)
+    mtm.hold()
+
+
 def test_motors_saturate(truth: PlantFile) -> None:
     mtm = arm_at(truth)
     mtm.servo_jf(np.full(7, 50.0))

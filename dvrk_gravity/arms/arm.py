@@ -122,6 +122,11 @@ class Arm(Description):
         return np.array([joint.effort_limit for joint in self.joints])
 
     @cached_property
+    def velocity_limit(self) -> Array:
+        """(n,) largest velocities that the arm's file states, rad/s or m/s; ``inf``: none."""
+        return np.array([joint.velocity_limit for joint in self.joints])
+
+    @cached_property
     def lower(self) -> Array:
         """(n,) lower position limits, rad or m."""
         return np.array([joint.lower for joint in self.joints])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,12 +18,14 @@ from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
+    from dvrk_gravity.planning import Multisine
     from dvrk_gravity.ros.mover import Mover
 
 NAME = "excite"
 EXAMPLE = "python -m dvrk_gravity excite --arm mtmr --out my_bag"
 
 DURATIONS = (8.0, 600.0)  # s; below, a motion that eases in and out has hardly begun
+MOTIONS = (1, 20)
 RATES = (50.0, 500.0)  # Hz; below, steps are coarse; above, one Python process is late
 TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
 # s by which a motion may take longer and count as undisturbed. Chosen: a measurement every 10 ms
@@ -42,7 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", type=float, default=200.0, metavar="HZ",
                         help="positions commanded a second (default: 200); measured_js is "
                         "recorded at the rate at which it comes")  # fmt: skip
-    parser.add_argument("--seed", type=int, default=1, help="of the motion (default: 1)")
+    parser.add_argument("--seed", type=int, default=1, help="of the first motion (default: 1)")
+    parser.add_argument("--motions", type=int, default=1, metavar="N",
+                        help="record so many, of as many seeds (default: 1); each goes through the "
+                        "joints' range")  # fmt: skip
     parser.add_argument("--timeout", type=float, default=0.1, metavar="S",
                         help="without measured_js for so long the arm is held, s "
                         "(default: 0.1)")  # fmt: skip
@@ -57,7 +63,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     outputs.check({}, [Arm.file(arguments.arm)], {"--out": arguments.out})
     arm = Arm.load(arguments.arm)
-    bounds = (("duration", DURATIONS), ("rate", RATES), ("timeout", TIMEOUTS))
+    bounds = (
+        ("duration", DURATIONS), ("motions", MOTIONS), ("rate", RATES), ("timeout", TIMEOUTS),
+    )  # fmt: skip
     for name, (least, most) in bounds:
         if not least <= getattr(arguments, name) <= most:
             raise ConfigError(f"--{name}", getattr(arguments, name), f"{least:g} to {most:g}")
@@ -90,19 +98,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, float, float]:
     """Return how many messages were recorded, of how many seconds, and how much longer it took."""
-    from dvrk_gravity.planning import MotionLimits, Move, exciting_motion
+    from dvrk_gravity.planning import MotionLimits, Move, covering_motion
     from dvrk_gravity.recording import BagWriter
 
     limits = MotionLimits.of(arm)
-    motion = exciting_motion(limits, arguments.duration, arguments.seed)
-    begin, _ = motion.at(0.0)
-    # Half of the limits: the way there goes through places that nobody has seen yet.
-    approach = Move(mover.connect(), begin, 0.5 * limits.velocity, 0.5 * limits.acceleration)
-
-    def slowly(moment: float) -> tuple[np.ndarray, np.ndarray]:
-        position, velocity = motion.at(moment / REHEARSAL)
-        return position, velocity / REHEARSAL
-
+    seeds = range(arguments.seed, arguments.seed + arguments.motions)
+    motions = [covering_motion(limits, arguments.duration, seed) for seed in seeds]
+    where, longer = mover.connect(), 0.0
     # Opened before anything moves: what cannot be written is known then, and no time is lost later.
     with BagWriter(arguments.out) as bag:
         bag.add_topic(mover.topic, _JOINT_STATE)
@@ -110,11 +112,24 @@ def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, 
         def record(data: bytes) -> None:
             bag.write(mover.topic, _JOINT_STATE, data, time.time_ns())
 
-        _follow(mover, "approach", approach.at, approach.duration)
-        if not arguments.no_rehearsal:
-            _follow(mover, "rehearsal", slowly, REHEARSAL * motion.duration)
-        longer = _follow(mover, "motion, recorded", motion.at, motion.duration, record)
-        return bag.count, motion.duration, longer
+        for number, motion in enumerate(motions, start=1):
+            of = f" {number} of {len(motions)}" if len(motions) > 1 else ""
+            begin, _ = motion.at(0.0)
+            # Half of the limits: the way there goes through places that nobody has seen yet.
+            approach = Move(where, begin, 0.5 * limits.velocity, 0.5 * limits.acceleration)
+            _follow(mover, f"approach{of}", approach.at, approach.duration)
+            if not arguments.no_rehearsal:
+                slowly = REHEARSAL * motion.duration
+                _follow(mover, f"rehearsal{of}", partial(_slowly, motion), slowly)
+            longer += _follow(mover, f"motion{of}, recorded", motion.at, motion.duration, record)
+            where, _ = motion.at(motion.duration)
+        return bag.count, len(motions) * arguments.duration, longer
+
+
+def _slowly(motion: Multisine, moment: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a motion's (n,) position and velocity at a moment of its rehearsal."""
+    position, velocity = motion.at(moment / REHEARSAL)
+    return position, velocity / REHEARSAL
 
 
 def _follow(

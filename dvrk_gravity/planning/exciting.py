@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +37,24 @@ class ExcitingSettings:
     ramp: float = 3.0
 
 
+@dataclass(frozen=True)
+class SweepSettings:
+    """How a motion covers the range beside its sines, which their accelerations keep small.
+
+    Attributes:
+        share: Part of the amplitudes that the sines have without it: the rest of velocities and
+            accelerations is the sweep's. Chosen.
+        lowest: Least cycles in a motion: every joint goes through its range in both directions.
+        highest: Most cycles. Chosen: so slow that a sweep takes a tenth of the acceleration.
+        steps: Halvings of the sweep's interval: to a thousandth of it.
+    """
+
+    share: float = 0.85
+    lowest: float = 1.2
+    highest: float = 2.6
+    steps: int = 10
+
+
 def exciting_motion(limits: MotionLimits, duration: float, seed: int) -> Multisine:
     """Draw a motion from rest to rest that goes as far, fast and hard as the limits allow.
 
@@ -48,9 +67,67 @@ def exciting_motion(limits: MotionLimits, duration: float, seed: int) -> Multisi
         seed: Seed of frequencies, phases, amplitudes and middles.
     """
     random = np.random.default_rng(seed)
+    drives = _sines(limits, duration, random)
+    return _placed(drives, limits, random.uniform(0.0, 1.0, len(limits.lower)))
+
+
+def covering_motion(limits: MotionLimits, duration: float, seed: int) -> Multisine:
+    """Draw a motion like :func:`exciting_motion` that also goes through the whole of the range.
+
+    Accelerations keep the sines to about half of it; a slow sine of every joint, which takes hardly
+    any, carries them through the rest. Motions of all seeds are in the same middle, so that one
+    judges a model of another.
+
+    Args:
+        limits: Of positions, velocities and accelerations.
+        duration: s, at least two ramps.
+        seed: Seed of frequencies, phases and amplitudes.
+    """
+    random = np.random.default_rng(seed)
+    sines = _sines(limits, duration, random)
+    settings = SweepSettings()
+    lower, upper = _of_drives(limits)
+    span, n = limits.used * (upper - lower), len(lower)
+    cycles = random.uniform(settings.lowest, settings.highest, (1, n))
+    phase = random.uniform(0.0, 2.0 * np.pi, (1, n))
+    sweep = replace(
+        sines, amplitude=0.5 * span[None], frequency=cycles / duration, phase=phase
+    )  # fmt: skip
+    sines = replace(sines, amplitude=settings.share * sines.amplitude)
+    time = np.arange(0.0, duration + GRID, GRID)
+    fast, slow = _signals(sines, time), _signals(sweep, time)
+    part = _largest(fast, slow, span, limits, slice(None))
+    if limits.pair is not None:
+        i, j = limits.pair.first, limits.pair.second
+        second, swept = (
+            [way[:, j : j + 1] * of[j] - way[:, i : i + 1] * of[i] for way in ways]
+            for ways, of in ((fast, np.ones(n)), (slow, part))
+        )
+        own = limits.used[j] * (limits.upper - limits.lower)[j]
+        part[[i, j]] *= _largest(second, swept, own, limits, slice(j, j + 1)).item()
+    motion = replace(
+        sines,
+        amplitude=np.vstack([sines.amplitude, part * sweep.amplitude]),
+        frequency=np.vstack([sines.frequency, sweep.frequency]),
+        phase=np.vstack([sines.phase, sweep.phase]),
+    )
+    return _placed(motion, limits, np.full(n, 0.5))
+
+
+def _of_drives(limits: MotionLimits) -> tuple[Array, Array]:
+    """Return (n,) lowest and highest positions of what drives the joints.
+
+    A pair's second drive is the sum of the two joints.
+    """
     lower, upper, pair = limits.lower.copy(), limits.upper.copy(), limits.pair
     if pair is not None:
         lower[pair.second], upper[pair.second] = pair.lower, pair.upper
+    return lower, upper
+
+
+def _sines(limits: MotionLimits, duration: float, random: np.random.Generator) -> Multisine:
+    """Draw the sines of what drives the joints."""
+    (lower, upper), pair = _of_drives(limits), limits.pair
     n = len(lower)
     used = limits.used * random.uniform(0.8, 1.0, n)
     reach = 0.5 * used * (upper - lower)
@@ -71,16 +148,33 @@ def exciting_motion(limits: MotionLimits, duration: float, seed: int) -> Multisi
         span = used[j] * (limits.upper - limits.lower)[j]
         both = _most([way[:, None] for way in second], span, limits, slice(j, j + 1))
         scale[[i, j]] *= min(1.0, both.item())
+    return replace(drives, amplitude=amplitude * scale)
 
-    drives = replace(drives, amplitude=amplitude * scale)
-    if pair is None:
+
+def _placed(drives: Multisine, limits: MotionLimits, place: Array) -> Multisine:
+    """Return the motion of the joints around middles at (n,) places, 0 to 1, of where they fit."""
+    time = np.arange(0.0, drives.duration + GRID, GRID)
+    if limits.pair is None:
         way = drives.at(time)[0]
         lowest, highest = limits.lower - way.min(axis=0), limits.upper - way.max(axis=0)
-        return replace(drives, middle=random.uniform(lowest, highest))
-    motor = drives.at(time)[0][:, pair.second]
-    motion = _of_joints(drives, pair)
+        return replace(drives, middle=lowest + place * (highest - lowest))
+    motor = drives.at(time)[0][:, limits.pair.second]
+    motion = _of_joints(drives, limits.pair)
     way = motion.at(time)[0]
-    return replace(motion, middle=_middle(way, motor, limits, pair, random))
+    return replace(motion, middle=_middle(way, motor, limits, limits.pair, place))
+
+
+def _largest(
+    fast: Sequence[Array], slow: Sequence[Array], span: Array | float, limits: MotionLimits,
+    joints: slice,
+) -> Array:  # fmt: skip
+    """Return the largest part, 0 to 1, of slow signals that fits beside fast ones."""
+    part = np.zeros(fast[0].shape[1])
+    for step in range(1, SweepSettings().steps + 1):
+        more = part + 0.5**step
+        both = [a + more * b for a, b in zip(fast, slow, strict=True)]
+        part = np.where(_most(both, span, limits, joints) >= 1.0, more, part)
+    return part
 
 
 def _signals(motion: Multisine, time: Array) -> tuple[Array, Array, Array]:
@@ -90,7 +184,7 @@ def _signals(motion: Multisine, time: Array) -> tuple[Array, Array, Array]:
 
 
 def _most(
-    signals: tuple[Array, ...] | list[Array], span: Array, limits: MotionLimits,
+    signals: Sequence[Array], span: Array | float, limits: MotionLimits,
     joints: slice = slice(None),
 ) -> Array:  # fmt: skip
     """Return the greatest factor with which signals keep a span and the limits of the joints."""
@@ -121,10 +215,8 @@ def _of_joints(drives: Multisine, pair: PairLimit) -> Multisine:
     )
 
 
-def _middle(
-    way: Array, motor: Array, limits: MotionLimits, pair: PairLimit, random: np.random.Generator
-) -> Array:
-    """Draw (n,) middles for a way (N, n) of the joints and one (N,) of the pair's sum."""
+def _middle(way: Array, motor: Array, limits: MotionLimits, pair: PairLimit, place: Array) -> Array:
+    """Return (n,) middles for a way (N, n) of the joints and one (N,) of the pair's sum."""
     i, j = pair.first, pair.second
     lowest, highest = limits.lower - way.min(axis=0), limits.upper - way.max(axis=0)
     sum_low = pair.lower - motor.min()
@@ -132,9 +224,8 @@ def _middle(
     # Only where the second one finds a middle, too.
     lowest[i] = max(lowest[i], sum_low - highest[j])
     highest[i] = min(highest[i], sum_high - lowest[j])
-    drawn = random.uniform(0.0, 1.0, len(lowest))
-    middle = lowest + drawn * (highest - lowest)
+    middle = lowest + place * (highest - lowest)
     low = max(lowest[j], sum_low - middle[i])
     high = min(highest[j], sum_high - middle[i])
-    middle[j] = low + drawn[j] * (high - low)
+    middle[j] = low + place[j] * (high - low)
     return middle

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 class LimitSettings:
     """Limits of an arm of which nothing more is known; as much at a lever of 0.1 m where it slides.
 
+    A velocity limit that the arm's file states binds where it is lower.
+
     Attributes:
         velocity: rad/s: what Universal Robots' controllers take for a motion of the joints that
             names none (MoveJ, 60 deg/s).
@@ -78,13 +80,15 @@ class MotionLimits:
             lower[2], upper[2] = max(lower[2], known.ELBOW[0]), min(upper[2], known.ELBOW[1])
             pair = PairLimit(1, 2, *known.ELBOW_MOTOR.tolist())
             used = np.array(known.EXCITED_RANGE)
-            return cls(lower, upper, known.VELOCITY, known.ACCELERATION, used, pair)
+            velocity = np.minimum(known.VELOCITY, arm.velocity_limit)
+            return cls(lower, upper, velocity, known.ACCELERATION, used, pair)
         lower, upper = arm.range
         settings = LimitSettings()
         margin = np.minimum(settings.margin * arm.scale, settings.most_margin * (upper - lower))
         lower, upper = lower + margin, upper - margin
         used = settings.used * np.minimum(1.0, 2.0 * np.pi / (upper - lower))
-        velocity, acceleration = settings.velocity * arm.scale, settings.acceleration * arm.scale
+        velocity = np.minimum(settings.velocity * arm.scale, arm.velocity_limit)
+        acceleration = settings.acceleration * arm.scale
         return cls(lower, upper, velocity, acceleration, used)
 
 
@@ -94,4 +98,5 @@ def careful(arm: Arm) -> tuple[Array, Array]:
         known = mtm.defaults
         return np.array(known.SIMULATED_VELOCITY), np.array(known.SIMULATED_ACCELERATION)
     settings = LimitSettings()
-    return settings.velocity * arm.scale, settings.acceleration * arm.scale
+    velocity = np.minimum(settings.velocity * arm.scale, arm.velocity_limit)
+    return velocity, settings.acceleration * arm.scale

@@ -1,91 +1,166 @@
-"""Who the arm is, seen from its topics: one that measures, and listens when told to hold."""
+"""The one way to an arm, for every node that commands one.
+
+It knows who measures the arm, who else commands it, and how a hold is brought home; nothing else
+in the package publishes a motion command.
+"""
 
 from __future__ import annotations
 
-import math
-import time
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from dvrk_gravity.ros.hold import TOPIC as HOLD
-from dvrk_gravity.ros.hold import hears
-from dvrk_gravity.ros.others import LATELY, named, node_names
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.compensate.sample import Sample, SampleReader
+from dvrk_gravity.ros import operating_state
+from dvrk_gravity.ros.command_topic import CommandTopic
+from dvrk_gravity.ros.hold import Hold
+from dvrk_gravity.ros.others import Others
+from dvrk_gravity.ros.presence import MEASURED, Presence
+from dvrk_gravity.ros.rivals import Rivals
+from dvrk_gravity.ros.wire import CommandWriter, JointStateReader, Stamp
 
-MEASURED = "measured_js"
+__all__ = ["MEASURED", "ArmLink", "Reading"]
 
-# Who is who is asked so often, s, even where the numbers of publishers and subscribers stay.
-_LOOK = 1.0
+# DDS sends what was lost again, seconds later: an old command must not come after a hold.
+_COMMANDS = QoSProfile(depth=10, lifespan=Duration(seconds=0.1))
+
+
+class Reading(NamedTuple):
+    """A message of measured_js that can be answered.
+
+    Attributes:
+        sample: The arm's joints in it.
+        stamp: Its stamp.
+    """
+
+    sample: Sample
+    stamp: Stamp
 
 
 class ArmLink:
-    """Watches who publishes ``measured_js`` and who subscribes to ``hold``.
+    """Commands one arm, and knows what there is against it.
 
-    The arm is who publishes ``measured_js``; a hold that this node does not subscribe to reaches
-    nobody. A controller of ros2_control knows no hold: there, anybody who subscribes to it and does
-    not publish it (as watchdogs do) may be the one that holds the arm.
+    Attributes:
+        hold: Holds the arm, and sees to it that the hold arrives.
+        others: Those who command the arm on other topics.
+        rivals: Those who command it on ours.
     """
 
-    def __init__(self, node: Node, any_subscriber: bool) -> None:
-        """Watch the topics of ``node``'s namespace.
+    def __init__(
+        self,
+        node: Node,
+        arm: Arm,
+        topic: CommandTopic,
+        margin: NDArray[np.float64] | float = np.inf,
+        on_other: Callable[[], None] = lambda: None,
+        on_rival: Callable[[], None] = lambda: None,
+        on_state: Callable[[str], None] = lambda reason: None,
+    ) -> None:
+        """Connect the topics of the node's namespace.
 
         Args:
             node: The node.
-            any_subscriber: Whoever subscribes to ``hold`` counts as the arm.
+            arm: The arm.
+            topic: Where it takes commands.
+            margin: (n,) positions further outside the arm's limits are refused, rad or m.
+            on_other: Called for a command of somebody else on another topic.
+            on_rival: Called for one on ours.
+            on_state: Called with what the arm's operating state says against commanding it.
         """
-        self._node, self._any_subscriber = node, any_subscriber
-        self._measured = node.resolve_topic_name(MEASURED)
-        self._hold = node.resolve_topic_name(HOLD)
-        self._counts, self._looked = (0, 0), -math.inf
-        self._listens = False
-        self._number = 0  # of the last message, as its publisher counts them
-        self._mixed = -math.inf
+        self._as_array = topic.as_array
+        self._command = node.create_publisher(topic.message_type, topic.name, _COMMANDS)
+        self._presence = Presence(node, any_subscriber=topic.as_array)
+        self.hold = Hold(node, self._presence.listens)
+        # Controllers of ros2_control subscribe with the middleware's defaults, which is DDS's best
+        # effort: whom they obey is not heard otherwise. An arm's console is reliable.
+        reliability = (
+            ReliabilityPolicy.BEST_EFFORT if topic.as_array else ReliabilityPolicy.RELIABLE
+        )
+        self.rivals = Rivals(node, self._command, on_rival, reliability)
+        self.others = Others(node, self.topic, self.hold.echo, on_other)
+        operating_state.subscribe(node, on_state)
+        self._unpack = JointStateReader().read
+        self._read = SampleReader(
+            arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units, arm.drive_gains,
+            arm.name, arm.held,
+        ).read  # fmt: skip
+        self._writer = CommandWriter(arm.joint_names, self.rivals.mark, topic.fields)
+
+    @property
+    def topic(self) -> str:
+        """Full name of the topic of our commands."""
+        return self._command.topic_name
 
     def is_there(self) -> bool:
         """Tell whether somebody publishes ``measured_js``."""
-        return self._node.count_publishers(self._measured) > 0
+        return self._presence.is_there()
 
-    def listens(self) -> bool:
-        """Tell whether the arm subscribes to ``hold``; cheap as long as nobody comes or goes."""
-        node = self._node
-        counts = node.count_publishers(self._measured), node.count_subscribers(self._hold)
-        now = time.monotonic()
-        if counts != self._counts or not self._listens or now - self._looked > _LOOK:
-            self._counts, self._looked = counts, now
-            subscriptions = node.get_subscriptions_info_by_topic(self._hold)
-            listeners = node_names(info for info in subscriptions if hears(info))
-            listeners.discard(node.get_fully_qualified_name())
-            if self._any_subscriber:
-                arms = listeners - node_names(node.get_publishers_info_by_topic(self._hold))
-            else:
-                arms = node_names(node.get_publishers_info_by_topic(self._measured))
-            self._listens = bool(listeners & arms)
-        return self._listens
+    def is_connected(self) -> bool:
+        """Tell whether the arm measures, takes our commands, and hears a hold."""
+        return (
+            self.is_there()
+            and self._command.get_subscription_count() > 0
+            and self._presence.listens()
+        )
 
-    def no_hold_reason(self) -> str:
-        """Return what to tell a person where the arm does not subscribe to ``hold``."""
-        if self._any_subscriber:
-            return f"nobody subscribes to {self._hold}: the arm could not be held when it must be"
-        who = named(self._node.get_publishers_info_by_topic(self._measured), self._node)
-        return f"the arm{who} does not subscribe to {self._hold}: it could not be held when it must"
+    def two_measure(self, info: Mapping[str, Any]) -> str:
+        """Take what the middleware says of a message of ``measured_js``.
 
-    def two_measure(self, number: int | None) -> bool:
-        """Take a message's publication number; tell whether several publish ``measured_js``.
-
-        Every publisher counts its own messages: of two, one is behind the other.
+        Returns:
+            Who measures if there are several, for the messages may be of two arms; else ``""``.
         """
-        if number is None:  # this middleware does not tell
-            return False
-        mixed = number <= self._number
-        if mixed:
-            self._mixed = time.monotonic()
-        self._number = number
-        return mixed
+        mixed = self._presence.count(info["publication_sequence_number"])
+        return self._presence.two_measure() if mixed else ""
 
-    def two_measure_lately(self) -> bool:
-        """Tell whether several published ``measured_js`` a moment ago."""
-        return time.monotonic() - self._mixed < LATELY
+    def read(self, data: bytes) -> Reading:
+        """Return what the bytes of a message of ``measured_js`` say of the arm.
 
-    def two_measure_reason(self) -> str:
-        """Return what to tell a person where several publish ``measured_js``."""
-        who = named(self._node.get_publishers_info_by_topic(self._measured), self._node)
-        return f"several nodes{who} publish {self._measured}: stop all but the arm"
+        Raises:
+            DroppedSampleError: It cannot be answered with a command.
+        """
+        fields = self._unpack(data)
+        sample = self._read(
+            fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
+        )
+        return Reading(sample, fields.stamp)
+
+    def publish(self, stamp: Stamp, *values: Any) -> None:
+        """Command the arm: (n,) numbers for each of the fields that its topic has."""
+        if self._as_array:
+            (effort,) = values
+            label = MultiArrayDimension(label=self.rivals.mark, size=len(effort), stride=1)
+            layout = MultiArrayLayout(dim=[label])
+            self._command.publish(Float64MultiArray(layout=layout, data=effort))
+        else:
+            self._command.publish(self._writer.write(stamp, *values))
+
+    def look(self, active: bool, measuring: bool) -> dict[str, str]:
+        """See that a hold arrives, and look who is there; to be called a few times a second.
+
+        Args:
+            active: The arm is under our command.
+            measuring: We listen to what it measures: by then DDS knows what the arm listens to.
+
+        Returns:
+            By cause, why the arm must not be commanded; ``""``: nothing against it.
+        """
+        self.hold.look()
+        self.rivals.watch(active)
+        deaf = measuring and self.is_there() and not self._presence.listens()
+        return {
+            "others": self.others.reason() if self.others.heard_lately() else "",
+            "unheard": self.others.unheard(),
+            "hold": self._presence.no_hold_reason() if deaf else "",
+            "measured_js": self._presence.two_measure(),
+        }
+
+    def listened(self) -> bool:
+        """Tell whether others have had the time to be heard."""
+        return self.rivals.listened(self.is_there())

@@ -1,4 +1,4 @@
-"""Where an arm takes its efforts: the console's ``servo_jf``, or an array for ros2_control."""
+"""Where an arm takes its commands, and what of a JointState they are."""
 
 from __future__ import annotations
 
@@ -14,20 +14,28 @@ from std_msgs.msg import Float64MultiArray
 from dvrk_gravity.errors import ConfigError
 
 PARAMETERS = ("output", "output_topic")
+EFFORT = ("effort",)
 
 
 @dataclass(frozen=True)
 class CommandTopic:
-    """What the compensator publishes, the watchdog watches and the simulator obeys.
+    """Efforts that the compensator publishes and its watchdog watches, or a stream of positions.
 
     Attributes:
         name: Its name.
         as_array: A Float64MultiArray, as effort controllers of ros2_control take it, in place of a
             JointState.
+        fields: Of a JointState that its messages have.
     """
 
     name: str
     as_array: bool
+    fields: tuple[str, ...] = EFFORT
+
+    @classmethod
+    def positions(cls) -> CommandTopic:
+        """Return where an arm takes a stream of positions."""
+        return cls("servo_jp", False, ("position", "velocity"))
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> CommandTopic:

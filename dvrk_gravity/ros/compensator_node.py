@@ -8,40 +8,28 @@ from typing import Any
 
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.duration import Duration
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import (
-    Bool,
-    Float64,
-    Float64MultiArray,
-    MultiArrayDimension,
-    MultiArrayLayout,
-    String,
-)
+from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool
 
-from dvrk_gravity.compensate.sample import DroppedSampleError, SampleReader
+from dvrk_gravity.compensate.sample import DroppedSampleError
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.compensate.statistics import Statistics
 from dvrk_gravity.compensate.supervisor import Status, Supervisor
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import all_parameters
 from dvrk_gravity.node_parameters import node_parameters
-from dvrk_gravity.ros import operating_state, runtime
+from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.arm_link import MEASURED, ArmLink
 from dvrk_gravity.ros.command_topic import PARAMETERS, CommandTopic
 from dvrk_gravity.ros.diagnostics import Diagnostics
 from dvrk_gravity.ros.executor import PromptNode
-from dvrk_gravity.ros.hold import Hold
-from dvrk_gravity.ros.others import Others
-from dvrk_gravity.ros.rivals import LISTEN, Rivals
+from dvrk_gravity.ros.namespace import require_own
+from dvrk_gravity.ros.rivals import LISTEN
 from dvrk_gravity.ros.watchdog_node import TIMEOUT_TOPIC
-from dvrk_gravity.ros.wire import CommandWriter, JointStateReader
 
-# DDS sends what was lost again, seconds later: an old effort must not come after a hold.
-_COMMANDS = QoSProfile(depth=10, lifespan=Duration(seconds=0.1))
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _COMMANDED = (Status.RAMPING, Status.COMMANDING)  # the arm was under our command
 
@@ -69,12 +57,7 @@ class Compensator(PromptNode):
         self._supervisor = self._supervise(settings)
         self._checked = settings
         arm = settings.model.arm
-        margin = settings.position_margin * arm.scale
-        self._unpack = JointStateReader().read
-        self._reader = SampleReader(
-            arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units, arm.drive_gains,
-            arm.name, arm.held,
-        )  # fmt: skip
+        require_own(arm, self.get_namespace())
         self._as_taken = arm.reading_of_torque  # what the arm reads in A, it takes in A
 
         self._statistics = Statistics()
@@ -94,29 +77,24 @@ class Compensator(PromptNode):
         return CommandTopic.of({name: self.get_parameter(name).value for name in PARAMETERS})
 
     def _connect(self) -> None:
-        topic = self._command_topic()
-        self._as_array = topic.as_array
-        self._command = self.create_publisher(topic.message_type, topic.name, _COMMANDS)
-        self._arm = ArmLink(self, any_subscriber=self._as_array)
-        self._hold = Hold(self, self._arm.listens)
+        settings = self._supervisor.settings
+        arm = settings.model.arm
+        self._arm = ArmLink(
+            self,
+            arm,
+            self._command_topic(),
+            settings.position_margin * arm.scale,
+            on_other=self._on_other,
+            on_rival=self._refuse_rival,
+            on_state=lambda reason: self._obstruct("operating_state", reason),
+        )
         self._builtin_switch = self.create_publisher(Bool, "use_gravity_compensation", 10)
         self._state = self.create_publisher(String, "~/state", _LATCHED)
         self._diagnostics = Diagnostics(self)
-        # Controllers of ros2_control subscribe with the middleware's defaults, which is DDS's best
-        # effort: whom they obey is not heard otherwise. An arm's console is reliable.
-        reliability = (
-            ReliabilityPolicy.BEST_EFFORT if self._as_array else ReliabilityPolicy.RELIABLE
-        )
-        self._rivals = Rivals(self, self._command, self._refuse_rival, reliability)
-        self._writer = CommandWriter(
-            self._supervisor.settings.model.arm.joint_names, self._rivals.mark
-        )
-        self._others = Others(self, self._command.topic_name, self._hold.echo, self._on_other)
         self.create_subscription(
             JointState, "gravity_compensation/setpoint_js", self._on_builtin, 1
         )
         self.create_subscription(Float64, TIMEOUT_TOPIC, self._on_watchdog_timeout, _LATCHED)
-        operating_state.subscribe(self, lambda reason: self._obstruct("operating_state", reason))
         self.create_service(SetBool, "~/enable", self._on_enable)
         # Four looks within the time-out notice a silence at most a quarter late.
         self._watch = self._timer(self._supervisor.settings.timeout / 4, self._on_watch)
@@ -130,25 +108,23 @@ class Compensator(PromptNode):
 
     def _on_measured(self, data: bytes, info: dict[str, Any]) -> None:
         now = time.monotonic()
-        if self._arm.two_measure(info["publication_sequence_number"]):
-            self._supervisor.obstruct("measured_js", self._arm.two_measure_reason())
+        several = self._arm.two_measure(info)
+        if several:
+            self._supervisor.obstruct("measured_js", several)
         try:
-            fields = self._unpack(data)
-            sample = self._reader.read(
-                fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
-            )
+            sample, stamp = self._arm.read(data)
             effort = self._supervisor.command(sample, now, self._now())
         except DroppedSampleError as error:
             self._supervisor.drop(error)
             self._statistics.received(now)
             if error.cause == "after_gap":
-                self._hold.repeat()
+                self._arm.hold.repeat()
             self.get_logger().warning(
                 f"measured_js dropped ({error.cause}): {error}", throttle_duration_sec=5.0
             )
         else:
             if effort is not None and self._supervisor.in_time(time.monotonic()):
-                self._publish(self._as_taken(effort), fields.stamp)
+                self._arm.publish(stamp, self._as_taken(effort))
             self._statistics.received(now)
             self._statistics.computed(time.monotonic() - now)
             if sample.velocity is None:
@@ -160,14 +136,6 @@ class Compensator(PromptNode):
         clock = self.get_clock()
         simulated = clock.ros_time_is_active  # type: ignore[attr-defined]  # of a ROSClock
         return clock.now().nanoseconds if simulated else time.time_ns()
-
-    def _publish(self, effort: Any, stamp: tuple[int, int]) -> None:
-        if self._as_array:
-            label = MultiArrayDimension(label=self._rivals.mark, size=len(effort), stride=1)
-            layout = MultiArrayLayout(dim=[label])
-            self._command.publish(Float64MultiArray(layout=layout, data=effort))
-        else:
-            self._command.publish(self._writer.write(stamp, effort))
 
     def _on_builtin(self, message: JointState) -> None:
         self._supervisor.observe_builtin(np.asarray(message.effort))
@@ -202,25 +170,20 @@ class Compensator(PromptNode):
         There is a subscription to the arm only once whoever else commands it has had the time to
         be heard: who sees it may count on answers.
         """
-        self._hold.look()
-        self._rivals.watch(self._supervisor.active)
+        obstacles = self._arm.look(self._supervisor.active, measuring=self.prompt is not None)
         if self.count_publishers(self._watchdog_topic) == 0:
             self._watchdog_timeout, self._watchdog_told = math.inf, False
-            self._obstruct("watchdog", "")
+            obstacles["watchdog"] = ""
         elif not self._watchdog_told and not self._supervisor.active:
             # What is latched may come seconds after its publisher is known.
-            self._obstruct("watchdog", "the watchdog has not told its time-out yet")
-        if not self._others.heard_lately():
-            self._obstruct("others", "")
-        arm_is_there = self._arm.is_there()
-        # Before we listen to the arm DDS may not have told yet what it listens to.
-        listens = self.prompt is None or not arm_is_there or self._arm.listens()
-        self._obstruct("hold", "" if listens else self._arm.no_hold_reason())
-        if not self._arm.two_measure_lately():
-            self._obstruct("measured_js", "")
-        if self.prompt is None and self._rivals.listened(arm_is_there):
+            obstacles["watchdog"] = "the watchdog has not told its time-out yet"
+        for cause, reason in obstacles.items():
+            self._obstruct(cause, reason)
+        if self.prompt is not None:
+            return
+        if self._arm.listened():
             self._subscribe(MEASURED)
-        elif self.prompt is None and not arm_is_there:
+        elif not self._arm.is_there():
             self.get_logger().info(
                 f"waiting for {self.resolve_topic_name(MEASURED)}: nobody publishes it",
                 throttle_duration_sec=5.0,
@@ -241,9 +204,9 @@ class Compensator(PromptNode):
 
     def _on_other(self) -> None:
         """Leave the arm, held, to whoever else commands it; it comes back when told."""
-        reason = self._others.reason()
-        if not self._others.is_hold:
-            self._hold.drop()  # it would undo the other's command
+        reason = self._arm.others.reason()
+        if not self._arm.others.is_hold:
+            self._arm.hold.drop()  # it would undo the other's command
             if self._supervisor.begins_by_itself:
                 self._supervisor.fail(reason)
         self._obstruct("others", reason)
@@ -251,8 +214,8 @@ class Compensator(PromptNode):
     def _refuse_rival(self) -> None:
         """Leave the arm to another node that commands it as we do."""
         if self._supervisor.active or self._supervisor.begins_by_itself:
-            self._supervisor.fail(self._rivals.reason())
-            if self._rivals.elder:
+            self._supervisor.fail(self._arm.rivals.reason())
+            if self._arm.rivals.elder:
                 self._supervisor.hold_due = False  # would take the arm out of the other's hands
             self._settle()
 
@@ -269,7 +232,7 @@ class Compensator(PromptNode):
         (result,) = self.set_parameters([Parameter("enabled", value=wanted)])
         if wanted and result.successful:
             self._supervisor.enable()  # out of a fault, too, where the parameter is true already
-        if wanted and self._rivals.heard_lately():
+        if wanted and self._arm.rivals.heard_lately():
             self._refuse_rival()
         self._settle()
         refused = not result.successful or self._supervisor.status is Status.FAULT
@@ -312,7 +275,7 @@ class Compensator(PromptNode):
         self._supervisor.configure(settings, time.monotonic())
         self._watch.timer_period_ns = int(settings.timeout / 4 * 1e9)
         self._obstruct("watchdog", self._too_slow_for_watchdog(settings.timeout))
-        if self._rivals.heard_lately():
+        if self._arm.rivals.heard_lately():
             self._refuse_rival()
         self._settle()
 
@@ -322,10 +285,10 @@ class Compensator(PromptNode):
         """Carry out a hold that is due and tell a change of state."""
         supervisor = self._supervisor
         if supervisor.hold_due:
-            self._hold.send()
+            self._arm.hold.send()
             supervisor.hold_due = False
-        elif supervisor.active and self._hold.pending:
-            self._hold.drop()
+        elif supervisor.active and self._arm.hold.pending:
+            self._arm.hold.drop()
         if self._told != (supervisor.status, supervisor.reason):
             self._report_status()
 
@@ -352,14 +315,14 @@ class Compensator(PromptNode):
 
     def _publish_diagnostics(self) -> None:
         statistics = self._statistics.take(time.monotonic())
-        self._diagnostics.publish(self._supervisor, statistics, self._hold.missing)
+        self._diagnostics.publish(self._supervisor, statistics, self._arm.hold.missing)
 
     def finish(self) -> bool:
         """Leave the arm held if it is under our command; return whether the hold has arrived."""
         if self._supervisor.active:
             self._supervisor.disable()
         self._settle()
-        return self._hold.settle()
+        return self._arm.hold.settle()
 
 
 def in_force(settings: Settings) -> dict[str, Any]:

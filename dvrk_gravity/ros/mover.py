@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-import secrets
-import signal
-import struct
 import time
-from array import array
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.serialization import deserialize_message
+from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm, mtm
+from dvrk_gravity.compensate.input_gate import InputGate
+from dvrk_gravity.compensate.sample import DroppedSampleError, Sample
 from dvrk_gravity.errors import DvrkGravityError
 from dvrk_gravity.processes import ProcessError
-from dvrk_gravity.ros.arm_link import ArmLink
+from dvrk_gravity.ros.arm_link import MEASURED, ArmLink
 from dvrk_gravity.ros.client import Client
-from dvrk_gravity.ros.hold import Hold
-from dvrk_gravity.ros.others import COMMANDS, named
+from dvrk_gravity.ros.command_topic import CommandTopic
+from dvrk_gravity.ros.ending import asked_to_end
 
 Array = NDArray[np.float64]
 Path = Callable[[float], tuple[Array, Array]]
@@ -40,19 +40,31 @@ and what their way takes. A simulated arm whose machine is too slow has a slow c
 LISTEN = 1.0
 """How long nobody else must have been heard to command before we do, s."""
 
-FOLLOWING_ERROR = np.radians(8.0)
-"""How far an arm that is no MTM may be from where it was told to be, rad (see Arm.scale): as the
-first joints of one."""
+LOOK = 0.075
+"""How often it is looked who is there, s: four times in what counts as lately."""
 
-LAG = 0.15
-"""How late the arm may be there, s, beside the time for which it may be silent: servos lag by some
-0.05 s, the simulated one by 0.08 s."""
+FOLLOWING_ERROR = np.radians(8.0)
+"""How far an arm that is no MTM may be from where it is told to go, rad (see Arm.scale), beside its
+lag: as the first joints of one."""
+
+LAG = 0.1
+"""How late the arm may be there, s: servos lag by some 0.05 s, the simulated one by 0.08 s, and a
+measurement is up to 0.01 s old."""
 
 OUTSIDE = np.radians(20.0)
 """How far outside its limits an arm may read: more, and it is not the arm that was named, rad."""
 
-# The stamp, after the four bytes with which CDR data begin.
-_STAMP = struct.Struct("<iI")
+STILL = np.radians(1.0)
+"""How far an arm at rest may move in half of the time of listening, rad (see Arm.scale). Chosen:
+encoders' noise is a tenth of it."""
+
+STAMP_AGE = 10.0
+"""Farthest stamp from this computer's clock, s, before anything moves: a recording that is played
+is days old. The clock of a simulated arm whose machine is slow falls behind by seconds."""
+
+AGREE = 5
+"""So many readings in a row have to agree before the arm is stopped where they say. Chosen: two
+nodes that measure, or an encoder that slips, are noticed within three."""
 
 # Measurements that may wait for us, a second and more of them: none is to be lost to the recording.
 _QUEUE = 2000
@@ -79,91 +91,100 @@ class Mover:
             timeout: Without measured_js for so long the arm is held, s.
         """
         self._client, self._arm, self._rate, self._timeout = client, arm, rate, timeout
-        self._delay = LAG + timeout
         self._following_error = (
             mtm.defaults.FOLLOWING_ERROR if mtm.is_mtm(arm) else FOLLOWING_ERROR * arm.scale
         )
-        node = client.node
-        self._servo = node.create_publisher(JointState, "servo_jp", 10)
-        self._link = ArmLink(node, any_subscriber=False)
-        self._hold = Hold(node, self._link.listens)
-        self._mark = f"excite {secrets.token_hex(4)}"
-        self._mark_bytes = self._mark.encode()
-        self._measured = b""
-        self._heard_arm = -np.inf
-        self._stamp = 0  # of the last measurement, ns
-        self._foreign = ""  # topic of somebody else's command
+        self._link = ArmLink(
+            client.node,
+            arm,
+            CommandTopic.positions(),
+            on_other=self._on_other,
+            on_rival=self._on_rival,
+            on_state=self._on_state,
+        )
+        self._gate = InputGate(arm)
+        self._last: Sample | None = None  # the last measurement that is believed
+        self._recent: deque[Array] = deque(maxlen=AGREE)  # where those were
+        self._dropped = ""  # why the last one was not
+        self._against: dict[str, str] = {}  # by cause, why the arm must not be commanded
+        self._next_look = 0.0
         self._sink: Callable[[bytes], None] | None = None
-        self._told: deque[tuple[float, Array]] = deque()
         self._moved = False
         self.interrupted = False
-        self._measured_sub = node.create_subscription(
-            JointState, "measured_js", self._on_measured, _QUEUE, raw=True
+        self._input = client.node.create_subscription(
+            JointState,
+            MEASURED,
+            self._on_measured,  # type: ignore[arg-type]  # rclpy hands over information, too
+            _QUEUE,
+            raw=True,
         )
-        self._subscriptions = [self._measured_sub] + [
-            node.create_subscription(kind, topic, self._listener(topic), 10, raw=True)
-            for topic, kind in COMMANDS
-        ]
 
     def __enter__(self) -> Mover:
-        """Take Ctrl-C and SIGTERM in hand."""
+        """Take in hand whatever may ask for the end."""
 
-        def interrupt(*_: object) -> None:
+        def interrupt() -> None:
             self.interrupted = True
 
-        numbers = (signal.SIGINT, signal.SIGTERM)
-        self._before = {number: signal.signal(number, interrupt) for number in numbers}
+        self._signals = ExitStack()
+        self._signals.enter_context(asked_to_end(interrupt))
         return self
 
     def __exit__(self, *_: object) -> None:
         """Hold the arm if it was moved, and give the signals back."""
-        try:
+        with self._signals:
             self.hold()
-        finally:
-            for number, handler in self._before.items():
-                signal.signal(number, handler)
 
     @property
     def topic(self) -> str:
         """Full name of the measurements' topic."""
-        return str(self._measured_sub.topic_name)
+        return str(self._input.topic_name)
 
     def connect(self, timeout: float = 10.0) -> Array:
-        """Wait for the arm, listen whether somebody commands it, and return (n,) where it is, rad.
+        """Wait for the arm, listen to it and to others, and return (n,) where it rests, rad.
 
         Raises:
-            MotionError: No arm, another one, or one that somebody else commands.
+            MotionError: No arm, another one, one that moves, or that somebody else commands.
         """
         try:
             self._client.wait(
-                lambda: (
-                    self.interrupted
-                    or (
-                        bool(self._measured)
-                        and self._client.connected(self._servo)
-                        and self._link.listens()
-                    )
-                ),
+                lambda: self.interrupted or (self._last is not None and self._link.is_connected()),
                 "the arm",
                 timeout,
             )
         except ProcessError:
             missing = (
-                "nothing takes servo_jp and hold" if self._measured else "nothing publishes it"
+                "nothing takes servo_jp and hold"
+                if self._last is not None
+                else self._dropped or "nothing publishes it"
             )
             raise MotionError(
                 f"{self.topic}: waited {timeout:g} s in vain for the arm: {missing}; is its "
-                "console on, and is this its namespace?"
+                "console on, and is this its namespace (--namespace)?"
             ) from None
+        heard: list[Array] = []
         end = time.monotonic() + LISTEN
         while time.monotonic() < end:
             self._listen_until(time.monotonic() + 1.0 / self._rate)
             self._check()
-        position = self._position()
+            heard.append(self._position())
+        return self._at_rest(np.array(heard))
+
+    def _at_rest(self, heard: Array) -> Array:
+        """Return the (n,) median of (N, n) positions: a single wrong reading does not count."""
+        joints, scale = self._arm.joints, self._arm.scale
+        early, late = (np.median(part, axis=0) for part in np.array_split(heard, 2))
+        moved = np.abs(late - early)
+        worst = int(np.argmax(moved / scale))
+        if not moved[worst] <= STILL * scale[worst]:
+            raise MotionError(
+                f"{self.topic}: {joints[worst].name} moves by {joints[worst].shown(moved[worst])} "
+                "while nobody is to move it: let the arm rest, or stop what moves it"
+            )
+        position: Array = np.median(heard, axis=0)
         beyond = np.maximum(self._arm.lower - position, position - self._arm.upper)
-        worst = int(np.argmax(beyond / self._arm.scale))
-        if beyond[worst] > OUTSIDE * self._arm.scale[worst]:
-            joint = self._arm.joints[worst]
+        worst = int(np.argmax(beyond / scale))
+        if not beyond[worst] <= OUTSIDE * scale[worst]:
+            joint = joints[worst]
             raise MotionError(
                 f"{self.topic}: {joint.name} is at "
                 f"{joint.shown(position[worst])}, {joint.shown(beyond[worst])} "
@@ -178,7 +199,7 @@ class Mover:
         record: Callable[[bytes], None] | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> float:
-        """Drive the arm along a path in its own time; whatever ends that early holds the arm.
+        """Drive the arm along a path in its own time; whatever ends that early stops the arm.
 
         Where we pause for longer than :data:`LATE`, the motion pauses with us.
 
@@ -195,33 +216,35 @@ class Mover:
             MotionError: The arm does not follow or is not heard, or somebody else commands it.
             KeyboardInterrupt: A signal asked for the end.
         """
-        self._catch_up()
-        period, moment, first = 1.0 / self._rate, 0.0, self._stamp
-        start = last = time.monotonic()
-        self._told.clear()
-        self._sink = record
         try:
-            while moment < duration:
-                self._check()
-                self._command(*path(moment))
-                self._check_following()
-                if progress is not None:
-                    progress(moment / duration)
-                # On a grid of instants, so that the rate is kept whatever one round took.
-                self._listen_until(start + (int((last - start) / period) + 1) * period)
-                now = time.monotonic()
-                moment = min(moment + min(now - last, LATE), (self._stamp - first) * 1e-9 + AHEAD)
-                last = now
-            self._command(*path(duration))
-            return (self._stamp - first) * 1e-9 - duration
+            self._catch_up()
+            self._sink = record
+            return self._stream(path, duration, progress)
         except MotionError as error:
-            self.hold()
+            self._stop()
             raise MotionError(f"{error}; the arm was told to hold") from error
         except BaseException:
-            self.hold()
+            self._stop()
             raise
         finally:
             self._sink = None
+
+    def _stream(
+        self, path: Path, duration: float, progress: Callable[[float], None] | None
+    ) -> float:
+        period, moment, first = 1.0 / self._rate, 0.0, self._stamp()
+        start = last = time.monotonic()
+        while moment < duration:
+            self._command(*path(moment))
+            if progress is not None:
+                progress(moment / duration)
+            # On a grid of instants, so that the rate is kept whatever one round took.
+            self._listen_until(start + (int((last - start) / period) + 1) * period)
+            now = time.monotonic()
+            moment = min(moment + min(now - last, LATE), self._stamp() - first + AHEAD)
+            last = now
+        self._command(*path(duration))
+        return self._stamp() - first - duration
 
     def hold(self) -> None:
         """Hold the arm, if it was moved.
@@ -231,23 +254,45 @@ class Mover:
         """
         if self._moved:
             self._moved = False
-            self._hold.send()
-            if not self._hold.settle():
+            self._link.hold.send()
+            if not self._link.hold.settle():
                 raise MotionError("hold was not acknowledged: check that the arm holds")
 
+    def _stop(self) -> None:
+        """Hold the arm where it is.
+
+        A console's hold keeps the set point: an arm that did not follow would press on for ever.
+        Where the last readings contradict each other the set point is the safer place: it is no
+        further from the arm than a command may be.
+        """
+        recent = np.array(self._recent)
+        if self._moved and (np.ptp(recent, axis=0) < 0.5 * self._following_error).all():
+            self._publish(np.median(recent, axis=0), np.zeros(self._arm.n))
+        self.hold()
+
     def _command(self, position: Array, velocity: Array) -> None:
-        message = JointState(name=self._arm.joint_names)
-        message.header.stamp = self._client.node.get_clock().now().to_msg()
-        message.header.frame_id = self._mark
-        message.position = array("d", position.tobytes())
-        message.velocity = array("d", velocity.tobytes())
+        """Send the arm somewhere, unless anything speaks against it."""
+        self._check()
+        self._check_lead(position, velocity)
         self._moved = True
-        self._servo.publish(message)
-        now = time.monotonic()
-        self._told.append((now, position))
-        # One that is older than the delay stays: it was in force until the next one.
-        while len(self._told) > 1 and self._told[1][0] < now - self._delay:
-            self._told.popleft()
+        self._publish(position, velocity)
+
+    def _publish(self, position: Array, velocity: Array) -> None:
+        stamp = self._client.node.get_clock().now().to_msg()
+        self._link.publish((stamp.sec, stamp.nanosec), position, velocity)
+
+    def _check_lead(self, position: Array, velocity: Array) -> None:
+        """Refuse to command (n,) what is too far from where the arm is, rad and rad/s."""
+        error = np.abs(position - self._position())
+        allowed = self._following_error + LAG * np.abs(velocity)
+        worst = int(np.argmax(error / allowed))
+        if not error[worst] <= allowed[worst]:
+            joint = self._arm.joints[worst]
+            raise MotionError(
+                f"{joint.name} is {joint.shown(error[worst], 1)} from where it is told to go, at "
+                f"most {joint.shown(allowed[worst], 1)} allowed at this speed: something is in its "
+                "way, or the console does not let it move"
+            )
 
     def _listen_until(self, when: float) -> None:
         time.sleep(max(0.0, when - time.monotonic()))
@@ -259,74 +304,74 @@ class Mover:
         Not through the executor: it looks at everything anew for each message, which at 1 kHz costs
         a busy machine more than there is.
         """
-        for subscription in self._subscriptions:
+        for subscription in list(self._client.node.subscriptions):
             for _ in range(_QUEUE):
-                taken = subscription.handle.take_message(subscription.msg_type, True)
+                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
                 if taken is None:
                     break
-                subscription.callback(taken[0])
+                subscription.callback(*taken[: 2 if subscription is self._input else 1])
         self._client.spin_once(0.0)
 
     def _check(self) -> None:
+        """Raise for whatever speaks against commanding the arm now."""
         if self.interrupted:
             raise KeyboardInterrupt
-        if self._foreign:
-            node = self._client.node
-            topic = node.resolve_topic_name(self._foreign)
-            who = named(node.get_publishers_info_by_topic(topic), node)
-            raise MotionError(
-                f"another node{who} sends {self._foreign}: stop it first, two would fight"
-            )
-        if time.monotonic() - self._heard_arm > self._timeout:
+        now = time.monotonic()
+        if now >= self._next_look:
+            self._next_look = now + LOOK
+            self._against |= self._link.look(self._moved, measuring=True)
+            if not self._link.rivals.heard_lately():
+                self._against["rivals"] = ""
+        reason = next(filter(None, self._against.values()), "")
+        if reason:
+            raise MotionError(reason)
+        if self._gate.silence(now, self._timeout):
             # It may be we who did not listen: what has arrived meanwhile counts.
             self._catch_up()
-            silent = time.monotonic() - self._heard_arm
-            if silent > self._timeout:
+            silence = self._gate.silence(time.monotonic(), self._timeout)
+            if silence:
+                why = f" ({self._dropped})" if self._dropped else ""
                 raise MotionError(
-                    f"{self.topic}: nothing valid for {1e3 * silent:.0f} ms, at most "
-                    f"{1e3 * self._timeout:.0f} allowed (more with --timeout, where it is this "
-                    "computer that is busy)"
+                    f"{self.topic}: {silence}{why}; more with --timeout, where it is this computer "
+                    "that is busy"
                 )
 
-    def _check_following(self) -> None:
-        told = np.array([position for _, position in self._told])
-        position = self._position()
-        error = np.maximum(told.min(axis=0) - position, position - told.max(axis=0))
-        worst = int(np.argmax(error / self._following_error))
-        if error[worst] > self._following_error[worst]:
-            joint = self._arm.joints[worst]
-            raise MotionError(
-                f"{joint.name} is {joint.shown(error[worst], 1)} from where "
-                f"it was told to be in the last {self._delay:g} s, at most "
-                f"{joint.shown(self._following_error[worst])} allowed: something is in its way, or "
-                "the console does not let it move"
-            )
-
     def _position(self) -> Array:
-        message = deserialize_message(self._measured, JointState)
-        index = {name: i for i, name in enumerate(message.name)}
-        missing = [name for name in self._arm.joint_names if name not in index]
-        if missing or len(message.position) != len(message.name):
-            raise MotionError(
-                f"{self.topic}: expected a position of each of {', '.join(self._arm.joint_names)}"
-            )
-        position = np.array([message.position[index[name]] for name in self._arm.joint_names])
-        if not np.isfinite(position).all():
-            raise MotionError(f"{self.topic}: positions are not finite: {position.tolist()}")
-        return position
+        """(n,) where the arm was last, rad or m."""
+        assert self._last is not None  # connect has waited for it
+        return self._last.position
 
-    def _on_measured(self, data: bytes) -> None:
-        sec, nanosec = _STAMP.unpack_from(data, 4)
-        stamp = sec * 1_000_000_000 + nanosec
-        # No stamp marks invalid data; an old one, a console that repeats itself.
-        if stamp > self._stamp:
-            self._measured, self._heard_arm, self._stamp = data, time.monotonic(), stamp
+    def _stamp(self) -> float:
+        """Return the arm's own time, s."""
+        assert self._last is not None
+        return self._last.stamp * 1e-9
+
+    def _on_measured(self, data: bytes, info: Mapping[str, Any]) -> None:
+        several = self._link.two_measure(info)
         if self._sink is not None:
             self._sink(data)
+        if several:
+            self._against["measured_js"] = several
+            return
+        node: Node = self._client.node
+        oldest = 0.0 if self._moved else STAMP_AGE
+        try:
+            sample, _ = self._link.read(data)
+            self._last = self._gate.admit(
+                sample, time.monotonic(), node.get_clock().now().nanoseconds, self._timeout,
+                oldest, self._moved,
+            ).sample  # fmt: skip
+        except DroppedSampleError as error:
+            self._dropped = f"{error.cause}: {error}"
+        else:
+            self._recent.append(self._last.position)
+            self._dropped = ""
 
-    def _listener(self, topic: str) -> Callable[[bytes], None]:
-        def hear(data: bytes) -> None:
-            if self._mark_bytes not in data:
-                self._foreign = topic
+    def _on_other(self) -> None:
+        self._against["others"] = self._link.others.reason()
 
-        return hear
+    def _on_rival(self) -> None:
+        self._against["rivals"] = self._link.rivals.reason()
+
+    def _on_state(self, reason: str) -> None:
+        self._against["operating_state"] = reason

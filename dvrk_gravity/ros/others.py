@@ -1,4 +1,4 @@
-"""Notices that somebody else moves the arm, by any of the ways that its console has.
+"""Notices that somebody else commands the arm, in any of the ways that its console has.
 
 Any command but ours takes the arm out of effort mode, or fights with ours. The arm obeys the last
 one that it got: two who command it would hand it to and fro.
@@ -9,37 +9,67 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable
+from importlib import import_module
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Empty
 
-# What moves an arm or takes it out of its mode: the motion commands of CRTK (Collaborative Robotics
-# Toolkit, crtk_ros_client), and the dVRK's own in further frames.
-COMMANDS: tuple[tuple[str, Any], ...] = (
-    ("hold", Empty),
-    ("free", Empty),
-    ("servo_jp", JointState),
-    ("servo_jr", JointState),
-    ("servo_jv", JointState),
-    ("servo_jf", JointState),
-    ("servo_cp", PoseStamped),
-    ("servo_cr", PoseStamped),
-    ("servo_cv", TwistStamped),
-    ("servo_cf", WrenchStamped),
-    ("body/servo_cf", WrenchStamped),
-    ("spatial/servo_cf", WrenchStamped),
-    ("interpolate_jp", JointState),
-    ("interpolate_jr", JointState),
-    ("interpolate_cp", PoseStamped),
-    ("interpolate_cr", PoseStamped),
-    ("move_jp", JointState),
-    ("move_jr", JointState),
-    ("move_cp", PoseStamped),
-    ("move_cr", PoseStamped),
+# What moves an arm, takes it out of its mode, or changes what its commands do, as the console
+# subscribes to it: the commands of CRTK (Collaborative Robotics Toolkit) in cisst-ros
+# (mts_ros_crtk_bridge_provided.cpp), those that the dVRK adds in an arm's own bridge
+# (dvrk_system_ROS.cpp), and those of earlier versions of both. A PSM's jaw is no part of the arm,
+# and `use_gravity_compensation` is watched by what comes of it.
+_TYPES = {
+    "hold": "std_msgs/Empty",
+    "free": "std_msgs/Empty",
+    "servo_jp": "sensor_msgs/JointState",
+    "servo_jr": "sensor_msgs/JointState",
+    "servo_jv": "sensor_msgs/JointState",
+    "servo_jf": "sensor_msgs/JointState",
+    "servo_cp": "geometry_msgs/PoseStamped",
+    "servo_cr": "geometry_msgs/PoseStamped",
+    "servo_cv": "geometry_msgs/TwistStamped",
+    "servo_cf": "geometry_msgs/WrenchStamped",
+    "body/servo_cf": "geometry_msgs/WrenchStamped",
+    "spatial/servo_cf": "geometry_msgs/WrenchStamped",
+    "servo_cs": "crtk_msgs/CartesianState",
+    "servo_ci": "crtk_msgs/CartesianImpedance",
+    "local/servo_cp": "geometry_msgs/PoseStamped",
+    "interpolate_jp": "sensor_msgs/JointState",
+    "interpolate_jr": "sensor_msgs/JointState",
+    "interpolate_cp": "geometry_msgs/PoseStamped",
+    "interpolate_cr": "geometry_msgs/PoseStamped",
+    "move_jp": "sensor_msgs/JointState",
+    "move_jr": "sensor_msgs/JointState",
+    "move_cp": "geometry_msgs/PoseStamped",
+    "move_cr": "geometry_msgs/PoseStamped",
+    "local/move_cp": "geometry_msgs/PoseStamped",
+    "state_command": "crtk_msgs/StringStamped",
+    "lock_orientation": "geometry_msgs/Quaternion",
+    "unlock_orientation": "std_msgs/Empty",
+    "body/set_cf_orientation_absolute": "std_msgs/Bool",
+    "set_cartesian_impedance_gains": "cisst_msgs/PrmCartesianImpedanceGains",
+}
+
+
+def _message_type(name: str) -> Any:
+    """Return the class of a message, ``None`` where this computer does not have it."""
+    package, _, message = name.partition("/")
+    try:
+        return getattr(import_module(f"{package}.msg"), message, None)
+    except ImportError:
+        return None
+
+
+_KNOWN = {name: _message_type(kind) for name, kind in _TYPES.items()}
+
+COMMANDS: tuple[tuple[str, Any], ...] = tuple(
+    (name, kind) for name, kind in _KNOWN.items() if kind is not None
 )
+"""Commands that can be heard: topic in the arm's namespace, and type."""
+
+UNHEARD: tuple[str, ...] = tuple(name for name, kind in _KNOWN.items() if kind is None)
+"""Topics of commands whose messages cannot be read here: the dVRK's workspace is not sourced."""
 
 LATELY = 0.3
 """How long ago a command counts as one that is still going on, s."""
@@ -69,6 +99,7 @@ class Others:
             heard: Called for every command that is not ours.
         """
         self._node, self._echo, self._heard = node, echo, heard
+        self._unheard = {node.resolve_topic_name(name): _TYPES[name] for name in UNHEARD}
         self.topic, self.is_hold = "", False
         self._last = -math.inf
         for name, kind in COMMANDS:
@@ -86,6 +117,21 @@ class Others:
         if self.is_hold:
             return f"another node{who} has told the arm to hold ({self.topic})"
         return f"another node{who} commands {self.topic}: stop it first, two would fight"
+
+    def unheard(self) -> str:
+        """Return who may command the arm with messages that cannot be read here, ``""``: nobody.
+
+        Elsewhere a publisher alone proves nothing: clients have one for every command, and most
+        never use it. Of these that is all that there is to see.
+        """
+        for topic, kind in self._unheard.items():
+            if self._node.count_publishers(topic) > 0:
+                who = named(self._node.get_publishers_info_by_topic(topic), self._node)
+                return (
+                    f"another node{who} may command {topic}, whose messages ({kind}) cannot be "
+                    "read here: stop it, or source the dVRK's workspace"
+                )
+        return ""
 
     def _listener(self, topic: str) -> Callable[[bytes], None]:
         is_hold = topic == self._node.resolve_topic_name("hold")

@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         def _connect(self) -> None:
             super()._connect()
             for topic, wanted in (
-                (self._command.topic_name, COMMANDS),
+                (self._arm.topic, COMMANDS),
                 (self.resolve_topic_name(MEASURED), MEASURED),
             ):
                 if not topic.endswith(f"/{wanted}"):

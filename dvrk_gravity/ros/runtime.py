@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import math
-import signal
 import sys
 import threading
 import traceback
@@ -24,6 +23,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.named_arm import arm_beside
 from dvrk_gravity.parameter import Parameter
+from dvrk_gravity.ros.ending import asked_to_end
 from dvrk_gravity.ros.executor import PromptExecutor, PromptNode
 
 STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
@@ -38,7 +38,7 @@ _folders: list[Path] = []
 
 
 def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
-    """Run one node until SIGINT, SIGTERM, SIGHUP, SIGQUIT or an error.
+    """Run one node until a signal asks for its end, or an error.
 
     Args:
         make_node: Builds the node, after rclpy is up; the node has ``finish()``, which returns
@@ -58,9 +58,13 @@ def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
     for path in files:
         yaml_file.load(path)  # rcl's own words for a bad file are long and name no cause
     stop = threading.Event()
-    # A terminal that is closed (SIGHUP) must not leave the arm with its last effort, either.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
-        signal.signal(number, lambda *_: stop.set())
+    with asked_to_end(stop.set):
+        return _run(make_node, ros_args, files, stop)
+
+
+def _run(
+    make_node: Callable[[], Node], ros_args: Sequence[str], files: list[str], stop: threading.Event
+) -> int:
     try:
         rclpy.init(args=list(ros_args), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl reports bad arguments and files as several types

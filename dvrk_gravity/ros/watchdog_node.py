@@ -11,10 +11,10 @@ from dvrk_gravity.model import BY_EFFECTS, all_parameters
 from dvrk_gravity.named_arm import arm_of
 from dvrk_gravity.parameter import check_all
 from dvrk_gravity.ros import runtime
-from dvrk_gravity.ros.arm_link import ArmLink
 from dvrk_gravity.ros.command_topic import PARAMETERS, CommandTopic
 from dvrk_gravity.ros.executor import PromptNode
 from dvrk_gravity.ros.hold import Hold
+from dvrk_gravity.ros.presence import Presence
 
 TIMEOUT_TOPIC = "watchdog_timeout"
 """Latched: the watchdog's time-out, s, which a compensator's own must not exceed."""
@@ -42,8 +42,7 @@ class Watchdog(PromptNode):
         self._timeout = timeout
         self._last: float | None = None  # when the last command came; None: the arm is held
         topic = CommandTopic.of(values)
-        self._arm = ArmLink(self, any_subscriber=topic.as_array)
-        self._hold = Hold(self, self._arm.listens)
+        self._hold = Hold(self, Presence(self, any_subscriber=topic.as_array).listens)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._state = self.create_publisher(String, "~/state", latched)
         # Raw: that a command came is all that matters, not what it says. rclpy's annotation does

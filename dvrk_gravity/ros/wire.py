@@ -18,6 +18,7 @@ from sensor_msgs.msg import JointState
 
 from dvrk_gravity.compensate.sample import DroppedSampleError
 from dvrk_gravity.recording.cdr import ENCAPSULATION, STAMP, CdrError, JointStateLayout
+from dvrk_gravity.ros.command_topic import EFFORT
 
 Array = NDArray[np.float64]
 Stamp = tuple[int, int]
@@ -81,10 +82,16 @@ class JointStateReader:
 
 
 class CommandWriter:
-    """Packs JointStates of efforts, all with the same names and frame."""
+    """Packs JointStates of commands, all with the same names, frame and fields."""
 
-    def __init__(self, names: Sequence[str], frame: str) -> None:
-        """Pack one message, of which stamp and efforts are then replaced."""
+    def __init__(self, names: Sequence[str], frame: str, fields: Sequence[str] = EFFORT) -> None:
+        """Pack one message, of which stamp and numbers are then replaced.
+
+        Args:
+            names: The joints.
+            frame: What the messages are marked with.
+            fields: Those that have a number a joint, in JointState's order; the others are empty.
+        """
         raw = bytearray(b"\0\1\0\0" + bytes(8))  # little-endian CDR; a stamp
 
         def text(value: str) -> None:
@@ -95,15 +102,23 @@ class CommandWriter:
         raw.extend(bytes(-len(raw) % 4) + struct.pack("<I", len(names)))
         for name in names:
             text(name)
-        raw.extend(bytes(-len(raw) % 4) + struct.pack("<III", 0, 0, len(names)))
-        raw.extend(bytes(-(len(raw) - ENCAPSULATION) % 8))
-        self._effort = slice(len(raw), len(raw) + 8 * len(names))
-        self._raw = raw + bytes(8 * len(names))
+        raw.extend(bytes(-len(raw) % 4))
+        self._places: list[slice] = []
+        for field in ("position", "velocity", "effort"):
+            if field not in fields:
+                raw.extend(struct.pack("<I", 0))
+                continue
+            raw.extend(struct.pack("<I", len(names)))
+            raw.extend(bytes(-(len(raw) - ENCAPSULATION) % 8))
+            self._places.append(slice(len(raw), len(raw) + 8 * len(names)))
+            raw.extend(bytes(8 * len(names)))
+        self._raw = raw
 
-    def write(self, stamp: Stamp, effort: Array) -> bytes:
-        """Return the bytes of a message."""
+    def write(self, stamp: Stamp, *values: Array) -> bytes:
+        """Return the bytes of a message: (n,) numbers for each of its fields."""
         struct.pack_into("<iI", self._raw, STAMP.start, *stamp)
-        self._raw[self._effort] = effort.astype("<f8", copy=False).tobytes()
+        for place, numbers in zip(self._places, values, strict=True):
+            self._raw[place] = numbers.astype("<f8", copy=False).tobytes()
         return bytes(self._raw)
 
 

@@ -126,8 +126,11 @@ class SimulatedArm:
         self.servo_jf(self._zero)
 
     def hold(self) -> None:
-        """Servo to the present position."""
-        self._servo(Mode.HOLD, self.plant.q + self._offset)
+        """Servo to the present set point, as a console does; out of effort mode to the position.
+
+        An arm that does not follow goes on pressing towards its set point.
+        """
+        self._servo(Mode.HOLD, self._present())
 
     def servo_jp(self, position: ArrayLike) -> None:
         """Go to a position, as one of a stream that comes at any rate, and stay there.
@@ -220,7 +223,7 @@ class SimulatedArm:
             return True
         plant.reset(before)
         self._push_until = plant.time
-        self.hold()
+        self._servo(Mode.HOLD, plant.q + self._offset)
         return False
 
     def measure(self) -> Measurement:
