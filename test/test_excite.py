@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -16,7 +18,14 @@ import pytest
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.cli import excite
-from dvrk_gravity.planning import MotionLimits, Move, Multisine, careful, exciting_motion
+from dvrk_gravity.planning import (
+    MotionLimits,
+    Move,
+    Multisine,
+    careful,
+    covering_motion,
+    exciting_motion,
+)
 from dvrk_gravity.recording import Recording
 
 POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
@@ -50,6 +59,33 @@ def test_it_goes_as_far_or_as_hard_as_the_limits_let_it() -> None:
     assert (np.maximum(far, hard)[[0, 2, 3, 4, 5, 6]] > 0.7).all()
     # The shoulder shares its limits with the elbow.
     assert far[1] > 0.25
+
+
+@pytest.mark.parametrize("name", ["mtmr", "psm", "ecm"])
+def test_a_covering_motion_keeps_all_limits_and_another_one_stays_within_what_it_has_shown(
+    name: str,
+) -> None:
+    limits = MotionLimits.of(Arm.load(name))
+    step, time = 1e-3, np.arange(0.0, 60.0, 1e-3)
+    shown, again = (covering_motion(limits, 60.0, seed).at(time) for seed in (1, 2))
+    slack = 1e-4  # rad, rad/s: limits are kept on a grid of 5 ms
+    for position, velocity in (shown, again):
+        assert (position > limits.lower - slack).all()
+        assert (position < limits.upper + slack).all()
+        assert (np.abs(velocity) < limits.velocity + slack).all()
+        acceleration = np.diff(velocity, axis=0) / step
+        assert (np.abs(acceleration) < 1.01 * limits.acceleration).all()
+        if limits.pair is not None:
+            both = position[:, limits.pair.first] + position[:, limits.pair.second]
+            assert limits.pair.lower - slack < both.min()
+            assert both.max() < limits.pair.upper + slack
+    lowest, highest = shown[0].min(axis=0), shown[0].max(axis=0)
+    part = (highest - lowest) / (limits.used * (limits.upper - limits.lower))
+    assert (part > 0.7).all()  # of a joint with more than a turn what its velocity allows
+    outside = ((again[0] < lowest) | (again[0] > highest)).mean(axis=0)
+    assert (outside < 0.25).all()
+    one = exciting_motion(limits, 60.0, 1).at(time)[0]
+    assert (np.ptp(one, axis=0) <= (highest - lowest) + 0.1).all()
 
 
 def test_it_begins_and_ends_at_rest_in_the_same_place() -> None:
@@ -126,6 +162,9 @@ def test_a_move_keeps_the_limits_that_it_is_given() -> None:
         (["--seed", "-1"], "--seed: got -1"),
         (["--timeout", "0"], "--timeout: got 0.0"),
         (["--namespace", "a b"], "--namespace: got '/a b', expected a ROS namespace"),
+        (["--namespace", "/MTML"], "namespace: got '/MTML', expected that of arm mtmr, as /MTMR"),
+        (["--namespace", "/left/PSM2"], "expected that of arm mtmr"),
+        (["--motions", "0"], "--motions: got 0, expected 1 to 20"),
         (["--arm", "mtmx"], "arm: got 'mtmx'"),
         (["--out", "."], ".: --out: got 'a folder that exists already', expected a new name"),
         (["--out", "no/such/bag"], "expected an existing folder"),
@@ -554,7 +593,7 @@ def test_the_simulator_is_driven_recorded_and_held(
 
     out = tmp_path / "bag"
     monkeypatch.setattr(excite, "PAUSED", -1.0)  # as if it had been kept waiting
-    start = exciting_motion(MotionLimits.of(Arm.load("mtmr")), 8.0, 4).middle
+    start = covering_motion(MotionLimits.of(Arm.load("mtmr")), 8.0, 4).middle
     where = f"initial_position:={start.tolist()}"
     with NodeProcess("simulator", "-p", "rate:=200.0", "-p", where) as simulator:
         words = ["--arm", "mtmr", "--out", str(out), "--duration", "8", "--seed", "4"]
@@ -569,3 +608,48 @@ def test_the_simulator_is_driven_recorded_and_held(
     assert recording.rate == pytest.approx(200.0)
     np.testing.assert_allclose(recording.position[0], start, atol=0.03)
     assert (np.ptp(recording.position, axis=0) > 0.05).all()
+
+
+@pytest.mark.parametrize("way", ["closed terminal", "closed pipe"])
+def test_however_the_process_is_ended_the_arm_is_held(
+    domain: int, tmp_path: Path, way: str
+) -> None:
+    """SIGHUP, and a `| head -1` that reads no more, when the next part is announced."""
+    pytest.importorskip("rclpy")
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Empty
+
+    from dvrk_gravity.processes import NodeProcess
+    from dvrk_gravity.ros.client import Client
+
+    begin = covering_motion(MotionLimits.of(Arm.load("mtmr")), 8.0, 1).middle + 0.01
+    words = ["--arm", "mtmr", "--out", str(tmp_path / "bag"), "--duration", "8", "--timeout", "1"]
+    told: list[float] = []
+    holds: list[float] = []
+    with (
+        NodeProcess("simulator", "-p", "rate:=200.0", "-p", f"initial_position:={begin.tolist()}"),
+        Client("/MTMR", "listener") as client,
+    ):
+        node = client.node
+        node.create_subscription(JointState, "servo_jp", lambda _: told.append(time.time()), 100)
+        node.create_subscription(Empty, "hold", lambda _: holds.append(time.time()), 10)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "dvrk_gravity", "excite", *words],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        output = process.stdout
+        assert output is not None
+        assert output.readline().startswith("approach")
+        if way == "closed pipe":
+            output.close()
+        client.wait(lambda: len(told) > 20, "commands")
+        if way == "closed terminal":
+            process.send_signal(signal.SIGHUP)
+        client.wait(lambda: process.poll() is not None, "its end")
+        client.spin(0.2)
+        output.close()
+    assert process.returncode == (130 if way == "closed terminal" else 141)
+    assert holds
+    assert holds[-1] > told[-1]

@@ -11,7 +11,7 @@ from conftest import CONFIG, MODEL_FILE, FakeArm
 from diagnostic_msgs.msg import KeyValue
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray
+from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray, String
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.processes import NodeProcess, private_domain
@@ -401,6 +401,29 @@ def test_any_command_of_anybody_else_ends_ours_in_a_fault(crowd, topic, kind):
     assert told in arm.state
     arm.run_until(lambda: len(arm.holds) > held, "the hold")
     assert_silent(arm, 0.2)
+
+
+@pytest.mark.parametrize("topic", ["servo_cs", "servo_ci"])
+def test_who_may_give_commands_that_cannot_be_read_here_is_named_and_waited_for(arm, start, topic):
+    """crtk_msgs comes with the dVRK's workspace; the graph lists publishers of any type."""
+    node = arm.client.node
+    start("compensator", *PATIENT)
+    commanding(arm)
+    other = node.create_publisher(String, topic, 10)
+    arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
+    assert f"(/MTMR/client) may command /MTMR/{topic}, whose messages (crtk_msgs/" in arm.state
+    arm.run_until(lambda: bool(arm.holds), "the hold")
+    arm.client.enable(True)
+    assert_silent(arm)
+    node.destroy_publisher(other)
+    commanding(arm)
+
+
+@pytest.mark.parametrize("namespace", ["/MTML", "/lab/MTML", "/PSM2", "/ECM"])
+def test_a_namespace_that_names_another_arm_is_refused(domain, namespace):
+    node = NodeProcess("compensator", "--params-file", str(MODEL_FILE), namespace=namespace)
+    assert node.wait() == 2
+    assert f"namespace: got '{namespace}', expected that of arm mtmr, as /MTMR" in node.output
 
 
 def test_a_best_effort_command_that_a_controller_obeys_is_heard_too(arm, start):

@@ -14,6 +14,8 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.processes import NodeProcess
 from dvrk_gravity.recording import BagReader
+from dvrk_gravity.ros import operating_state
+from dvrk_gravity.ros.others import COMMANDS, UNHEARD
 
 POLICIES = {arm: CONFIG / "security" / f"{arm}.policy.xml" for arm in ("mtml", "mtmr")}
 ACCESS = {"topics": ("publish", "subscribe"), "services": ("reply", "request")}
@@ -24,6 +26,10 @@ NODES = {
 }
 
 
+# Whose types come with the dVRK's workspace: not subscribed to without it.
+OF_THE_WORKSPACE = {*UNHEARD, "operating_state"} - {
+    "operating_state" if operating_state.OperatingState is not None else ""
+}
 ARRAY = CONFIG / "security" / "effort_controller.policy.xml"
 
 
@@ -37,6 +43,8 @@ def allowed(policy: str, node: str) -> dict[str, set[str]]:
         (access,) = (kind for kind in ACCESS[group.tag] if group.get(kind) == "ALLOW")
         for item in group:
             text = (item.text or "").strip()
+            if text in OF_THE_WORKSPACE:
+                continue
             full = text if text.startswith("/") else f"{namespace}/{text}"
             names.setdefault(access, set()).add(full.replace("/~/", f"/{node}/"))
     return names
@@ -161,3 +169,31 @@ def test_a_bag_s_metadata_does_not_lead_out_of_its_folder(tmp_path):
         metadata.write_text(text.replace(data.name, path), encoding="utf-8")
         with pytest.raises(RecordingError), BagReader(tmp_path / "bag"):
             pass
+
+
+# What may publish, and what: commands go through the arm's link, holds through what repeats them.
+ELSEWHERE = {
+    "ros/arm_link.py": "the commands",
+    "ros/hold.py": "hold, until it has arrived",
+    "ros/simulator_node.py": "what an arm measures",
+    "cli/replay.py": "what a bag has measured, to a node of its own",
+}
+
+
+def test_nothing_but_the_arm_s_link_publishes_a_motion_command():
+    commands = {name for name, _ in COMMANDS} | {*UNHEARD}
+    package = REPOSITORY / "dvrk_gravity"
+    found = []
+    for path in sorted(package.rglob("*.py")):
+        for node in syntax(path):
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
+                continue
+            if node.func.attr != "create_publisher":
+                continue
+            where, topic = str(path.relative_to(package)), node.args[1]
+            if isinstance(topic, ast.Constant):
+                assert topic.value not in commands, f"{where} publishes {topic.value}"
+            elif not (isinstance(topic, ast.Name) and topic.id == "TIMEOUT_TOPIC"):
+                assert where in ELSEWHERE, f"{where} publishes {ast.unparse(topic)}"
+                found.append(where)
+    assert {*found} == {*ELSEWHERE}

@@ -51,7 +51,7 @@ class SweepSettings:
 
     share: float = 0.85
     lowest: float = 1.2
-    highest: float = 2.6
+    highest: float = 1.8
     steps: int = 10
 
 
