@@ -84,8 +84,8 @@ def test_a_covering_motion_keeps_all_limits_and_another_one_stays_within_what_it
     assert (part > 0.7).all()  # of a joint with more than a turn what its velocity allows
     outside = ((again[0] < lowest) | (again[0] > highest)).mean(axis=0)
     assert (outside < 0.25).all()
-    one = exciting_motion(limits, 60.0, 1).at(time)[0]
-    assert (np.ptp(one, axis=0) <= (highest - lowest) + 0.1).all()
+    exciting = exciting_motion(limits, 60.0, 1).at(time)[0]
+    assert (np.ptp(exciting, axis=0) <= (highest - lowest) + 0.1).all()
 
 
 def test_it_begins_and_ends_at_rest_in_the_same_place() -> None:

@@ -7,7 +7,7 @@ in the package publishes a motion command.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,22 +26,10 @@ from dvrk_gravity.ros.presence import MEASURED, Presence
 from dvrk_gravity.ros.rivals import Rivals
 from dvrk_gravity.ros.wire import CommandWriter, JointStateReader, Stamp
 
-__all__ = ["MEASURED", "ArmLink", "Reading"]
+__all__ = ["MEASURED", "ArmLink"]
 
 # DDS sends what was lost again, seconds later: an old command must not come after a hold.
 _COMMANDS = QoSProfile(depth=10, lifespan=Duration(seconds=0.1))
-
-
-class Reading(NamedTuple):
-    """A message of measured_js that can be answered.
-
-    Attributes:
-        sample: The arm's joints in it.
-        stamp: Its stamp.
-    """
-
-    sample: Sample
-    stamp: Stamp
 
 
 class ArmLink:
@@ -119,8 +107,8 @@ class ArmLink:
         mixed = self._presence.count(info["publication_sequence_number"])
         return self._presence.two_measure() if mixed else ""
 
-    def read(self, data: bytes) -> Reading:
-        """Return what the bytes of a message of ``measured_js`` say of the arm.
+    def read(self, data: bytes) -> tuple[Sample, Stamp]:
+        """Return what the bytes of a message of ``measured_js`` say of the arm, and its stamp.
 
         Raises:
             DroppedSampleError: It cannot be answered with a command.
@@ -129,7 +117,7 @@ class ArmLink:
         sample = self._read(
             fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
         )
-        return Reading(sample, fields.stamp)
+        return sample, fields.stamp
 
     def publish(self, stamp: Stamp, *values: Any) -> None:
         """Command the arm: (n,) numbers for each of the fields that its topic has."""
