@@ -278,7 +278,9 @@ def test_the_arm_is_driven_along_the_path_and_held_in_the_end(fake: FakeArm) -> 
         assert not fake.holds
     assert fake.held()
     np.testing.assert_allclose(fake.told[0], POSE, atol=1e-3)
-    np.testing.assert_allclose(fake.told[-1], POSE + 0.1)
+    np.testing.assert_allclose(fake.told[-2], POSE + 0.1)
+    # Held where it was measured, the last readings of the end of the motion among them.
+    np.testing.assert_allclose(fake.told[-1], POSE + 0.1, atol=1e-3)
     assert len(fake.told) > 50
     assert len(recorded) > 20
 
@@ -543,6 +545,22 @@ def test_what_goes_wrong_on_the_way_holds_the_arm(fake: FakeArm, name: str, says
             moving.follow(to(POSE + 0.3, 2.0), 2.0)
         assert fake.held()
     assert fake.told[-1][0] < POSE[0] + 0.29
+
+
+def test_a_disk_that_is_full_holds_the_arm(fake: FakeArm) -> None:
+    count = []
+
+    def record(data: bytes) -> None:
+        count.append(data)
+        if len(count) > 30:
+            raise OSError(28, "No space left on device")
+
+    with mover(fake) as moving:
+        moving.connect()
+        with pytest.raises(OSError, match="No space left"):
+            moving.follow(to(POSE + 0.1, 2.0), 2.0, record)
+        assert fake.held()
+    assert fake.told[-1][0] < POSE[0] + 0.09
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1])

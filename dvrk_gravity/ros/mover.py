@@ -221,10 +221,10 @@ class Mover:
             self._sink = record
             return self._stream(path, duration, progress)
         except MotionError as error:
-            self._stop()
+            self.hold()
             raise MotionError(f"{error}; the arm was told to hold") from error
         except BaseException:
-            self._stop()
+            self.hold()
             raise
         finally:
             self._sink = None
@@ -247,28 +247,24 @@ class Mover:
         return self._stamp() - first - duration
 
     def hold(self) -> None:
-        """Hold the arm, if it was moved.
-
-        Raises:
-            MotionError: The arm has not acknowledged it.
-        """
-        if self._moved:
-            self._moved = False
-            self._link.hold.send()
-            if not self._link.hold.settle():
-                raise MotionError("hold was not acknowledged: check that the arm holds")
-
-    def _stop(self) -> None:
-        """Hold the arm where it is.
+        """Hold the arm where it is, if it was moved.
 
         A console's hold keeps the set point: an arm that did not follow would press on for ever.
         Where the last readings contradict each other the set point is the safer place: it is no
         further from the arm than a command may be.
+
+        Raises:
+            MotionError: The arm has not acknowledged it.
         """
+        if not self._moved:
+            return
         recent = np.array(self._recent)
-        if self._moved and (np.ptp(recent, axis=0) < 0.5 * self._following_error).all():
+        if (np.ptp(recent, axis=0) < 0.5 * self._following_error).all():
             self._publish(np.median(recent, axis=0), np.zeros(self._arm.n))
-        self.hold()
+        self._moved = False
+        self._link.hold.send()
+        if not self._link.hold.settle():
+            raise MotionError("hold was not acknowledged: check that the arm holds")
 
     def _command(self, position: Array, velocity: Array) -> None:
         """Send the arm somewhere, unless anything speaks against it."""
