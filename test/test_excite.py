@@ -17,6 +17,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.cli import excite
 from dvrk_gravity.planning import MotionLimits, Move, Multisine, careful, exciting_motion
+from dvrk_gravity.processes import PRIVATE
 from dvrk_gravity.recording import Recording
 
 POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
@@ -133,7 +134,7 @@ class FakeArm:
 
         from dvrk_gravity.ros.client import Client
 
-        self.client, self.time = Client("/MTMR", "fake_arm"), Time
+        self.client, self.time = Client(name="fake_arm"), Time
         self.position = POSE.copy()
         self.follows, self.speaks = True, True
         self.told: list[np.ndarray] = []
@@ -201,7 +202,7 @@ def mover(fake: FakeArm):
     from dvrk_gravity.ros.client import Client
     from dvrk_gravity.ros.mover import Mover
 
-    with Client("/MTMR", "excite") as client, Mover(client, Arm.load("mtmr"), 200.0, 0.3) as moving:
+    with Client(name="excite") as client, Mover(client, Arm.load("mtmr"), 200.0, 0.3) as moving:
         yield moving
 
 
@@ -301,7 +302,7 @@ def fault(fake: FakeArm, name: str) -> None:
         ("stopped", r"nothing valid for \d+ ms"),
         ("stuck", "deg from where it was told to be in the last 0.45 s"),
         ("invalid", "positions are not finite"),
-        ("rival", r"another node \(/MTMR/fake_arm\) sends servo_jf"),
+        ("rival", rf"another node \({PRIVATE}/fake_arm\) sends servo_jf"),
     ],
 )
 def test_what_goes_wrong_on_the_way_holds_the_arm(fake: FakeArm, name: str, says: str) -> None:
@@ -344,7 +345,7 @@ def test_without_an_arm_the_error_says_what_is_missing(fake: FakeArm) -> None:
     with (
         mover(fake) as moving,
         pytest.raises(
-            MotionError, match=r"/MTMR/measured_js: waited 0.5 s .* nothing publishes it"
+            MotionError, match=rf"{PRIVATE}/measured_js: waited 0.5 s .* nothing publishes it"
         ),
     ):
         moving.connect(0.5)
@@ -365,7 +366,8 @@ def test_the_simulator_is_driven_recorded_and_held(
     where = f"initial_position:={start.tolist()}"
     with NodeProcess("simulator", "-p", "rate:=200.0", "-p", where) as simulator:
         words = ["--arm", "mtmr", "--out", str(out), "--duration", "8", "--seed", "4"]
-        assert excite.main([*words, "--no-rehearsal", "--timeout", "1"]) == 0, simulator.output
+        words += ["--namespace", PRIVATE, "--no-rehearsal", "--timeout", "1"]
+        assert excite.main(words) == 0, simulator.output
     said = capsys.readouterr().out
     assert "Next: identify" in said
     assert "s longer than its 8 s" in said
