@@ -19,7 +19,7 @@ from pathlib import Path
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.files import text_file
 from dvrk_gravity.planning import MotionLimits, exciting_motion
-from dvrk_gravity.processes import NodeProcess, private_domain
+from dvrk_gravity.processes import PRIVATE, NodeProcess, private_domain
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 from dvrk_gravity.simulate.excitation import record_motion
 
@@ -45,7 +45,7 @@ def through_ros(folder: Path, rate: float, commands: float, durations: Sequence[
         for seed, duration in zip(SEEDS, durations, strict=True):
             verb("excite", "--arm", ARM, "--out", folder / f"motion_{seed}", "--seed", seed,
                  "--duration", duration, "--rate", commands, "--timeout", TIMEOUT,
-                 "--no-rehearsal")  # fmt: skip
+                 "--no-rehearsal", "--namespace", PRIVATE)  # fmt: skip
         late = [line for line in simulator.lines if "behind real time" in line]
     if late:
         print(f"  the simulator left time out: {len(late)} lines of its log", flush=True)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ import numpy as np
 from round_trip import RoundTrip
 
 from dvrk_gravity.files import text_file
-from dvrk_gravity.processes import NodeProcess, private_domain
+from dvrk_gravity.processes import PRIVATE, NodeProcess, private_domain
 from dvrk_gravity.ros.client import Client
 
 HERE = Path(__file__).resolve().parent
@@ -32,21 +31,16 @@ PERCENTILES = {"median": 50.0, "p90": 90.0, "p99": 99.0, "p99.9": 99.9}
 
 def measure(blocks: int, seconds: float) -> dict[str, dict[str, Any]]:
     """Return, for relay and compensator, percentiles of the round trip (µs) and losses."""
-    with private_domain(), Client("/bench") as client:
-        relay = subprocess.Popen(
-            [sys.executable, str(HERE / "relay.py"), "--ros-args", "-r", "__ns:=/relay"]
-        )
-        try:
-            arguments = ("--params-file", str(MODEL), "-p", "resume:=automatic")
-            with NodeProcess("compensator", *arguments, namespace="/MTMR"):
-                trips = {
-                    "relay": RoundTrip(client, "/relay"),
-                    "compensator": RoundTrip(client, "/MTMR"),
-                }
-                return _interleave(trips, blocks, seconds)
-        finally:
-            relay.terminate()
-            relay.wait(10)
+    namespaces = {name: f"{PRIVATE}/{name}" for name in ("relay", "compensator")}
+    arguments = ("--params-file", str(MODEL), "-p", "resume:=automatic")
+    with (
+        private_domain(),
+        Client() as client,
+        NodeProcess(None, namespace=namespaces["relay"], program=(str(HERE / "relay.py"),)),
+        NodeProcess("compensator", *arguments, namespace=namespaces["compensator"]),
+    ):
+        trips = {name: RoundTrip(client, namespace) for name, namespace in namespaces.items()}
+        return _interleave(trips, blocks, seconds)
 
 
 def _interleave(

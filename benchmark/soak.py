@@ -25,7 +25,7 @@ import matplotlib.pyplot as plt
 from round_trip import RoundTrip
 
 from dvrk_gravity.files import text_file
-from dvrk_gravity.processes import NodeProcess, private_domain
+from dvrk_gravity.processes import PRIVATE, NodeProcess, private_domain
 from dvrk_gravity.ros.client import Client
 
 MODEL = Path(__file__).resolve().parents[1] / "config" / "mtmr_28002.yaml"
@@ -54,11 +54,11 @@ def soak(minutes: float) -> dict[str, list[float]]:
     }  # fmt: skip
     with (
         private_domain(),
-        Client("/MTMR") as client,
+        Client() as client,
         NodeProcess("compensator", "--params-file", str(MODEL), "-p", "timeout:=1.0",
                     "-p", "resume:=automatic") as node,
     ):  # fmt: skip
-        trip = RoundTrip(client, "/MTMR")
+        trip = RoundTrip(client, PRIVATE)
         trip.connect()
         pid = node.process.pid
         begin = time.monotonic()

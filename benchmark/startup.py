@@ -12,20 +12,18 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from round_trip import RoundTrip
 
 from dvrk_gravity.command_line import VERBS
 from dvrk_gravity.files import text_file
-from dvrk_gravity.processes import NodeProcess, private_domain
+from dvrk_gravity.processes import PRIVATE, NodeProcess, private_domain
 from dvrk_gravity.ros.client import Client
 
 HERE = Path(__file__).resolve().parent
@@ -34,29 +32,25 @@ MODEL = HERE.parent / "config" / "mtmr_28002.yaml"
 READY_TARGET, HELP_TARGET = 1.5, 0.3
 
 
-def relay() -> subprocess.Popen[bytes]:
+def relay() -> NodeProcess:
     """Start a node that does nothing but answer: what ROS and DDS need for themselves."""
-    return subprocess.Popen([sys.executable, str(RELAY), "--ros-args", "-r", "__ns:=/MTMR"])
+    return NodeProcess(None, program=(str(RELAY),))
 
 
-def compensator() -> subprocess.Popen[str]:
+def compensator() -> NodeProcess:
     """Start the compensator."""
-    return NodeProcess("compensator", "--params-file", str(MODEL)).process
+    return NodeProcess("compensator", "--params-file", str(MODEL))
 
 
-def ready(start: Callable[[], subprocess.Popen[Any]]) -> float:
+def ready(start: Callable[[], NodeProcess]) -> float:
     """Return the time from the start of a process to its first answer, s."""
-    with private_domain(), Client("/MTMR") as client:
-        trip = RoundTrip(client, "/MTMR")
+    with private_domain(), Client() as client:
+        trip = RoundTrip(client, PRIVATE)
         begin = time.monotonic()
-        process = start()
-        try:
+        with start():
             while not trip.answered and time.monotonic() - begin < 20.0:
                 trip.send()
                 client.spin(0.005)
-        finally:
-            process.send_signal(signal.SIGINT)
-            process.wait(10)
         return min(trip.answered.values(), default=np.inf) - begin
 
 

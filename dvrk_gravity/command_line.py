@@ -98,7 +98,7 @@ def run(module_name: str, argv: Sequence[str] | None = None) -> int:
 def _status_of_signal(error: BaseException) -> int | None:
     """Return the exit status if an error is what compiled code made of a signal, its cause then.
 
-    Ctrl-C is a ``KeyboardInterrupt``; :func:`dvrk_gravity.processes.end_on_sigterm` raises
+    Ctrl-C is a ``KeyboardInterrupt``; :func:`dvrk_gravity.processes.end_on_signals` raises
     ``SystemExit``.
     """
     cause = error.__cause__

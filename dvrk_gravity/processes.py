@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import fcntl
 import os
 import signal
@@ -10,35 +11,102 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from dvrk_gravity.errors import DvrkGravityError
 
+PRIVATE = "/dvrk_gravity_private"
+"""Below it is every namespace that is used in a private domain. No arm has such a name: one that
+comes into the domain, or that reaches it from another machine, is not commanded."""
+
 # Domains whose ports no Linux system gives to outgoing connections, but for 0: everybody's.
 _DOMAINS = range(1, 101)
+
+# Every participant of a domain binds some of these UDP ports, whatever its middleware and its range
+# of discovery (RTPS 2.5, 9.6.2.3): two of its own, and one for what is announced to all.
+_FIRST_PORT, _PORTS = 7400, 250
+
+ENVIRONMENT: dict[str, str | None] = {
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    "ROS_LOCALHOST_ONLY": None,  # deprecated, and overrules the range
+    "ROS_STATIC_PEERS": None,
+    "ROS_DISCOVERY_SERVER": None,
+    "ROS_SUPER_CLIENT": None,
+    "FASTDDS_ENVIRONMENT_FILE": None,  # may name a discovery server
+    "FASTRTPS_DEFAULT_PROFILES_FILE": None,
+    "SKIP_DEFAULT_XML_FILE": "1",  # Fast DDS reads one that lies in the working folder
+    "CYCLONEDDS_URI": None,
+}
+"""What is set in a private domain, ``None`` for what is not: nothing leads beyond this machine."""
+
+_LIBC = ctypes.CDLL(None)
+_PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
+
+_ENDING = (signal.SIGTERM, signal.SIGHUP)
 
 
 class ProcessError(DvrkGravityError):
     """A node's process that did not do what it was started for."""
 
 
-def end_on_sigterm() -> None:
-    """Let SIGTERM end this process as Ctrl-C does, so that what it has started ends with it."""
+def end_on_signals() -> None:
+    """Let SIGTERM and SIGHUP end this process as Ctrl-C does: what it has started ends with it.
+
+    A closed terminal sends SIGHUP more than once: what ends is not disturbed again.
+    """
 
     def end(number: int, frame: object) -> None:
+        for each in _ENDING:
+            signal.signal(each, signal.SIG_IGN)
         sys.exit(128 + number)
 
-    signal.signal(signal.SIGTERM, end)
+    for number in _ENDING:
+        if signal.getsignal(number) != signal.SIG_IGN:  # as nohup wants it
+            signal.signal(number, end)
+
+
+def end_with(parent: int) -> None:
+    """Have the system send this process SIGTERM when its parent ends, whatever ends that (Linux).
+
+    Args:
+        parent: The parent's process; it may have ended already. To the system it ends with the
+            thread that started this process.
+    """
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _lock(domain: int, stack: contextlib.ExitStack) -> bool:
+    """Lock a domain's file until the stack ends; return whether nobody else has."""
+    path = Path(tempfile.gettempdir()) / f"dvrk_gravity_domain_{domain}.lock"
+    try:
+        lock = stack.enter_context(path.open("w"))
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _is_taken(domain: int) -> bool:
+    """Tell whether a process on this machine has one of a domain's ports."""
+    first = _FIRST_PORT + _PORTS * domain
+    tables = [Path("/proc/net/udp"), *Path("/proc/net").glob("udp6")]  # or no IPv6 here
+    lines = (line for table in tables for line in table.read_text().splitlines()[1:])
+    ports = (int(line.split()[1].rpartition(":")[2], 16) for line in lines)
+    return any(first <= port < first + _PORTS for port in ports)
 
 
 @contextlib.contextmanager
 def private_domain() -> Iterator[int]:
     """Reserve a ROS domain on this machine, local to it, for as long as the context lasts.
 
-    The reservation is a lock on a file, which the system releases even if the
-    process is killed. The environment of this process (and of those that it
-    starts) is set to the domain.
+    Nobody is in it: neither a process of this package, which locks a file (the system releases
+    the lock even if the process is killed), nor a participant of somebody else's. Whoever comes
+    later finds nothing but namespaces below :data:`PRIVATE`. The environment of this process (and
+    of those that it starts) is set to the domain and kept on this machine (:data:`ENVIRONMENT`).
 
     Raises:
         ProcessError: All domains are taken.
@@ -46,29 +114,32 @@ def private_domain() -> Iterator[int]:
     with contextlib.ExitStack() as stack:
         start = os.getpid() % len(_DOMAINS)
         for domain in (*_DOMAINS[start:], *_DOMAINS[:start]):
-            path = Path(tempfile.gettempdir()) / f"dvrk_gravity_domain_{domain}.lock"
-            with contextlib.suppress(OSError):
-                lock = path.open("w")
-                stack.callback(lock.close)
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _lock(domain, stack) and not _is_taken(domain):
                 break
         else:
-            raise ProcessError("all ROS domains of this machine are in use by dvrk_gravity")
-        wanted = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+            ends = f"{_DOMAINS[0]} to {_DOMAINS[-1]}"
+            raise ProcessError(f"all ROS domains from {ends} of this machine are in use")
+        wanted = {"ROS_DOMAIN_ID": str(domain), **ENVIRONMENT}
         before = {name: os.environ.get(name) for name in wanted}
-        os.environ.update(wanted)
         try:
+            _set_environment(wanted)
             yield domain
         finally:
-            for name, value in before.items():
-                if value is None:
-                    os.environ.pop(name, None)
-                else:
-                    os.environ[name] = value
+            _set_environment(before)
+
+
+def _set_environment(values: Mapping[str, str | None]) -> None:
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
 
 
 class NodeProcess:
     """One node running as ``python -m dvrk_gravity VERB … --ros-args …``.
+
+    It ends with this process, with SIGTERM if that has no time to end it.
 
     Attributes:
         verb: The verb, or what else was started.
@@ -80,13 +151,18 @@ class NodeProcess:
         self,
         verb: str | None,
         *ros_args: str,
-        namespace: str = "/MTMR",
+        namespace: str = PRIVATE,
         program: Sequence[str] = ("-m", "dvrk_gravity"),
     ) -> None:
         """Start ``python PROGRAM VERB --ros-args …``; it lives in this process's ROS domain.
 
         A program that is one node itself takes no verb (``None``).
+
+        Raises:
+            ProcessError: A namespace that an arm may have.
         """
+        if not f"{namespace}/".startswith(f"{PRIVATE}/"):
+            raise ProcessError(f"namespace {namespace!r}: one below {PRIVATE}, which no arm has")
         self.verb = verb or program[-1]
         self.lines: list[str] = []
         command = [sys.executable, *program, *([] if verb is None else [verb])]
@@ -100,6 +176,8 @@ class NodeProcess:
             text=True,
             errors="replace",
             start_new_session=True,
+            # It calls the system and nothing else: no thread of ours holds a lock that it needs.
+            preexec_fn=partial(end_with, os.getpid()),
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

@@ -25,7 +25,11 @@ def generate_launch_description() -> LaunchDescription:
 
     return LaunchDescription(
         [
-            DeclareLaunchArgument("namespace", default_value="MTMR"),
+            DeclareLaunchArgument(
+                "namespace",
+                default_value="dvrk_gravity_private/MTMR",
+                description="of all topics; the default is one that no arm has",
+            ),
             DeclareLaunchArgument(
                 "model",
                 default_value=PathJoinSubstitution([config, "mtmr_28002.yaml"]),

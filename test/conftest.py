@@ -61,22 +61,23 @@ def measured_data() -> Path:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def ambient_domain() -> Iterator[int]:
+def quick_nodes() -> Iterator[None]:
+    """Fork nodes from a process that has loaded what they load; let them find each other soon."""
+    from dvrk_gravity.processes import ENVIRONMENT
+
+    profile = REPOSITORY / "test" / "discovery.xml"
+    with pytest.MonkeyPatch.context() as patch, forked_nodes():
+        patch.setitem(ENVIRONMENT, "FASTRTPS_DEFAULT_PROFILES_FILE", str(profile))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ambient_domain(quick_nodes: None) -> Iterator[int]:
     """Keep a ROS domain for each worker: no two meet, not even in tests that ask for none."""
     from dvrk_gravity.processes import private_domain
 
     with private_domain() as number:
         yield number
-
-
-@pytest.fixture(scope="session", autouse=True)
-def quick_nodes() -> Iterator[None]:
-    """Fork nodes from a process that has loaded what they load; let them find each other soon."""
-    profile = REPOSITORY / "test" / "discovery.xml"
-    with pytest.MonkeyPatch.context() as patch, forked_nodes():
-        if "FASTRTPS_DEFAULT_PROFILES_FILE" not in os.environ:
-            patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile))
-        yield
 
 
 @contextmanager

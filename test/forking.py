@@ -74,6 +74,7 @@ class Forking:
     def popen(self, command: Sequence[str], **options: Any) -> Any:
         """Start ``python -m MODULE …`` or ``python -c CODE …`` as NodeProcess starts it."""
         assert command[0] == sys.executable
+        options.pop("preexec_fn")  # `_serve` does the same for the process that it forks
         assert options == {
             "stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT,
             "text": True, "errors": "replace", "start_new_session": True,
@@ -157,7 +158,13 @@ def _load() -> None:
 
 
 def _serve(control: socket.socket) -> list[str]:
-    """Fork a process for each request until there are no more; return, in it, what it is to run."""
+    """Fork a process for each request until there are no more; return, in it, what it is to run.
+
+    There are no more once the tests' process has ended, and with this one end those it has forked.
+    """
+    from dvrk_gravity.processes import end_with
+
+    server = os.getpid()
     status_of: dict[int, tuple[int, int]] = {}  # pidfd -> process, where to write its status
     while True:
         for ready in select.select([control, *status_of], [], [])[0]:
@@ -174,6 +181,7 @@ def _serve(control: socket.socket) -> list[str]:
             request = json.loads(_exactly(control, int.from_bytes(length, "little")))
             pid = os.fork()
             if pid == 0:
+                end_with(server)
                 control.detach()
                 _settle(fds[0], request["environment"], request["folder"])
                 return request["command"]

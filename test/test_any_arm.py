@@ -248,8 +248,8 @@ def under_compensation(known: Identified, start: np.ndarray, listen: bool) -> Re
     arguments = [part for setting in settings for part in ("-p", setting)]
     files = ("--params-file", str(known.file))
     with (
-        Client("/arm") as client,
-        NodeProcess("compensator", *files, *arguments, namespace="/arm") as node,
+        Client() as client,
+        NodeProcess("compensator", *files, *arguments) as node,
     ):
         measured = client.node.create_publisher(JointState, "measured_js", 10)
         client.node.create_subscription(

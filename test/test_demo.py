@@ -5,21 +5,26 @@ from __future__ import annotations
 import signal
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from made_up_arm import made_up_arm
+from std_msgs.msg import Bool
 from test_arms_dynamics import PANDA, UR5
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.processes import PRIVATE
 from dvrk_gravity.recording import BagReader
 from dvrk_gravity.report.units import shown_position
+from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.demo import picture
 from dvrk_gravity.ros.demo.scenario import Phase, Scenario, Schedule
 from dvrk_gravity.ros.demo.stage import MODEL, Stage, StageSettings
+from dvrk_gravity.ros.others import COMMANDS
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 
 NAMES = ("made_up", "ur5", "panda", "mtml", "mtmr")
@@ -108,15 +113,38 @@ def test_a_demonstration_of_a_made_up_arm(output, domain, tmp_path):
     assert farthest(pushed, arm) > 0.1
     assert kill.hold_after > 0.0
     assert any(reason.startswith("fault") for reason in scenario.interruptions)
-    command = {"servo_jf": "/MADE_UP/servo_jf", "array": "/MADE_UP/commands"}[output]
+    namespace = f"{PRIVATE}/MADE_UP"
+    command = {"servo_jf": f"{namespace}/servo_jf", "array": f"{namespace}/commands"}[output]
     with BagReader(tmp_path / "bag") as bag:
         topics = {
-            topic for topic, _, _ in bag.raw(command, "/MADE_UP/measured_js", "/MADE_UP/hold")
+            topic
+            for topic, _, _ in bag.raw(command, f"{namespace}/measured_js", f"{namespace}/hold")
         }
     assert len(topics) == 3
     picture.draw(tmp_path / "demo.png", arm, fall, floats, pushed, rest, kill)
     assert (tmp_path / "demo.png").stat().st_size > 10_000
     assert first.position.shape[1] == arm.n
+
+
+def test_a_console_that_comes_into_its_domain_gets_nothing_of_a_demonstration(domain, tmp_path):
+    stage = Stage.of(Arm.load("mtmr"), "", None, tmp_path)
+    stage = replace(stage, poses=stage.poses[:1])
+    schedule = Schedule(fall=0.1, floating=0.1, push=0.1, coast=0.1, rest=0.1)
+    heard: list[str] = []
+    with (
+        Client("/MTMR", "console") as console,
+        Scenario(stage, tmp_path / "bag", schedule=schedule) as scenario,
+    ):
+        for name, kind in (*COMMANDS, ("use_gravity_compensation", Bool)):
+            hear = partial(lambda name, _: heard.append(name), name)
+            console.node.create_subscription(kind, name, hear, 100)
+        console.wait(lambda: "compensator" in console.node.get_node_names(), "the demonstration")
+        scenario.fall()
+        assert len(list(scenario.floats())) == 1
+        scenario.push()
+        assert scenario.kill().hold_after > 0.0
+        console.spin(0.2)
+    assert not heard
 
 
 def test_distances_are_shown_in_the_joints_own_units(tmp_path):

@@ -26,6 +26,7 @@ from dvrk_gravity.planning import (
     covering_motion,
     exciting_motion,
 )
+from dvrk_gravity.processes import PRIVATE
 from dvrk_gravity.recording import Recording
 
 POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
@@ -193,7 +194,7 @@ class FakeArm:
 
         from dvrk_gravity.ros.client import Client
 
-        self.client, self.time = Client("/MTMR", "fake_arm"), Time
+        self.client, self.time = Client(name="fake_arm"), Time
         self.position = POSE.copy()
         self.follows, self.speaks = True, True
         self.told: list[np.ndarray] = []
@@ -261,7 +262,7 @@ def mover(fake: FakeArm):
     from dvrk_gravity.ros.client import Client
     from dvrk_gravity.ros.mover import Mover
 
-    with Client("/MTMR", "excite") as client, Mover(client, Arm.load("mtmr"), 200.0, 0.3) as moving:
+    with Client(name="excite") as client, Mover(client, Arm.load("mtmr"), 200.0, 0.3) as moving:
         yield moving
 
 
@@ -317,7 +318,7 @@ def test_after_a_pause_of_ours_the_arm_is_not_sent_after_the_motion(fake: FakeAr
 @pytest.mark.parametrize(
     ("topic", "says"),
     [
-        ("servo_jf", "commands /MTMR/servo_jf: stop it first"),
+        ("servo_jf", f"commands {PRIVATE}/servo_jf: stop it first"),
         ("hold", "has told the arm to hold"),
     ],
 )
@@ -386,7 +387,7 @@ def test_two_arms_on_one_topic_are_not_driven(fake: FakeArm, when: str, ahead: f
     with mover(fake) as moving:
         if when == "before":
             second_arm(fake, elsewhere, ahead)
-            with pytest.raises(MotionError, match=r"several nodes .*/MTMR/fake_arm"):
+            with pytest.raises(MotionError, match=rf"several nodes .*{PRIVATE}/fake_arm"):
                 moving.connect()
             assert not fake.told
             return
@@ -519,7 +520,9 @@ def test_a_command_that_cannot_be_read_here_is_noticed_by_who_may_give_it(
     node.create_publisher(String, topic, 10)
     with (
         mover(fake) as moving,
-        pytest.raises(MotionError, match=rf"\(/MTMR/fake_arm\) may command /MTMR/{topic}, whose"),
+        pytest.raises(
+            MotionError, match=rf"\({PRIVATE}/fake_arm\) may command {PRIVATE}/{topic}, whose"
+        ),
     ):
         moving.connect()
     assert not fake.told
@@ -532,7 +535,7 @@ def test_a_command_that_cannot_be_read_here_is_noticed_by_who_may_give_it(
         ("stopped", r"no valid measured_js for 0.3 s \(stamp_backwards: "),
         ("stuck", "deg from where it is told to go"),
         ("invalid", r"no valid measured_js for 0.3 s \(not_finite: position of "),
-        ("rival", r"another node \(/MTMR/fake_arm\) commands /MTMR/servo_jf"),
+        ("rival", rf"another node \({PRIVATE}/fake_arm\) commands {PRIVATE}/servo_jf"),
     ],
 )
 def test_what_goes_wrong_on_the_way_holds_the_arm(fake: FakeArm, name: str, says: str) -> None:
@@ -594,7 +597,7 @@ def test_without_an_arm_the_error_says_what_is_missing(fake: FakeArm) -> None:
     with (
         mover(fake) as moving,
         pytest.raises(
-            MotionError, match=r"/MTMR/measured_js: waited 0.5 s .* nothing publishes it"
+            MotionError, match=rf"{PRIVATE}/measured_js: waited 0.5 s .* nothing publishes it"
         ),
     ):
         moving.connect(0.5)
@@ -615,7 +618,8 @@ def test_the_simulator_is_driven_recorded_and_held(
     where = f"initial_position:={start.tolist()}"
     with NodeProcess("simulator", "-p", "rate:=200.0", "-p", where) as simulator:
         words = ["--arm", "mtmr", "--out", str(out), "--duration", "8", "--seed", "4"]
-        assert excite.main([*words, "--no-rehearsal", "--timeout", "1"]) == 0, simulator.output
+        words += ["--namespace", PRIVATE, "--no-rehearsal", "--timeout", "1"]
+        assert excite.main(words) == 0, simulator.output
     said = capsys.readouterr().out
     assert "Next: identify" in said
     assert "s longer than its 8 s" in said
@@ -642,11 +646,12 @@ def test_however_the_process_is_ended_the_arm_is_held(
 
     begin = covering_motion(MotionLimits.of(Arm.load("mtmr")), 8.0, 1).middle + 0.01
     words = ["--arm", "mtmr", "--out", str(tmp_path / "bag"), "--duration", "8", "--timeout", "1"]
+    words += ["--namespace", PRIVATE]
     told: list[float] = []
     holds: list[float] = []
     with (
         NodeProcess("simulator", "-p", "rate:=200.0", "-p", f"initial_position:={begin.tolist()}"),
-        Client("/MTMR", "listener") as client,
+        Client(name="listener") as client,
     ):
         node = client.node
         node.create_subscription(JointState, "servo_jp", lambda _: told.append(time.time()), 100)

@@ -19,7 +19,7 @@ from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.node_parameters import node_parameters
-from dvrk_gravity.processes import NodeProcess
+from dvrk_gravity.processes import PRIVATE, NodeProcess
 from dvrk_gravity.ros.client import Client
 
 # A loaded machine may stall a test for a while: only tests of a time-out use a short one.
@@ -397,7 +397,9 @@ def test_a_second_compensator_refuses_and_the_first_goes_on(arm, start):
     (first,) = senders(arm, 0.0)
     second = start("compensator", *PATIENT, "-r", "__node:=second", wait=False)
     arm.run_until(lambda: arm.client.state("second").startswith("fault"), "the refusal")
-    arm.client.wait(lambda: "commands /MTMR/servo_jf: stop it first" in second.output, "the log")
+    arm.client.wait(
+        lambda: f"commands {PRIVATE}/servo_jf: stop it first" in second.output, "the log"
+    )
     assert not arm.holds  # that would take the arm out of the first's hands
     answer = arm.client.enable(True, "second")
     assert not answer.success

@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray, String
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.processes import NodeProcess, private_domain
+from dvrk_gravity.processes import PRIVATE, NodeProcess, private_domain
 from dvrk_gravity.ros.others import COMMANDS
 
 # A loaded machine may stall a test for a while: only tests of a time-out use a short one.
@@ -158,7 +158,7 @@ def test_a_change_beyond_what_a_start_accepts_holds_the_arm_and_is_measured_anew
 def test_an_arm_that_nobody_could_hold_is_not_commanded(arm, start):
     arm.turn_deaf()
     start("compensator", *PATIENT)
-    arm.run_until(lambda: "does not subscribe to /MTMR/hold" in arm.state, "the reason")
+    arm.run_until(lambda: f"does not subscribe to {PRIVATE}/hold" in arm.state, "the reason")
     assert_silent(arm)
     assert not arm.commands
     arm.listen_to_hold()
@@ -172,7 +172,7 @@ def test_a_subscription_to_hold_that_no_hold_reaches_does_not_count(arm, start, 
     kind, profile = (Empty, latched) if misfit == "durability" else (Bool, QoSProfile(depth=1))
     arm.client.node.create_subscription(kind, "hold", lambda _: None, profile)
     start("compensator", *PATIENT)
-    arm.run_until(lambda: "does not subscribe to /MTMR/hold" in arm.state, "the reason")
+    arm.run_until(lambda: f"does not subscribe to {PRIVATE}/hold" in arm.state, "the reason")
     assert_silent(arm)
 
 
@@ -263,7 +263,7 @@ def test_it_does_not_take_the_arm_out_of_somebody_s_motion(arm, start):
     mover.publish(JointState())
     arm.builtin.publish(arm.message(effort=off))
     arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
-    assert "commands /MTMR/move_jp" in arm.state
+    assert f"commands {PRIVATE}/move_jp" in arm.state
     assert_silent(arm)
     assert not arm.commands
     assert not arm.holds  # it was never ours
@@ -283,7 +283,7 @@ def test_resuming_by_itself_leaves_an_arm_alone_that_somebody_moved_meanwhile(ar
     commanding(arm)
     arm.client.wait(lambda: "no valid measured_js" in arm.state, "the fault of the input")
     mover.publish(JointState())
-    arm.client.wait(lambda: f"commands /MTMR/{topic}" in arm.state, "the other's command told")
+    arm.client.wait(lambda: f"commands {PRIVATE}/{topic}" in arm.state, "the other's command told")
     assert_silent(arm, 1.0)
     arm.client.enable(True)
     commanding(arm)
@@ -397,7 +397,7 @@ def test_any_command_of_anybody_else_ends_ours_in_a_fault(crowd, topic, kind):
     held = len(arm.holds)
     others[topic].publish(kind())
     arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
-    told = "told the arm to hold" if topic == "hold" else f"commands /MTMR/{topic}:"
+    told = "told the arm to hold" if topic == "hold" else f"commands {PRIVATE}/{topic}:"
     assert told in arm.state
     arm.run_until(lambda: len(arm.holds) > held, "the hold")
     assert_silent(arm, 0.2)
@@ -411,7 +411,8 @@ def test_who_may_give_commands_that_cannot_be_read_here_is_named_and_waited_for(
     commanding(arm)
     other = node.create_publisher(String, topic, 10)
     arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
-    assert f"(/MTMR/client) may command /MTMR/{topic}, whose messages (crtk_msgs/" in arm.state
+    said = f"({PRIVATE}/client) may command {PRIVATE}/{topic}, whose messages (crtk_msgs/"
+    assert said in arm.state
     arm.run_until(lambda: bool(arm.holds), "the hold")
     arm.client.enable(True)
     assert_silent(arm)
@@ -421,6 +422,7 @@ def test_who_may_give_commands_that_cannot_be_read_here_is_named_and_waited_for(
 
 @pytest.mark.parametrize("namespace", ["/MTML", "/lab/MTML", "/PSM2", "/ECM"])
 def test_a_namespace_that_names_another_arm_is_refused(domain, namespace):
+    namespace = f"{PRIVATE}{namespace}"
     node = NodeProcess("compensator", "--params-file", str(MODEL_FILE), namespace=namespace)
     assert node.wait() == 2
     assert f"namespace: got '{namespace}', expected that of arm mtmr, as /MTMR" in node.output
@@ -438,7 +440,7 @@ def test_a_best_effort_command_that_a_controller_obeys_is_heard_too(arm, start):
     for _ in range(20):
         rival.publish(Float64MultiArray())
         arm.run(0.01)
-    arm.run_until(lambda: "commands /MTMR/commands" in arm.state, "the fault")
+    arm.run_until(lambda: f"commands {PRIVATE}/commands" in arm.state, "the fault")
     arm.run_until(lambda: bool(arm.holds), "the hold")
 
 
@@ -502,7 +504,7 @@ def test_the_watchdog_s_time_out_must_fit_and_its_hold_is_the_compensator_s_faul
     assert "watchdog" in reason
     watchdog.signal(signal.SIGINT)  # it holds the arm that nobody watches any more
     arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
-    assert "(/MTMR/watchdog) has told the arm to hold" in arm.state
+    assert f"({PRIVATE}/watchdog) has told the arm to hold" in arm.state
     assert_silent(arm)
 
 

@@ -9,13 +9,16 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 from conftest import CONFIG, REPOSITORY, executables
 from test_console import synthetic, write
+from test_processes import runs
 
+from dvrk_gravity.processes import PRIVATE
 from testing.world import COARSE, World
 
 EXECUTABLES = executables()
@@ -137,6 +140,7 @@ def test_the_example_of_a_node_starts_and_ends_with_ctrl_c(verb, words, installe
 
     # The help's example names a model as a launch file finds it; here it lies in config/.
     words = words.replace("--params-file mtmr", "--params-file config/mtmr")
+    words = words.replace("/MTMR", PRIVATE)  # which an arm may have
     process = installed.start(verb, *shlex.split(words))
     try:
         with Client() as client:
@@ -150,7 +154,9 @@ def test_the_example_of_a_node_starts_and_ends_with_ctrl_c(verb, words, installe
     assert process.returncode == 0, output
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)]
+)
 def test_the_demonstration_starts_its_nodes_and_ends_with_them(installed, number, status):
     (words,) = (words for _, words in examples(["demo"]))
     process = installed.start("demo", *shlex.split(words))
@@ -163,5 +169,23 @@ def test_the_demonstration_starts_its_nodes_and_ends_with_them(installed, number
         output, _ = process.communicate(timeout=60)
     assert began, output
     assert process.returncode == status, output
-    assert started
-    assert not [child for child in started if Path(f"/proc/{child}").exists()]
+    assert len(started) == 3
+    ended = time.monotonic()
+    while left := [child for child in started if runs(int(child))]:
+        assert number == signal.SIGKILL, left  # of all else nothing is left
+        assert time.monotonic() < ended + 10.0, left
+        time.sleep(0.01)
+
+
+@pytest.mark.slow  # test_processes and test_command_line say it of what they share
+def test_the_demonstration_ends_with_whoever_reads_its_output(installed):
+    (words,) = (words for _, words in examples(["demo"]))
+    process = installed.start("demo", *shlex.split(words))
+    assert process.stdout is not None
+    with process:
+        assert any("three processes" in line for line in process.stdout)
+        started = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        process.stdout.close()
+        assert process.wait(60) == 128 + signal.SIGPIPE
+    assert len(started) == 3
+    assert not [child for child in started if runs(int(child))]

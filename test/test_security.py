@@ -12,7 +12,7 @@ from recording_samples import wave
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.processes import NodeProcess
+from dvrk_gravity.processes import PRIVATE, NodeProcess
 from dvrk_gravity.recording import BagReader
 from dvrk_gravity.ros import operating_state
 from dvrk_gravity.ros.others import COMMANDS, UNHEARD
@@ -55,14 +55,14 @@ def allowed(policy: str, node: str) -> dict[str, set[str]]:
 def test_the_policy_allows_exactly_what_the_node_does(arm, verb, output):
     node = arm.client.node
     if output == "array":
-        policy = ARRAY.read_text(encoding="utf-8").replace("ARM", "MTMR")
+        policy = ARRAY.read_text(encoding="utf-8").replace("/ARM", PRIVATE)
     else:  # the one of another namespace is made as docs/reliability.md says
-        policy = POLICIES["mtml"].read_text(encoding="utf-8").replace("MTML", "MTMR")
+        policy = POLICIES["mtml"].read_text(encoding="utf-8").replace("/MTML", PRIVATE)
     used: dict[str, set[str]] = {}
 
     def complete() -> bool:
         """Whether all that the policy allows is there; what is there beyond it is judged below."""
-        if (verb, "/MTMR") not in node.get_node_names_and_namespaces():
+        if (verb, PRIVATE) not in node.get_node_names_and_namespaces():
             return False
         for access, ask in (
             ("publish", node.get_publisher_names_and_types_by_node),
@@ -71,7 +71,7 @@ def test_the_policy_allows_exactly_what_the_node_does(arm, verb, output):
             ("request", node.get_client_names_and_types_by_node),
         ):
             # Gathered over time: the compensator listens for others only until it commands.
-            used.setdefault(access, set()).update(name for name, _ in ask(verb, "/MTMR"))
+            used.setdefault(access, set()).update(name for name, _ in ask(verb, PRIVATE))
         return all(names <= used[access] for access, names in granted.items())
 
     granted = allowed(policy, verb)

@@ -22,7 +22,7 @@ from std_msgs.msg import Bool, Empty, Float64MultiArray  # noqa: E402
 from dvrk_gravity.arms import Arm  # noqa: E402
 from dvrk_gravity.arms.mtm import JOINT_NAMES  # noqa: E402
 from dvrk_gravity.errors import ConfigError  # noqa: E402
-from dvrk_gravity.processes import NodeProcess, private_domain  # noqa: E402
+from dvrk_gravity.processes import PRIVATE, NodeProcess, private_domain  # noqa: E402
 from dvrk_gravity.ros.client import Client as ROSClient  # noqa: E402
 from dvrk_gravity.ros.command_topic import CommandTopic  # noqa: E402
 from dvrk_gravity.simulate import PlantFile  # noqa: E402
@@ -31,7 +31,7 @@ TIMEOUT = 10.0
 POSE = [0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0]
 
 
-NAMESPACE = "/MTMR"
+NAMESPACE = f"{PRIVATE}/MTMR"
 
 
 def start(*parameters: str, namespace: str = NAMESPACE) -> NodeProcess:
@@ -216,7 +216,7 @@ def test_servo_jp_goes_there_and_setpoint_js_says_where(arm: Client) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_quietly(number: signal.Signals) -> None:
-    with start(namespace="/OTHER") as process:
+    with start(namespace=f"{PRIVATE}/OTHER") as process:
         end = time.monotonic() + TIMEOUT
         while "simulating" not in process.output:
             assert time.monotonic() < end
@@ -255,8 +255,8 @@ def test_another_arm_is_simulated_with_its_own_joints_and_obeys_an_array(tmp_pat
     measured: list[JointState] = []
     with (
         start(f"arm:={made_up.source}", "output:=array", "initial_position:=[0.1, 0.2, 0.1, 0.3]",
-              "builtin_gravity_compensation:=false", namespace="/ARM"),
-        ROSClient("/ARM") as client,
+              "builtin_gravity_compensation:=false", namespace=PRIVATE),
+        ROSClient() as client,
     ):  # fmt: skip
         client.node.create_subscription(JointState, "measured_js", measured.append, 10)
         commands = client.node.create_publisher(Float64MultiArray, "commands", 1)
@@ -277,7 +277,7 @@ def test_an_arm_with_drive_gains_tells_its_efforts_in_amperes(tmp_path) -> None:
     gains = np.array([2.0, 4.0, 5.0, 10.0])
     path = write(tmp_path, {"drive_gains": gains.tolist()})
     measured: list[JointState] = []
-    with start(f"arm:={path}", namespace="/ARM"), ROSClient("/ARM") as client:
+    with start(f"arm:={path}", namespace=PRIVATE), ROSClient() as client:
         client.node.create_subscription(JointState, "measured_js", measured.append, 10)
         client.wait(lambda: bool(measured), "the arm")
     plant = PlantFile.of(Arm.load(str(path))).plant()

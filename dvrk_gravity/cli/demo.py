@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the demonstration; print a table as it goes, then draw it."""
     # Here and not above: ROS and matplotlib are slow to load and --help needs neither.
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.processes import end_on_sigterm, private_domain
+    from dvrk_gravity.processes import end_on_signals, private_domain
     from dvrk_gravity.ros.demo import picture
     from dvrk_gravity.ros.demo.scenario import Scenario
     from dvrk_gravity.ros.demo.stage import MODEL, Stage
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise ConfigError("--out", str(bag), "no such folder, or a bag of an earlier demo")
         shutil.rmtree(bag)
     start = time.monotonic()
-    end_on_sigterm()
+    end_on_signals()
     with (
         private_domain(),
         Scenario(stage, bag, arguments.friction_scale, arguments.output) as scenario,

@@ -17,7 +17,13 @@ from dvrk_gravity.cli import arm_options
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample, SampleReader
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import outputs, text_file
-from dvrk_gravity.processes import NodeProcess, ProcessError, end_on_sigterm, private_domain
+from dvrk_gravity.processes import (
+    PRIVATE,
+    NodeProcess,
+    ProcessError,
+    end_on_signals,
+    private_domain,
+)
 from dvrk_gravity.recording import BagReader, BagWriter, read_joint_states
 
 if TYPE_CHECKING:
@@ -200,7 +206,7 @@ def _play(
     for name, value in _bare(arm.n).items():
         arguments += ["-p", f"{name}:={json.dumps(value)}"]
     program = ("-m", "dvrk_gravity.ros.replayed")
-    namespace = namespace_of(arm)
+    namespace = f"{PRIVATE}{namespace_of(arm)}"
     with (
         Client(namespace) as client,
         NodeProcess(None, *arguments, namespace=namespace, program=program) as node,
@@ -292,7 +298,7 @@ def run(arguments: argparse.Namespace) -> int:
         [arguments.bag, arguments.model],
         {"--out": arguments.out},
     )
-    end_on_sigterm()
+    end_on_signals()
     result = replay(
         arguments.bag,
         arguments.model,

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import io
+import math
+import re
+import struct
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +20,23 @@ from dvrk_gravity.files import text_file
 
 Array = NDArray[np.float64]
 
-MAX_BYTES = 100_000_000
+MAX_BYTES = 20_000_000
+"""Of a file, and of all of its arrays as they declare themselves. Those of models are 1 MB."""
+
+_MAX_DIRECTORY = 20_000  # bytes, of the list of arrays: an entry takes some seventy
+
+_KIND = "a file of arrays (.npz)"
+
+# The end of a .zip that has no comment, and what precedes it where a second end overrules it.
+_END = struct.Struct("<4s8xLLH")
+_LOCATOR, _LOCATOR_SIZE = b"PK\x06\x07", 20
+
+# What NumPy writes before numbers. Its own reader evaluates any text, and reserves what it asks.
+_HEADER = re.compile(
+    rb"\x93NUMPY\x01\x00..\{'descr': '([<>|][iuf]\d)', 'fortran_order': (True|False), "
+    rb"'shape': \(((?:\d{1,9},? ?){0,4})\), \} *\n",
+    re.DOTALL,
+)
 
 
 def write(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
@@ -32,24 +53,65 @@ def write(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
 def load(path: Path) -> dict[str, Array]:
     """Return the arrays by name, as numbers.
 
+    Sizes are checked before anything of that size is read: of the file, of its list of arrays, of
+    each array unpacked, and of the numbers that it says it has.
+
     Raises:
         ConfigError: No such file, or one of something else; it names the file.
     """
     try:
-        if not text_file.is_file(path) or path.stat().st_size > MAX_BYTES:
-            raise ConfigError("", "something else", "a file of arrays (.npz)", path)
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as found:
-            return {name: _real(name, found[name], path) for name in found.files}
+        if not text_file.is_file(path):
+            raise ConfigError("", "something else", _KIND, path)
+        with path.open("rb") as stream:
+            _check_ends(stream, path)
+            with zipfile.ZipFile(stream) as archive:
+                members = archive.infolist()
+                if sum(member.file_size for member in members) > MAX_BYTES:
+                    raise _too_large("arrays", path)
+                found = {}
+                for member in members:
+                    name = member.filename.removesuffix(".npy")
+                    # Others than deflation reserve what the file asks for.
+                    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                        raise ConfigError(name, "an array packed in another way", _KIND, path)
+                    found[name] = _array(name, archive.read(member), path)
+                return found
     except OSError as error:
-        raise ConfigError("", error.strerror, "a readable file of arrays (.npz)", path) from error
-    except (EOFError, zipfile.BadZipFile) as error:
-        raise ConfigError("", "a truncated file", "a file of arrays (.npz)", path) from error
-    except (ValueError, TypeError, AttributeError) as error:
-        raise ConfigError("", "something else", "a file of arrays (.npz)", path) from error
+        raise ConfigError("", error.strerror, f"a readable {_KIND[2:]}", path) from error
+    except (EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise ConfigError("", "a truncated or damaged file", _KIND, path) from error
+    except (RuntimeError, ValueError) as error:  # a password, a name that is no text
+        raise ConfigError("", "something else", _KIND, path) from error
 
 
-def _real(name: str, array: NDArray[np.generic], path: Path) -> Array:
-    # NumPy reads texts and dates as numbers, too, and takes the real part of complex ones.
-    if array.dtype.kind not in "iuf":
-        raise ConfigError(name, str(array.dtype), "real numbers", path)
-    return np.asarray(array, dtype=float)
+def _check_ends(stream: BinaryIO, path: Path) -> None:
+    """Refuse a file that is too large, or whose list of arrays would be."""
+    begin = stream.read(4)
+    size = stream.seek(0, io.SEEK_END)
+    if size > MAX_BYTES:
+        raise _too_large("file", path)
+    stream.seek(max(size - _END.size - _LOCATOR_SIZE, 0))
+    before, end = (tail := stream.read())[: -_END.size], tail[-_END.size :]
+    if not (end.startswith(b"PK\x05\x06") and len(end) == _END.size):
+        what = "a truncated file" if begin in (b"", b"PK\x03\x04") else "something else"
+        raise ConfigError("", what, _KIND, path)
+    _, directory, _, comment = _END.unpack(end)
+    if directory > _MAX_DIRECTORY or comment or before.startswith(_LOCATOR):
+        raise _too_large("list of arrays", path)
+
+
+def _too_large(what: str, path: Path) -> ConfigError:
+    return ConfigError("", f"a larger {what}", f"at most {MAX_BYTES} bytes of arrays (.npz)", path)
+
+
+def _array(name: str, content: bytes, path: Path) -> Array:
+    header = _HEADER.match(content)
+    if header is None:
+        raise ConfigError(name, "something else", "real numbers", path)
+    dtype = np.dtype(header[1].decode())
+    shape = tuple(int(length) for length in re.findall(rb"\d+", header[3]))
+    declared, there = math.prod(shape) * dtype.itemsize, len(content) - header.end()
+    if declared != there:
+        raise ConfigError(name, f"{there} bytes", f"the {declared} of its shape {shape}", path)
+    flat = np.frombuffer(content, dtype, offset=header.end()).astype(float)
+    return flat.reshape(shape, order="F" if header[2] == b"True" else "C")

@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-from dvrk_gravity.processes import ProcessError
+from dvrk_gravity.processes import PRIVATE, ProcessError
 
 _LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -30,7 +30,7 @@ class Client:
         states: What each watched node last said on its ``~/state``, by node name.
     """
 
-    def __init__(self, namespace: str = "/MTMR", name: str = "client") -> None:
+    def __init__(self, namespace: str = PRIVATE, name: str = "client") -> None:
         """Create the node; DDS uses the domain in the environment."""
         self.context = Context()
         rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)

@@ -109,7 +109,7 @@ class Mover:
         self._against: dict[str, str] = {}  # by cause, why the arm must not be commanded
         self._next_look = 0.0
         self._sink: Callable[[bytes], None] | None = None
-        self._moved = False
+        self._told: Array | None = None  # where the arm was told to go last, until it is held
         self.interrupted = False
         self._input = client.node.create_subscription(
             JointState,
@@ -247,7 +247,7 @@ class Mover:
         return self._stamp() - first - duration
 
     def hold(self) -> None:
-        """Hold the arm where it is, if it was moved.
+        """Hold the arm where it comes to rest, if it was moved.
 
         A console's hold keeps the set point: an arm that did not follow would press on for ever.
         Where the last readings contradict each other the set point is the safer place: it is no
@@ -256,26 +256,41 @@ class Mover:
         Raises:
             MotionError: The arm has not acknowledged it.
         """
-        if not self._moved:
+        if self._told is None:
             return
         recent = np.array(self._recent)
         if (np.ptp(recent, axis=0) < 0.5 * self._following_error).all():
-            self._publish(np.median(recent, axis=0), np.zeros(self._arm.n))
-        self._moved = False
+            self._publish(self._resting_place(np.median(recent, axis=0), self._told))
+        self._told = None
         self._link.hold.send()
         if not self._link.hold.settle():
             raise MotionError("hold was not acknowledged: check that the arm holds")
+
+    def _resting_place(self, measured: Array, told: Array) -> Array:
+        """Return (n,) where an arm that follows comes to rest, by its lag; one that is stuck, is.
+
+        Args:
+            measured: (n,) where it is.
+            told: (n,) where it was told to go last: it does not go beyond.
+        """
+        ahead = told - measured
+        way = np.clip(LAG * self._gate.velocity, np.minimum(ahead, 0.0), np.maximum(ahead, 0.0))
+        place: Array = measured + way
+        return place
 
     def _command(self, position: Array, velocity: Array) -> None:
         """Send the arm somewhere, unless anything speaks against it."""
         self._check()
         self._check_lead(position, velocity)
-        self._moved = True
+        self._told = position
         self._publish(position, velocity)
 
-    def _publish(self, position: Array, velocity: Array) -> None:
+    def _publish(self, position: Array, velocity: Array | None = None) -> None:
         stamp = self._client.node.get_clock().now().to_msg()
-        self._link.publish((stamp.sec, stamp.nanosec), position, velocity)
+        at_rest = np.zeros(self._arm.n)
+        self._link.publish(
+            (stamp.sec, stamp.nanosec), position, at_rest if velocity is None else velocity
+        )
 
     def _check_lead(self, position: Array, velocity: Array) -> None:
         """Refuse to command (n,) what is too far from where the arm is, rad and rad/s."""
@@ -315,7 +330,7 @@ class Mover:
         now = time.monotonic()
         if now >= self._next_look:
             self._next_look = now + LOOK
-            self._against |= self._link.look(self._moved, measuring=True)
+            self._against |= self._link.look(self._told is not None, measuring=True)
             if not self._link.rivals.heard_lately():
                 self._against["rivals"] = ""
         reason = next(filter(None, self._against.values()), "")
@@ -350,12 +365,13 @@ class Mover:
             self._against["measured_js"] = several
             return
         node: Node = self._client.node
-        oldest = 0.0 if self._moved else STAMP_AGE
+        moved = self._told is not None
+        oldest = 0.0 if moved else STAMP_AGE
         try:
             sample, _ = self._link.read(data)
             self._last = self._gate.admit(
                 sample, time.monotonic(), node.get_clock().now().nanoseconds, self._timeout,
-                oldest, self._moved,
+                oldest, moved,
             ).sample  # fmt: skip
         except DroppedSampleError as error:
             self._dropped = f"{error.cause}: {error}"

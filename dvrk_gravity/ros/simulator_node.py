@@ -156,9 +156,13 @@ class Simulator(Node):
             lambda message: arm.servo_jf(efforts.effort(message), as_read=True),
         )
         self._listen(JointState, "servo_jp", lambda message: arm.servo_jp(message.position))
-        self._listen(JointState, "move_jp", lambda message: arm.move_jp(message.position))
         self._listen(Empty, "hold", lambda _: arm.hold())
-        self._listen(Empty, "free", lambda _: arm.free())
+        # The demonstration's own way to move it: no real arm takes these.
+        for prefix in ("", "simulator/"):
+            self._listen(
+                JointState, f"{prefix}move_jp", lambda message: arm.move_jp(message.position)
+            )
+            self._listen(Empty, f"{prefix}free", lambda _: arm.free())
         self._listen(
             Bool,
             "use_gravity_compensation",

@@ -167,8 +167,8 @@ class Scenario:
         record("hold", Empty, lambda _: self._holds.append(time.monotonic()))
         for name in ("compensator", "watchdog"):
             self._client.watch_state(name)
-        self._move = node.create_publisher(JointState, "move_jp", 1)
-        self._free = node.create_publisher(Empty, "free", 1)
+        self._move = node.create_publisher(JointState, "simulator/move_jp", 1)
+        self._free = node.create_publisher(Empty, "simulator/free", 1)
         self._builtin = node.create_publisher(Bool, "use_gravity_compensation", 1)
         self._push = node.create_publisher(JointState, "simulator/push_jf", 1)
         self._client.wait(

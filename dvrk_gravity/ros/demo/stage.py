@@ -13,6 +13,7 @@ from dvrk_gravity.compensate.start import StartSettings
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files.resources import config_path, shipped
 from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.processes import PRIVATE
 from dvrk_gravity.ros.namespace import namespace_of
 from dvrk_gravity.simulate import Plant, PlantFile
 
@@ -51,7 +52,7 @@ class Stage:
         own_model: Whether it has the plant's own terms.
         poses: (k, n) positions at which it is let go, rad or m.
         push: (n,) efforts of the hand, N·m or N.
-        namespace: Of its topics.
+        namespace: Of its topics, below one that no arm has: the bag commands none either.
     """
 
     arm: Arm
@@ -86,7 +87,7 @@ class Stage:
             truth.model.save(model, f"The terms of the simulated {arm.name} themselves.")
         _same_joints("model", str(model), TorqueModel.load(model).arm, arm)
         poses, push = staged(truth.plant(), StageSettings())
-        return cls(arm, plant, model, own, poses, push, namespace_of(arm))
+        return cls(arm, plant, model, own, poses, push, f"{PRIVATE}{namespace_of(arm)}")
 
 
 MODEL = "model.yaml"
