@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.description import ANY_UNIT
+from dvrk_gravity.arms.description import ANY_UNIT, EFFORT_UNITS
 from dvrk_gravity.arms.shipped import PLANTS, plausible_plant
 from dvrk_gravity.effects import State
 from dvrk_gravity.effects.base import rigid_body
@@ -30,15 +30,12 @@ from dvrk_gravity.recording.data import Array
 from dvrk_gravity.stated import WEIGHT, stated_weight
 
 _, USABLE, POOR = VERDICTS
-_INSTEAD = (
-    "--drive-gains or --effort-unit A says so, --effort-unit N·m (effort_unit in the arm's file) "
-    "that its masses are wrong"
-)
+_INSTEAD = "says so, --effort-unit N·m (effort_unit in the arm's file) that its masses are wrong"
 _READ = "effort_has_gravity: {read: false} in the arm's file"
 
 
 @dataclass(frozen=True)
-class WeightSettings:
+class HeldWeightSettings:
     """When a model and the arm's masses contradict each other.
 
     Attributes:
@@ -48,9 +45,8 @@ class WeightSettings:
             centres of mass that are known to a millimetre, and a load is thirty times as much.
         deviations: Standard errors by which a ratio is beyond a bound. Chosen.
         gone: Less than this part of the weight is none. Chosen: a driver's own masses, by which it
-            takes gravity out, are right to some per cent.
-        plausible: Factor by which efforts are more than plausible masses weigh. Chosen as in
-            ``effort_unit.UnitSettings``; of real MTMs and a PSM efforts are .2 to 1.5 of it.
+            takes gravity out, are right to some per cent; and a real PSM, whose pitch is balanced
+            otherwise than the shipped plant's, holds .2 to .4 of what that weighs, MTMs .7 to 1.5.
         alike: Factor within which ratios of several joints are one. Chosen.
         exchanged: Part of what efforts are off their own joints' weights that they are off each
             other's, squared, where two are exchanged. Chosen.
@@ -63,7 +59,6 @@ class WeightSettings:
     seen: float = 0.02
     deviations: float = 2.0
     gone: float = 0.1
-    plausible: float = 4.0
     alike: float = 1.25
     exchanged: float = 0.25
     load: float = 0.5
@@ -101,7 +96,7 @@ def held_weights(
     model: TorqueModel,
     q: Array,
     holding: Mapping[str, Holding],
-    settings: WeightSettings | None = None,
+    settings: HeldWeightSettings | None = None,
 ) -> tuple[HeldWeight, ...]:
     """Return what a model holds beside the arm's masses, of joints where these weigh something.
 
@@ -111,7 +106,7 @@ def held_weights(
         holding: How certain the torque is that it holds the arm with, by joint.
         settings: Which joints count.
     """
-    settings, arm = settings or WeightSettings(), model.arm
+    settings, arm = settings or HeldWeightSettings(), model.arm
     q = q[:: max(1, len(q) // settings.poses)]
     weight, stated = _weight(arm, q)
     if weight is None:
@@ -121,7 +116,9 @@ def held_weights(
     counts = _counts(size, arm, settings)
     scale = arm.effort_size if arm.read_in == ANY_UNIT else 1.0
     known = arm.newtons_said or arm.read_in not in ("", ANY_UNIT)
-    loaded = _by_load(arm, q, held, weight, settings) if stated else np.zeros(arm.n, dtype=bool)
+    loaded = np.zeros(arm.n, dtype=bool)
+    if stated and scale == 1.0:  # no load makes four times the weight of all joints
+        loaded = _by_load(arm, q, held, weight, settings)
     ratio = np.divide((held * weight).mean(axis=0), size**2, where=counts, out=np.zeros(arm.n))
     if not stated:
         ratio = np.divide(found, size, where=counts, out=np.zeros(arm.n))
@@ -140,7 +137,7 @@ def idle(arm: Arm, q: Array, static: bool) -> NDArray[np.bool_]:
 
     A joint bears no weight there, and rests or has no friction; or poses did not move it.
     """
-    settings = WeightSettings()
+    settings = HeldWeightSettings()
     q = q[:: max(1, len(q) // settings.poses)]
     weight, _ = _weight(arm, q)
     if weight is None:  # of whatever links of such sizes may weigh
@@ -152,7 +149,7 @@ def idle(arm: Arm, q: Array, static: bool) -> NDArray[np.bool_]:
     return np.asarray(light | (np.ptp(q, axis=0) < HoldingSettings().narrow * arm.scale))
 
 
-def _counts(size: Array, arm: Arm, settings: WeightSettings) -> NDArray[np.bool_]:
+def _counts(size: Array, arm: Arm, settings: HeldWeightSettings) -> NDArray[np.bool_]:
     """Return (n,) joints at which a weight of some (n,) RMS size counts."""
     limit = np.where(arm.effort_limit > 0.0, arm.effort_limit, np.inf)
     return np.asarray(size > settings.seen * np.minimum(limit, size.max()))
@@ -182,7 +179,7 @@ def _plausible_weight(arm: Arm, q: Array) -> Array | None:
 
 
 def _by_load(
-    arm: Arm, q: Array, held: Array, weight: Array, settings: WeightSettings
+    arm: Arm, q: Array, held: Array, weight: Array, settings: HeldWeightSettings
 ) -> NDArray[np.bool_]:
     """Return (n,) where a load on the last link explains what is held better than a wrong scale."""
     from scipy.optimize import lsq_linear  # slow to load
@@ -217,13 +214,16 @@ def contradictions(
         effort: (N, n) measured efforts in joint space: they show which joints' are exchanged.
         holding: How certain the torque is that it holds the arm with, by joint.
     """
-    settings, arm = WeightSettings(), model.arm
+    settings, arm = HeldWeightSettings(), model.arm
     weights = held_weights(model, q, holding, settings)
+    exchanged = [*_exchanged(weights, arm, q, effort, settings)]
+    named = {joint for each in exchanged for joint in each.joints}
+    others = [each for each in weights if each.joint not in named]
     found = [
+        *exchanged,
+        *_gone(others, arm, settings),
+        *_of_another_size(others, settings),
         *_unmeasured(weights, arm),
-        *_exchanged(weights, arm, q, effort, settings),
-        *_gone(weights, arm, settings),
-        *_of_another_size(weights, arm, settings),
     ]
     return tuple(sorted(found, key=lambda each: -VERDICTS.index(each.level)))
 
@@ -242,9 +242,9 @@ def _unmeasured(weights: Sequence[HeldWeight], arm: Arm) -> Iterator[Contradicti
 
 
 def _exchanged(
-    weights: Sequence[HeldWeight], arm: Arm, q: Array, effort: Array, settings: WeightSettings
+    weights: Sequence[HeldWeight], arm: Arm, q: Array, effort: Array, settings: HeldWeightSettings
 ) -> Iterator[Contradiction]:
-    """Say which joints' efforts are each other's, of those that hold another weight than theirs."""
+    """Say which joints' efforts are each other's weights, and not their own."""
     weight = stated_weight(arm, q)
     names = [each.joint for each in weights if each.believed]
     if weight is None:
@@ -263,37 +263,39 @@ def _exchanged(
 
 
 def _gone(
-    weights: Sequence[HeldWeight], arm: Arm, settings: WeightSettings
+    weights: Sequence[HeldWeight], arm: Arm, settings: HeldWeightSettings
 ) -> Iterator[Contradiction]:
     """Say where the masses' weight is not in the efforts."""
     none = [each for each in weights if _is_gone(each, settings)]
     if not none:
         return
-    # Plausible masses do not know how one joint is balanced, nor wrong ones anything of size.
-    sure = [each for each in none if each.believed or abs(each.ratio) < 2.0 * each.error]
-    level = POOR if len(none) == len(weights) or (none[0].stated and sure) else USABLE
+    if none[0].stated:  # of wrong masses only what is nothing at all is told
+        sure = any(e.believed or abs(e.ratio) < settings.deviations * e.error for e in none)
+    else:  # plausible ones do not know how a single joint is balanced
+        sure = 2 * len(none) > len(weights)
     shown = ", ".join(
         f"{each.joint} ({each.ratio:.2g} of {each.weight:.3g} {_unit(each, arm)})" for each in none
     )
     masses = "the masses in the arm's file weigh" if none[0].stated else "such an arm weighs"
     yield Contradiction(
         tuple(each.joint for each in none),
-        level,
+        POOR if sure else USABLE,
         f"gravity is not in its efforts: {masses} more there",
         f"gravity is not in the efforts of {shown}, RMS, that {masses} there: if the driver takes "
         f"it out, {_READ} says so",
     )
 
 
-def _is_gone(each: HeldWeight, settings: WeightSettings) -> bool:
-    return abs(each.ratio) + settings.deviations * each.error < settings.gone * each.scale
+def _is_gone(each: HeldWeight, settings: HeldWeightSettings) -> bool:
+    least = settings.gone * min(each.scale, 1.0)  # nor is it there in another unit
+    return abs(each.ratio) + settings.deviations * each.error < least
 
 
 def _of_another_size(
-    weights: Sequence[HeldWeight], arm: Arm, settings: WeightSettings
+    weights: Sequence[HeldWeight], settings: HeldWeightSettings
 ) -> Iterator[Contradiction]:
     """Say where efforts are too small or too large for the masses, by what factor."""
-    off = [each for each in weights if each.believed and _is_off(each, settings)]
+    off = [each for each in weights if _is_off(each, settings)]
     while off:
         first = off[0]
         alike = [
@@ -306,29 +308,27 @@ def _of_another_size(
         ratio = float(np.mean([each.ratio for each in alike]))
         error = max(each.error for each in alike)
         names = ", ".join(each.joint for each in alike)
-        masses = "the masses in the arm's file weigh" if first.stated else "such an arm weighs"
-        times = f"{ratio:.2g} times what {masses} there (± {error:.1g})"
-        cause = "a wrong unit, or torque constant?"
+        times = f"{ratio:.2g} times what the masses in the arm's file weigh there (± {error:.1g})"
+        cause = f"a wrong unit, or torque constant? --drive-gains or --effort-unit A {_INSTEAD}"
         if ratio < 0.0:
-            cause = "a wrong sign, or another way of mounting (base_rpy)?"
+            cause = f"a wrong sign, or another way of mounting? base_rpy in a .yaml {_INSTEAD}"
         yield Contradiction(
             tuple(each.joint for each in alike),
-            POOR if first.stated or len(alike) == len(weights) else USABLE,
+            POOR,
             f"its efforts are {times}",
-            f"efforts of {names} are {times}: {cause} {_INSTEAD}",
+            f"efforts of {names} are {times}: {cause}",
         )
 
 
-def _is_off(each: HeldWeight, settings: WeightSettings) -> bool:
+def _is_off(each: HeldWeight, settings: HeldWeightSettings) -> bool:
     """Tell whether the efforts of a joint are of another size than the masses' weight."""
     wide = settings.deviations * each.error
-    if _is_gone(each, settings):
+    if not (each.stated and each.believed) or _is_gone(each, settings):
         return False
-    if not each.stated:
-        return each.ratio - wide > settings.plausible
     much = each.ratio - wide > WEIGHT.most and not each.loaded
     return each.ratio + wide < WEIGHT.least or much
 
 
 def _unit(each: HeldWeight, arm: Arm) -> str:
-    return arm.joints[arm.joint_names.index(each.joint)].effort_unit
+    joint = arm.joints[arm.joint_names.index(each.joint)]
+    return joint.effort_unit if each.scale == 1.0 else EFFORT_UNITS[joint.kind]
