@@ -134,6 +134,7 @@ def test_efforts_that_are_noise_make_no_joint_usable(size):
     fit = fitted(size * noise * Arm.load(UR5).effort_limit)
     assert poor(fit) == set(recording.joints)
     assert all(error.r2 < 0.1 for error in fit.held_out.values())
+    assert "noise" in fit.verdict.findings[0]
 
 
 def placeholder(folder: Path, mass: float) -> str:

@@ -38,6 +38,10 @@ FURTHER = (
     "of them to identify",
     "poses nearer to the limits of all joints, and more positions of each",
 )
+NOISE = (
+    "the efforts of no joint are predicted better than by a constant: noise, or those of another "
+    "motion?"
+)
 READINGS = "efforts with gravity, in the unit that the arm's file says (docs/own_arm.md)"
 THIS_JOINT = ("a motion of {joint}, too", "poses of {joint}, too")
 BOTH_WAYS = "every pose approached from both directions, with a `direction` column that says which"
@@ -117,6 +121,8 @@ def judge(
         against: What the arm's masses say against it.
     """
     lines = tuple(each.line for each in against)
+    if not any(errors[name].beats_constant for name in arm.joint_names):
+        lines = (NOISE, *lines)
     settings = settings or VerdictSettings()
     if duration is not None and duration < settings.shortest:
         why = f"{duration:.2g} s of motion, of which parts are held out next to what was fitted"
