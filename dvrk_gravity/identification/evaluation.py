@@ -80,9 +80,9 @@ class Evaluation:
     def to_json(self) -> dict[str, Any]:
         """Return the content of ``evaluate --json``."""
         return {
-            "joints": {name: vars(error) for name, error in self.joints.items()},
+            "joints": {name: error.to_json() for name, error in self.joints.items()},
             "recordings": {
-                label: {name: vars(error) for name, error in joints.items()}
+                label: {name: error.to_json() for name, error in joints.items()}
                 for label, joints in self.recordings.items()
             },
             "samples": self.samples,

@@ -28,6 +28,10 @@ class JointError:
     r2: float
     beats_constant: bool = True
 
+    def to_json(self) -> dict[str, float]:
+        """Return its sizes."""
+        return {"rmse": self.rmse, "nrmse": self.nrmse, "r2": self.r2}
+
 
 @dataclass(frozen=True)
 class FittedParameter:
@@ -307,8 +311,8 @@ class Fit:
         """Return the content of ``identify --json``."""
         return {
             "verdict": self.verdict.to_json(),
-            "joints": {name: vars(error) for name, error in self.held_out.items()},
-            "training": {name: vars(error) for name, error in self.training.items()},
+            "joints": {name: error.to_json() for name, error in self.held_out.items()},
+            "training": {name: error.to_json() for name, error in self.training.items()},
             "samples": self.samples,
             "coordinates": self.coordinates,
             "validation": self.validation,
