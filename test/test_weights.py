@@ -22,6 +22,7 @@ from dvrk_gravity.simulate import PlantFile, SimulatedArm
 from dvrk_gravity.simulate.excitation import record_motion
 from dvrk_gravity.stated import stated_weight
 from testing.plain_world import PlainWorld
+from testing.posed_arms import ur5
 from testing.world import COARSE
 
 pytestmark = pytest.mark.usefixtures("four_folds")
@@ -187,3 +188,27 @@ def test_plausible_masses_of_a_shipped_arm_tell_that_gravity_is_not_there(name):
 
     assert fit.verdict.level == POOR
     assert fit.verdict.findings[0].startswith("gravity is not in the efforts of")
+
+
+def test_poses_are_judged_by_the_masses_as_motions_are():
+    posed = ur5()
+    recording = posed.record(1, 120)
+    effort = recording.effort.copy()
+    assert identify(recording, posed.arm).verdict.findings == ()
+
+    effort[:, recording.joints.index("elbow_joint")] *= 0.3
+    (line,) = identify(replace(recording, effort=effort), posed.arm).verdict.findings
+    assert line.startswith("efforts of elbow_joint are 0.3")
+
+    noise = np.random.default_rng(0).normal(size=effort.shape)
+    judged = identify(replace(recording, effort=noise), posed.arm)
+    assert poor(judged) == set(recording.joints)
+    assert "noise" in judged.verdict.findings[0]
+
+
+def test_a_load_that_no_such_arm_lifts_explains_no_factor():
+    """The same sizes as a load's, of a wrong scale: three times all efforts, and not of a load."""
+    fit = fitted(3.0 * recorded("panda").effort, recorded("panda"), FILES["panda"])
+    assert fit.verdict.level == POOR
+    (line,) = fit.verdict.findings
+    assert "are 3 times what the masses" in line

@@ -43,7 +43,8 @@ def joint_errors(
         predicted: (N, n) likewise.
         constant: (n,) or (N, n) what is predicted without any model: the mean of what was fitted;
             ``None``: that of what was measured.
-        idle: (n,) joints at which nothing acts that a prediction could show (:func:`idle`).
+        idle: (n,) joints at which nothing acts that a prediction could show (``weights.idle``):
+            they need not be predicted better than by a constant, unless no other joint is.
     """
     residual = measured - predicted
     power = np.mean(residual**2, axis=0)
@@ -51,7 +52,7 @@ def joint_errors(
     spread = np.var(measured, axis=0)
     off = measured - (measured.mean(axis=0) if constant is None else constant)
     better = _beats(residual**2, off**2, ConstantSettings())
-    if idle is not None:
+    if idle is not None and (idle.all() or (better & ~idle).any()):
         better |= idle
     return {
         joint: JointError(

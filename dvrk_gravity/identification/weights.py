@@ -169,13 +169,19 @@ def _at_rest(model: TorqueModel, q: Array) -> Array:
 
 def _plausible_weight(arm: Arm, q: Array) -> Array | None:
     """Return (N, n) efforts that hold the shipped plant of an arm, if there is one."""
-    name = plausible_plant(arm)
+    whole = Arm.load(arm.source) if arm.held and arm.source else arm
+    name = plausible_plant(whole)
     if not name:
         return None
     content = yaml_file.load(config_path(f"{PLANTS}/{name}.yaml"))
-    values = flatten(content["parameters"]) | {ARM_PARAMETER.name: arm.source or arm.name}
-    terms = TorqueModel.from_parameters(values, arm).terms
-    return np.asarray(sum(term.torque(State.of(q)) for term in terms if term.WEIGHT_OF_ARM))
+    values = flatten(content["parameters"]) | {ARM_PARAMETER.name: whole.source or whole.name}
+    weights = [
+        term for term in TorqueModel.from_parameters(values, whole).terms if term.WEIGHT_OF_ARM
+    ]
+    moving = [whole.joint_names.index(joint) for joint in arm.joint_names]
+    full = np.tile([arm.held.get(joint, 0.0) for joint in whole.joint_names], (len(q), 1))
+    full[:, moving] = q
+    return np.asarray(sum(term.torque(State.of(full)) for term in weights))[:, moving]
 
 
 def _by_load(
@@ -281,8 +287,8 @@ def _gone(
         tuple(each.joint for each in none),
         POOR if sure else USABLE,
         f"gravity is not in its efforts: {masses} more there",
-        f"gravity is not in the efforts of {shown}, RMS, that {masses} there: if the driver takes "
-        f"it out, {_READ} says so",
+        f"gravity is not in the efforts of {shown}, RMS, that {masses} there: another unit, or "
+        f"does the driver take it out? {_READ} says so",
     )
 
 
