@@ -70,6 +70,7 @@ from dvrk_gravity.identification.coordinates import CoordinateSettings
 from dvrk_gravity.identification.design import DesignSettings
 from dvrk_gravity.identification.drive_gains import GainSettings
 from dvrk_gravity.identification.effort_unit import UnitSettings
+from dvrk_gravity.identification.errors import ConstantSettings
 from dvrk_gravity.identification.hand import HandSettings
 from dvrk_gravity.identification.holding import HoldingSettings
 from dvrk_gravity.identification.identifiability import IdentifiabilitySettings
@@ -91,6 +92,7 @@ from dvrk_gravity.identification.static_report import PoseReportSettings
 from dvrk_gravity.identification.static_selection import PoseSelectionSettings
 from dvrk_gravity.identification.static_solver import PoseSettings
 from dvrk_gravity.identification.verdict import VerdictSettings
+from dvrk_gravity.identification.weights import HeldWeightSettings
 from dvrk_gravity.planning import MotionLimits
 from dvrk_gravity.recording import Recording, prepare
 from dvrk_gravity.recording.acceleration import AccelerationSettings
@@ -342,6 +344,8 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (BodySettings, TRAJECTORY),
     (IdentifiabilitySettings, TRAJECTORY),
     (HoldingSettings, TRAJECTORY),
+    (ConstantSettings, TRAJECTORY),
+    (HeldWeightSettings, TRAJECTORY),
     (HandSettings, TRAJECTORY),
     (VerdictSettings, TRAJECTORY),
     (RobustSettings, TRAJECTORY),

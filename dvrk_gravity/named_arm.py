@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,7 @@ _HELD = Parameter(
 )  # fmt: skip
 _GAINS, _GAIN_ERROR, _EFFORT_SIZE = "drive_gains", "drive_gain_error", "effort_size"
 _GEOMETRY = "arm_geometry"
+_READ, _COMMAND = "effort_has_gravity.read", "effort_has_gravity.command"
 
 _SAME = 1e-6  # of the largest number: a hundredth of a millimetre on an arm of a metre is 1e-5
 _GRAVITY = np.array([3.0, 2.0, -6.0])  # no axis of an arm, and no plane of one, is along it
@@ -64,12 +66,21 @@ def arm_parameters(arm: Arm) -> tuple[Parameter, ...]:
         "how much an effort of 1 N·m is in effort_unit, about, for the arm's limits",
         lower=0.0, read_only=True,
     )  # fmt: skip
+    read = Parameter(
+        _READ, arm.gravity_in_reading, "", "efforts that are read hold the arm's weight",
+        read_only=True,
+    )  # fmt: skip
+    command = Parameter(
+        _COMMAND, arm.gravity_in_command, "",
+        "efforts that are sent are to hold the arm's weight; false: it does so itself",
+        read_only=True,
+    )  # fmt: skip
     geometry = Parameter(
         _GEOMETRY, (), "N·m",
         "torques that hold given masses on the links of the arm's file: they tell another geometry",
         lengths=(arm.n,), read_only=True,
     )  # fmt: skip
-    return (ARM_PARAMETER, gains, gain_error, _UNIT, _HELD, size, geometry)
+    return (ARM_PARAMETER, gains, gain_error, _UNIT, _HELD, size, geometry, read, command)
 
 
 def arm_of(values: Mapping[str, Any]) -> Arm:
@@ -82,7 +93,9 @@ def arm_of(values: Mapping[str, Any]) -> Arm:
     arm = Arm.load(str(ARM_PARAMETER.check(values.get(ARM_PARAMETER.name, ARM_PARAMETER.default))))
     arm = arm.holding(_held(values.get(_HELD.name, "")))
     declared = {entry.name: entry for entry in arm_parameters(arm) if entry is not ARM_PARAMETER}
-    given = {name: values[name] for name in declared if values.get(name)}
+    given = {
+        name: values[name] for name in declared if values.get(name) or values.get(name) is False
+    }
     joints = given.get(_GEOMETRY, ())
     if isinstance(joints, list | tuple) and joints and len(joints) != arm.n:
         raise ConfigError(
@@ -92,6 +105,11 @@ def arm_of(values: Mapping[str, Any]) -> Arm:
     checked = check_all(declared, given)
     if known := checked.get(_GEOMETRY):
         _require_geometry(arm, as_array(known, arm.n, 0.0))
+    if _READ in checked or _COMMAND in checked:
+        read, command = (
+            bool(checked.get(name, declared[name].default)) for name in (_READ, _COMMAND)
+        )
+        arm = replace(arm, gravity_in_reading=read, gravity_in_command=command)
     if gains := checked.get(_GAINS):
         error = checked.get(_GAIN_ERROR)
         spread = as_array(error, arm.n, 0.0) if error else None
@@ -112,6 +130,8 @@ def values_of(arm: Arm) -> dict[str, Value]:
     if arm.held:
         held = ",".join(f"{name}={position:.17g}" for name, position in arm.held.items())
         values[_HELD.name] = held
+    if not (arm.gravity_in_reading and arm.gravity_in_command):
+        values |= {_READ: arm.gravity_in_reading, _COMMAND: arm.gravity_in_command}
     if arm.read_in:
         values |= {_UNIT.name: arm.read_in, _EFFORT_SIZE: arm.effort_size}
     if _is_file(arm.source):

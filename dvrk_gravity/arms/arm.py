@@ -176,6 +176,11 @@ class Arm(Description):
         """Unit in which efforts are read, and everything is told, where that is not N·m."""
         return self.joints[0].read_in
 
+    @property
+    def newtons_said(self) -> bool:
+        """Whether it was said, and not only supposed, that efforts are in N·m."""
+        return self.drive_gains is not None and bool((self.drive_gains == 1.0).all())
+
     def told_in(self, unit: str, size: float = 1.0) -> Arm:
         """Return the arm with its efforts in a unit that is not N·m, as its recordings have them.
 
@@ -256,6 +261,10 @@ class Arm(Description):
     def joints_of(self, motors: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return (…, n) joints whose efforts those of some (…, n) motors are a part of."""
         return motors @ (self.joint_to_actuator != 0.0)
+
+    def motors_of(self, joints: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return (…, n) motors whose efforts are parts of those of some (…, n) joints alone."""
+        return ~(~joints @ (self.actuator_to_joint != 0.0))
 
     def actuator_effort(self, joint_effort: Array) -> Array:
         """Return (…, n) actuator efforts from joint efforts: tau_actuator = M^T tau_joint."""

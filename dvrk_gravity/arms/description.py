@@ -170,6 +170,8 @@ class Description:
         effort_size: How much an effort of 1 N·m is in the unit of the efforts, about, where that is
             another: limits and nominal parameters are multiples of it.
         frictionless: Names of joints that have no friction of their own.
+        gravity_in_reading: Whether the efforts that the arm reads hold its weight.
+        gravity_in_command: Whether those that it takes are to; else it holds its weight itself.
         held: Where joints of its file are held that are none of its joints, rad or m, by name.
         source: What :meth:`load` loads it from: a name or a path; ``""`` if not from there.
     """
@@ -187,6 +189,8 @@ class Description:
     drive_gain_error: Array | None = None
     effort_size: float = 1.0
     frictionless: tuple[str, ...] = ()
+    gravity_in_reading: bool = True
+    gravity_in_command: bool = True
     held: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
 
@@ -202,6 +206,10 @@ class Description:
         for array in (self.actuator_to_joint, self.actuator_effort_limit, *rows, *given):
             if array is not None:
                 array.setflags(write=False)
+        direct = (self.actuator_to_joint == np.eye(len(self.joints))).all()
+        if not self.gravity_in_reading and (self.joints[0].read_in or not direct):
+            beside = "drive_gains instead of effort_unit" if direct else "no actuator_to_joint"
+            raise ConfigError("effort_has_gravity.read", False, f"{beside} beside it")
 
     def _check_readings(self) -> None:
         """Check drive gains and their errors, and put usual ones where none are given.

@@ -6,7 +6,23 @@ from collections.abc import Collection
 from functools import cache
 
 from dvrk_gravity.arms import yaml_arm
+from dvrk_gravity.arms.description import Description
+from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.files.resources import config_path, shipped
+
+PLANTS = "plants"  # folder of the simulated arms that the package ships
+_MTM = "mtmr_28002"
+
+
+def plausible_plant(arm: Description) -> str:
+    """Return the name of the shipped plant that moves as an arm does; ``""``: none.
+
+    It is the first whose name begins with the arm's; of any MTM ``mtmr_28002``. An arm with joints
+    that are held is another one.
+    """
+    whole = () if arm.held else shipped(PLANTS)
+    named = [name for name in whole if name.partition("_")[0] == arm.name]
+    return named[0] if named else _MTM if whole and is_mtm(arm) else ""
 
 
 def larger_arm(arm: str, names: Collection[str]) -> str:

@@ -36,6 +36,8 @@ Either may say how its efforts are read, and where it has no friction::
     effort_unit: A                # efforts are in another unit than N·m, and what that is in N·m is
                                   # not known
     frictionless: [slide]         # joints without friction of their own
+    effort_has_gravity: {read: true, command: false}    # whether efforts that are read hold the
+                                  # arm's weight, and those that are sent are to; true if left out
 """
 
 from __future__ import annotations
@@ -60,7 +62,9 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 
 _REQUIRED = ("name", "joints")
-_READINGS = ("drive_gains", "drive_gain_error", "effort_unit", "frictionless")
+_READINGS = (
+    "drive_gains", "drive_gain_error", "effort_unit", "frictionless", "effort_has_gravity",
+)  # fmt: skip
 _DRIVES = ("actuator_to_joint", "actuator_effort_limit", "base_rpy", *_READINGS)
 _OPTIONAL = ("convention", "followers", "parallelogram", "sizes", *_DRIVES)
 _OF_URDF = ("urdf", "name", "tip", *_DRIVES)
@@ -148,13 +152,27 @@ def _as_read(described: Description, content: dict[str, Any]) -> Description:
         raise ConfigError("frictionless", frictionless, "a list of joints")
     if in_newtons(unit) and gains is None:  # said, and not only supposed
         unit, gains, errors = "", np.ones(n), np.zeros(n)
+    read, command = _has_gravity(content.get("effort_has_gravity", {}))
     return replace(
         described,
         joints=tuple(replace(joint, read_in=unit) for joint in described.joints),
         drive_gains=gains,
         drive_gain_error=errors,
         frictionless=tuple(frictionless),
+        gravity_in_reading=read,
+        gravity_in_command=command,
     )
+
+
+def _has_gravity(given: Any) -> tuple[bool, bool]:
+    """Return whether efforts hold the arm's weight as they are read, and as they are sent."""
+    keys, expected = ("read", "command"), "{read: true or false, command: true or false}"
+    if not isinstance(given, Mapping) or not set(given) <= set(keys):
+        raise ConfigError("effort_has_gravity", given, expected)
+    found = [given.get(key, True) for key in keys]
+    if not all(isinstance(value, bool) for value in found):
+        raise ConfigError("effort_has_gravity", given, expected)
+    return found[0], found[1]
 
 
 def _base(content: dict[str, Any]) -> tuple[float, float, float]:

@@ -36,7 +36,7 @@ def compensation(
     sliding = None if velocity is None else np.where(np.abs(velocity) < dead_band, 0.0, velocity)
     torque = np.zeros_like(q)
     for term in model.terms:
-        if not term.COMPENSATED:
+        if not term.COMPENSATED or (term.WEIGHT_OF_ARM and not model.arm.gravity_in_command):
             continue
         smooth, friction = term.split(ratio)
         if smooth is not None:

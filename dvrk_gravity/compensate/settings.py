@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.compensate.evaluator import Parts, prepare_parts
 from dvrk_gravity.compensate.limits import EffortLimits
-from dvrk_gravity.effects import terms
+from dvrk_gravity.effects import State, Term, terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
     BY_EFFECTS,
@@ -198,12 +198,32 @@ class Settings:
 
     @cached_property
     def _parts(self) -> Parts:
-        terms = (term for term in self.model.terms if term.COMPENSATED)
+        terms = (term for term in self.model.terms if term.COMPENSATED and not self._left(term))
         return prepare_parts(terms, self.friction_ratio)
+
+    def _left(self, term: Term) -> bool:
+        """Tell whether a term is left to the arm, which holds its weight itself."""
+        return term.WEIGHT_OF_ARM and not self.model.arm.gravity_in_command
+
+    def weight(self, q: Array) -> Array:
+        """Return the (n,) efforts that hold the arm's own weight by the model, N·m."""
+        return self._at_rest(q, (term for term in self.model.terms if term.WEIGHT_OF_ARM))
+
+    def held(self, q: Array) -> Array:
+        """Return the (n,) efforts that hold the arm itself still by the model, no payload, N·m."""
+        terms = (term for term in self.model.terms if term.COMPENSATED)
+        own = (term for term in terms if term.WEIGHT_OF_ARM or term.gravity_vector is None)
+        return self._at_rest(q, own)
+
+    def _at_rest(self, q: Array, terms: Iterable[Term]) -> Array:
+        state = State.of(q - self.model.joint_offset)
+        return np.asarray(sum((term.torque(state) for term in terms), np.zeros(q.shape)))
 
 
 def _require_weight(arm: Arm, value: Mapping[str, Any]) -> None:
-    """Refuse a model without the arm's weight."""
+    """Refuse a model without the arm's weight, unless the arm holds that itself."""
+    if not arm.gravity_in_command:
+        return
     weights = [
         entry
         for term in terms()

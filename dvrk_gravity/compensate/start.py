@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.description import ANY_UNIT, EFFORT_UNITS
 from dvrk_gravity.compensate.sample import Sample
 from dvrk_gravity.compensate.settings import CHANGE, Settings
 from dvrk_gravity.errors import DvrkGravityError
+from dvrk_gravity.stated import WEIGHT, stated_weight
 
 Array = NDArray[np.float64]
 
@@ -31,6 +33,11 @@ class StartSettings:
         least_part: Part of that weight that the model must hold: less is another unit, and lets the
             arm fall. Chosen: of MTMR-28002's 6250 static poses all but two, near balance, have
             more.
+        poses: Drawn within the arm's range to know what its joints usually bear: to 5 %.
+        least_weight: Part of what the arm usually bears, over all joints, from which on its weight
+            here is compared with its masses'. Chosen: nearer to balance, centres of mass that are
+            off by a tenth of a link's length matter as much.
+        negligible: Part of an effort limit that moves no joint (``verdict.VerdictSettings``).
     """
 
     duration: float = 0.1
@@ -40,6 +47,9 @@ class StartSettings:
     usable: float = 0.5
     felt: float = 0.1
     least_part: float = 0.1
+    poses: int = 200
+    least_weight: float = 0.3
+    negligible: float = 0.01
 
 
 SETTINGS = StartSettings()
@@ -92,22 +102,30 @@ class Start:
 
         Raises:
             StartRefusedError: Measured and modelled efforts differ by more than
-                ``settings.start_tolerance``, the model holds next to nothing of the weight, or the
-                limits cut what holds the arm.
+                ``settings.start_tolerance``, the model holds next to nothing of the weight, another
+                one than the masses in the arm's file have, or the limits cut what holds the arm.
         """
         model = np.mean(self._models, axis=0)
-        joints = settings.model.arm.joints
+        arm, position = settings.model.arm, self._position
+        joints = arm.joints
+        assert position is not None  # there is a sample
+        weight = settings.weight(position)
+        if not settings.weightless:
+            _compare_with_masses(settings, position)
         if len(self._efforts) < SETTINGS.usable * len(self._models) or not np.any(self._efforts):
             origin, source = model, "the model's torque, as measured_js has no usable effort"
+        elif settings.weightless and not arm.gravity_in_command:
+            origin, source = model, "the model's torque, as the arm holds its weight itself"
         else:
-            mean = np.mean(self._efforts, axis=0)
-            difference = mean - model
+            mean = np.mean(self._efforts, axis=0) + _unread(settings, position)
+            whole = model if arm.gravity_in_command else model + weight
+            difference = mean - whole
             if not settings.weightless:
-                _compare(mean, model, settings)
-                held = _dry_friction(settings, self._position)
+                _compare(mean, whole, settings)
+                held = _dry_friction(settings, position)
                 difference = np.minimum(np.maximum(difference, -held), held)
             origin, source = model + difference, "the measured effort"
-        cut = np.abs(settings.limits.clip(origin) - origin) / settings.model.arm.effort_limit
+        cut = np.abs(settings.limits.clip(origin) - origin) / arm.effort_limit
         worst = int(np.argmax(cut))
         if not cut[worst] <= CHANGE.considerable:
             raise StartRefusedError(
@@ -115,6 +133,62 @@ class Start:
                 "hold, more than its effort limits leave: it would fall"
             )
         return settings.limits.clip(origin), source
+
+
+def _unread(settings: Settings, position: Array) -> Array:
+    """Return (n,) efforts that the arm's readings lack of what holds it, N·m.
+
+    Raises:
+        StartRefusedError: They lack its weight, and nothing says what that is.
+    """
+    arm = settings.model.arm
+    if arm.gravity_in_reading:
+        return np.zeros(arm.n)
+    stated = stated_weight(arm, position)
+    if stated is None and settings.weightless:
+        raise StartRefusedError(
+            "efforts are read without gravity (effort_has_gravity), and neither the model nor the "
+            "arm's file says what the arm weighs: it would fall"
+        )
+    return settings.weight(position) if stated is None else stated
+
+
+def _compare_with_masses(settings: Settings, position: Array) -> None:
+    """Refuse a model that holds the arm with another weight than the masses in its file have.
+
+    What is measured does not show it: it may be read wrong as the model's recordings were.
+    """
+    arm = settings.model.arm
+    weight = None if arm.newtons_said else stated_weight(arm, position)
+    if weight is None:
+        return
+    unit = 1.0 / arm.effort_size if arm.read_in == ANY_UNIT else 1.0  # the unit was never stated
+    weight = unit * weight
+    poses = np.random.default_rng(0).uniform(*arm.range, (SETTINGS.poses, arm.n))
+    usual = stated_weight(arm, poses)
+    assert usual is not None
+    usual = unit * np.sqrt(np.mean(usual**2, axis=0))
+    held = settings.held(position)
+    size = float(np.sum((arm.scale * weight) ** 2))
+    if size < (SETTINGS.least_weight * np.linalg.norm(arm.scale * usual)) ** 2:
+        return
+    ratio = float(arm.scale * held @ (arm.scale * weight)) / size
+    worst = int(np.argmax(np.abs(arm.scale * weight)))
+    if WEIGHT.least <= ratio <= WEIGHT.most_loaded:
+        # A joint alone: where it bears what it usually does, or more.
+        bears = np.abs(weight) > np.maximum(usual, SETTINGS.negligible * arm.effort_limit)
+        part = np.divide(held, weight, where=bears, out=np.ones(arm.n))
+        worst = int(np.argmin(part))
+        ratio = float(part[worst])
+        if ratio >= WEIGHT.least:
+            return
+    joint = arm.joints[worst]
+    raise StartRefusedError(
+        f"the model holds {ratio:.2g} times what the masses in the arm's file weigh here "
+        f"({joint.name}: {held[worst]:.3g} of {weight[worst]:.3g} {EFFORT_UNITS[joint.kind]}): "
+        "were efforts in another unit when it was identified, or is it another arm's? effort_unit: "
+        "N·m in the model's file says that those masses are wrong"
+    )
 
 
 def _compare(mean: Array, model: Array, settings: Settings) -> None:

@@ -40,6 +40,7 @@ from dvrk_gravity.identification.result import (
 )
 from dvrk_gravity.identification.selection import ColumnSelection
 from dvrk_gravity.identification.verdict import judge
+from dvrk_gravity.identification.weights import contradictions, idle
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.recording.data import Array, Coordinates
@@ -49,6 +50,9 @@ Report = Callable[[str, float], None]
 # Written with a model although they are the defaults: who edits it sees that not all of an
 # identified friction is pushed.
 _SHOWN = ("friction_compensation.ratio", "friction_compensation.dead_band")
+
+
+_TINY = 1e-12  # weight of what is held out in a mean, so that there always is one
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,12 +124,19 @@ def fit_dynamic(
     columns, design = problem.design.columns, problem.design
     found = estimate(problem, chosen, physical)
     statements = (*found.identifiability.statements, *said)
+    constant = _constants(design, problem.folds)
     held_out, training = (
-        _errors(design, predicted, coordinates) for predicted in (found.blind, found.predicted)
+        _errors(design, predicted, coordinates, constant)
+        for predicted in (found.blind, found.predicted)
     )
     duration = sum(float(np.ptp(motion.time)) for motion in parts)
-    verdict = judge(held_out, training, found.holding, arm, coordinates, duration=duration)
     model = _model(columns, chosen, found.solution, found.links)
+    q, effort = design.state.q, arm.joint_effort(design.y)
+    whole = design.compared.all(axis=1)
+    against = contradictions(model, q[whole], effort[whole], found.holding)
+    verdict = judge(
+        held_out, training, found.holding, arm, coordinates, duration=duration, against=against
+    )
     error = known_error(design, found.blind, cutoff)
     kept = kept_samples(parts, arm)
     if effects is not None and form is Columns:
@@ -152,6 +163,7 @@ def fit_dynamic(
         traces=_traces(design, found.blind, coordinates),
         holding=found.holding,
         verdict=verdict,
+        against=against,
     )
 
 
@@ -289,14 +301,31 @@ def _model(
     return TorqueModel(columns.arm, columns.terms(theta, links), node, joint_offset=offset)
 
 
-def _errors(design: Design, predicted: Array, coordinates: Coordinates) -> dict[str, JointError]:
+def _constants(design: Design, folds: Folds) -> Array:
+    """Return (N, n) efforts that a constant predicts, the mean of what was not held out."""
+    constant = np.empty_like(design.y)
+    for tested, excluded in zip(folds.tested, folds.excluded, strict=True):
+        fitted = design.compared.copy()
+        fitted[excluded] = False
+        constant[tested] = np.average(design.y, axis=0, weights=np.maximum(fitted, _TINY))
+    return constant
+
+
+def _errors(
+    design: Design, predicted: Array, coordinates: Coordinates, constant: Array
+) -> dict[str, JointError]:
     arm = design.columns.arm
     # The errors are those of recordings of all joints.
     rows = design.compared.all(axis=1)
-    measured, predicted = design.y[rows], predicted[rows]
+    measured, predicted, constant = (array[rows] for array in (design.y, predicted, constant))
+    resting = idle(arm, design.state.q[rows], static=False)
     if coordinates == "joint":
-        measured, predicted = arm.joint_effort(measured), arm.joint_effort(predicted)
-    return joint_errors(arm.joint_names, measured, predicted)
+        measured, predicted, constant = (
+            arm.joint_effort(array) for array in (measured, predicted, constant)
+        )
+    else:
+        resting = arm.motors_of(resting)
+    return joint_errors(arm.joint_names, measured, predicted, constant, resting)
 
 
 def _traces(design: Design, predicted: Array, coordinates: Coordinates) -> tuple[Trace, ...]:

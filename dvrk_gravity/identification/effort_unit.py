@@ -111,9 +111,14 @@ def in_their_unit(
     An arm whose file says that its efforts are in N·m is not asked.
 
     Raises:
-        ConfigError: Drive gains by which no arm of such masses moves.
+        ConfigError: Drive gains by which no arm of such masses moves; an arm that is read without
+            gravity, and states no masses.
+        RecordingError: A recording of some joints, of an arm that is read without gravity.
     """
     settings = settings or UnitSettings()
+    if not arm.gravity_in_reading:
+        _require_stated_weight(arm, recordings)
+        return arm, ()
     nominal = NominalTorque.of(recordings[0], arm)
     parts = _parts(nominal, settings)
     told, said = _unit(arm, _size(parts), settings)
@@ -137,6 +142,9 @@ def require_newtons(
         ConfigError: Drive gains by which no arm of such masses moves.
     """
     arm, settings, odd = model.arm, UnitSettings(), list[str]()
+    if not arm.gravity_in_reading:
+        _require_stated_weight(arm, recordings)
+        return ()
     if model.verdict != NO_VERDICT or arm.read_in:
         return ()
     if model.of_file and arm.inertial_parameters is not None:
@@ -163,6 +171,23 @@ def require_newtons(
     return tuple(odd)
 
 
+def _require_stated_weight(arm: Arm, recordings: Sequence[Recording | RecordingFile]) -> None:
+    """Refuse efforts without gravity of which it is not known what they lack."""
+    if arm.inertial_parameters is None:
+        raise ConfigError(
+            "effort_has_gravity.read", False,
+            "an arm's file with masses: efforts without gravity do not show what it weighs",
+        )  # fmt: skip
+    for recording in recordings:
+        head = recording.head
+        if head.joints != arm.joint_names:
+            raise RecordingError(
+                head.source,
+                f"holds {', '.join(head.joints)} only: expected all joints, which show what "
+                "efforts without gravity lack",
+            )
+
+
 def _unit(arm: Arm, size: float | None, settings: UnitSettings) -> tuple[Arm, tuple[str, ...]]:
     """Return the arm with the unit of its efforts, and a line about it if it is odd.
 
@@ -171,7 +196,7 @@ def _unit(arm: Arm, size: float | None, settings: UnitSettings) -> tuple[Arm, tu
         size: What part efforts are of those that nominal masses need; ``None`` if nothing tells.
         settings: When efforts are not in N·m.
     """
-    if arm.drive_gains is not None and (arm.drive_gains == 1.0).all():
+    if arm.newtons_said:
         return arm, ()
     if arm.drive_gains is not None:
         return arm, _by_gains(arm.drive_gains, size, settings)

@@ -11,6 +11,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.beyond import held_beyond
@@ -26,6 +27,7 @@ from dvrk_gravity.identification.motion import (
     whole,
 )
 from dvrk_gravity.identification.result import JointError, Trace, in_short
+from dvrk_gravity.identification.weights import idle
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     DataWarning,
@@ -55,6 +57,7 @@ class Evaluation:
         traces: Measured against predicted.
         with_friction: Joints whose friction the errors hold: of poses, where either they or the
             model do not tell it apart.
+        idle: Joints at which nothing acts that a prediction could show (``weights.idle``).
         outside: Where joints are beyond what the model was identified on, one sentence each.
     """
 
@@ -66,6 +69,7 @@ class Evaluation:
     handling: tuple[str, ...]
     traces: tuple[Trace, ...]
     with_friction: tuple[str, ...] = ()
+    idle: tuple[str, ...] = ()
     outside: tuple[str, ...] = ()
     recordings: Mapping[str, Mapping[str, JointError]] = field(default_factory=dict)
 
@@ -76,9 +80,9 @@ class Evaluation:
     def to_json(self) -> dict[str, Any]:
         """Return the content of ``evaluate --json``."""
         return {
-            "joints": {name: vars(error) for name, error in self.joints.items()},
+            "joints": {name: error.to_json() for name, error in self.joints.items()},
             "recordings": {
-                label: {name: vars(error) for name, error in joints.items()}
+                label: {name: error.to_json() for name, error in joints.items()}
                 for label, joints in self.recordings.items()
             },
             "samples": self.samples,
@@ -204,8 +208,11 @@ def _evaluate_dynamic(
             recordings[0].source, "holds no time at which the efforts of all joints are readings"
         )
     sources = [recording.source for recording in recordings]
-    result = _result(traces, sources, coordinates, detected, motions.warnings, motions.handling)
     q, qd = np.concatenate(positions), np.concatenate(velocities)
+    resting = _idle(arm, q, coordinates, static=False)
+    result = _result(
+        traces, sources, coordinates, detected, motions.warnings, motions.handling, resting
+    )
     return replace(result, outside=outside_range(model, q, qd, recorded))
 
 
@@ -245,7 +252,8 @@ def _evaluate_static(
             Trace(recording.joints, None, q, None, measured, predicted, coordinates, False, number)
         )
     as_they_are = ("static poses, used as they are",)
-    result = _result(traces, sources, coordinates, detected, warnings, as_they_are)
+    resting = _idle(arm, np.concatenate(positions), coordinates, static=True)
+    result = _result(traces, sources, coordinates, detected, warnings, as_they_are, resting)
     recorded = np.array([name in recordings[0].joints for name in arm.joint_names])
     return replace(
         result,
@@ -288,20 +296,40 @@ def _result(
     detected: str,
     warnings: Sequence[DataWarning],
     handling: Sequence[str],
+    resting: tuple[str, ...],
 ) -> Evaluation:
     samples = sum(len(trace.measured) for trace in traces)
     by_recording = {
-        label: _errors([trace for trace in traces if trace.source == number])
+        label: errors_of([trace for trace in traces if trace.source == number], resting)
         for number, label in enumerate(labels(sources))
         if any(trace.source == number and len(trace.measured) for trace in traces)
     }
     return Evaluation(
-        _errors(traces), samples, coordinates, detected, tuple(warnings), tuple(handling),
-        tuple(traces), recordings=by_recording,
+        errors_of(traces, resting), samples, coordinates, detected, tuple(warnings),
+        tuple(handling), tuple(traces), idle=resting, recordings=by_recording,
     )  # fmt: skip
 
 
-def _errors(traces: Sequence[Trace]) -> Mapping[str, JointError]:
+def _idle(arm: Arm, q: Array, coordinates: Coordinates, static: bool) -> tuple[str, ...]:
+    """Return joints, or motors, at whose (N, n) positions nothing acts that could be predicted."""
+    resting = idle(arm, q, static)
+    if coordinates == "actuator":
+        resting = arm.motors_of(resting)
+    return tuple(compress(arm.joint_names, resting))
+
+
+def errors_of(
+    traces: Sequence[Trace], resting: Sequence[str], constant: Array | None = None
+) -> Mapping[str, JointError]:
+    """Return the errors of traces by joint.
+
+    Args:
+        traces: The traces, of the same joints.
+        resting: Joints at which nothing acts that a prediction could show.
+        constant: (n,) what is predicted without a model; ``None``: the mean of what was measured.
+    """
+    joints = traces[0].joints
     measured = np.concatenate([trace.measured for trace in traces])
     predicted = np.concatenate([trace.predicted for trace in traces])
-    return joint_errors(traces[0].joints, measured, predicted)
+    nothing = np.isin(joints, resting)
+    return joint_errors(joints, measured, predicted, constant, nothing)

@@ -19,11 +19,18 @@ class JointError:
         rmse: Root mean square of measured minus predicted torque, N·m.
         nrmse: |e| / |tau|: norm of the error over the norm of the measured torque.
         r2: 1 - |e|^2 / |tau - mean(tau)|^2.
+        beats_constant: Whether it is surely less than that of a constant, the mean of what was
+            fitted; or the joint bears no weight and rests, so that there is nothing to predict.
     """
 
     rmse: float
     nrmse: float
     r2: float
+    beats_constant: bool = True
+
+    def to_json(self) -> dict[str, float]:
+        """Return its sizes."""
+        return {"rmse": self.rmse, "nrmse": self.nrmse, "r2": self.r2}
 
 
 @dataclass(frozen=True)
@@ -177,6 +184,23 @@ class Holding:
 
 
 @dataclass(frozen=True)
+class Contradiction:
+    """What speaks against a model, of some joints.
+
+    Attributes:
+        joints: Their names.
+        level: The best verdict that they can have, one of ``model.VERDICTS``.
+        reason: Short, of each of them.
+        line: One line for the head of a result.
+    """
+
+    joints: tuple[str, ...]
+    level: str
+    reason: str
+    line: str
+
+
+@dataclass(frozen=True)
 class JointVerdict:
     """The verdict on one joint.
 
@@ -205,12 +229,15 @@ class Verdict:
         reason: Which joints, and why; ``""`` for a good model.
         record: What to record instead; ``""`` for a good model.
         joints: By joint.
+        findings: What speaks against the data as a whole, a line each, for the head of a result:
+            efforts without gravity, in another unit, exchanged.
     """
 
     level: str
     reason: str
     record: str
     joints: Mapping[str, JointVerdict]
+    findings: tuple[str, ...] = ()
 
     @property
     def words(self) -> str:
@@ -221,6 +248,7 @@ class Verdict:
         """Return it as the content of ``identify --json`` has it."""
         return {
             "overall": self.level,
+            "findings": list(self.findings),
             "reason": self.reason,
             "record": self.record,
             "joints": {
@@ -252,6 +280,7 @@ class Fit:
         traces: Measured against predicted.
         holding: Certainty of the torque that holds the arm still, by joint.
         verdict: Whether to compensate with the model; the model carries it, too.
+        against: What the arm's masses say against the model.
     """
 
     model: TorqueModel
@@ -269,6 +298,7 @@ class Fit:
     traces: tuple[Trace, ...]
     holding: Mapping[str, Holding]
     verdict: Verdict
+    against: tuple[Contradiction, ...] = ()
 
     def __repr__(self) -> str:
         """Give the verdict and the errors, in short."""
@@ -281,8 +311,8 @@ class Fit:
         """Return the content of ``identify --json``."""
         return {
             "verdict": self.verdict.to_json(),
-            "joints": {name: vars(error) for name, error in self.held_out.items()},
-            "training": {name: vars(error) for name, error in self.training.items()},
+            "joints": {name: error.to_json() for name, error in self.held_out.items()},
+            "training": {name: error.to_json() for name, error in self.training.items()},
             "samples": self.samples,
             "coordinates": self.coordinates,
             "validation": self.validation,

@@ -23,7 +23,7 @@ from dvrk_gravity.identification.coordinates import detect_coordinates, doubt
 from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
 from dvrk_gravity.identification.dynamic_fit import fit_dynamic
 from dvrk_gravity.identification.effort_unit import in_their_unit
-from dvrk_gravity.identification.evaluation import evaluate
+from dvrk_gravity.identification.evaluation import errors_of, evaluate
 from dvrk_gravity.identification.hand import by_weight
 from dvrk_gravity.identification.motion import (
     all_static,
@@ -325,16 +325,18 @@ def _partial(
 def _validated(fit: Fit, recordings: Sequence[Recording | RecordingFile]) -> Fit:
     """Return the fit with the errors on recordings that it never saw."""
     result = evaluate(fit.model, recordings, fit.coordinates)
+    fitted = np.concatenate([trace.measured for trace in fit.traces])
+    errors = errors_of(result.traces, result.idle, fitted.mean(axis=0))
     names = ", ".join(recording.head.source for recording in recordings)
     verdict = judge(
-        result.joints, fit.training, fit.holding, fit.model.arm, fit.coordinates,
-        static=all_static(recordings), with_friction=result.with_friction,
+        errors, fit.training, fit.holding, fit.model.arm, fit.coordinates,
+        static=all_static(recordings), with_friction=result.with_friction, against=fit.against,
     )  # fmt: skip
     return replace(
         fit,
         model=replace(fit.model, verdict=verdict.level, reason=verdict.reason),
         verdict=verdict,
-        held_out=result.joints,
+        held_out=errors,
         traces=result.traces,
         warnings=(*fit.warnings, *result.warnings),
         validation=f"recordings that neither fit nor choice of terms saw: {names}",

@@ -21,6 +21,7 @@ from dvrk_gravity.identification.static_poses import Poses, read_poses
 from dvrk_gravity.identification.static_selection import choose
 from dvrk_gravity.identification.static_solver import PoseSettings, Table
 from dvrk_gravity.identification.verdict import judge
+from dvrk_gravity.identification.weights import contradictions, idle
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning, Recording
 from dvrk_gravity.recording.data import Array, Coordinates
@@ -71,11 +72,17 @@ def fit_static(
     # Poses left out of the fit count in the errors that are printed, but are no fault of the model.
     used = np.all(weight > 0.0, axis=1)
     unseen = used[held_out]
+    resting = idle(arm, poses.q, static=True)
+    resting = arm.motors_of(resting) if coordinates == "actuator" else resting
+    errors = partial(
+        joint_errors, arm.joint_names, constant=measured[used].mean(axis=0), idle=resting
+    )
+    against = contradictions(model, poses.q, poses.effort, held)
     verdict = judge(
-        joint_errors(arm.joint_names, measured[held_out][unseen], shown(predicted)[unseen]),
-        joint_errors(arm.joint_names, measured[used], shown(fitted)[used]),
+        errors(measured[held_out][unseen], shown(predicted)[unseen]),
+        errors(measured[used], shown(fitted)[used]),
         held, arm, coordinates, static=True,
-        with_friction=[arm.joint_names[joint] for joint in poses.undirected],
+        with_friction=[arm.joint_names[joint] for joint in poses.undirected], against=against,
     )  # fmt: skip
     error = (poses.effort[held_out] - predicted)[unseen]
     uncertainty = uncertainty_of_poses(
@@ -85,7 +92,7 @@ def fit_static(
     )  # fmt: skip
     return Fit(
         model=replace(model, verdict=verdict.level, reason=verdict.reason, uncertainty=uncertainty),
-        held_out=joint_errors(arm.joint_names, measured[held_out], shown(predicted)),
+        held_out=errors(measured[held_out], shown(predicted)),
         training=training,
         parameters=static_report.parameters(table, solution, spread),
         identifiability=static_report.identifiability(table, solution, spread),
@@ -100,6 +107,7 @@ def fit_static(
         traces=tuple(_traces(poses, measured, shown(fitted), arm, coordinates)),
         holding=held,
         verdict=verdict,
+        against=against,
     )
 
 

@@ -43,6 +43,7 @@ def verdict_text(verdict: Verdict) -> Iterator[str]:
 
 def fit_text(fit: Fit) -> Iterator[str]:
     """Yield the lines that a terminal shows after an identification."""
+    yield from fit.verdict.findings
     for line in brief(fit.warnings):
         yield f"warning: {line}"
     for line in fit.handling:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import SCALES, Joint, thousandth
 from dvrk_gravity.identification.holding import HoldingSettings
-from dvrk_gravity.identification.result import Holding, JointError, JointVerdict, Verdict, in_words
+from dvrk_gravity.identification.result import (
+    Contradiction,
+    Holding,
+    JointError,
+    JointVerdict,
+    Verdict,
+    in_words,
+)
 from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
 from dvrk_gravity.recording.checks import CheckSettings
 from dvrk_gravity.recording.data import Array, Coordinates
@@ -31,6 +38,11 @@ FURTHER = (
     "of them to identify",
     "poses nearer to the limits of all joints, and more positions of each",
 )
+NOISE = (
+    "the efforts of no joint are predicted better than by a constant: noise, or those of another "
+    "motion?"
+)
+READINGS = "efforts with gravity, in the unit that the arm's file says (docs/own_arm.md)"
 THIS_JOINT = ("a motion of {joint}, too", "poses of {joint}, too")
 BOTH_WAYS = "every pose approached from both directions, with a `direction` column that says which"
 
@@ -83,14 +95,17 @@ def judge(
     with_friction: Collection[str] = (),
     settings: VerdictSettings | None = None,
     duration: float | None = None,
+    against: Sequence[Contradiction] = (),
 ) -> Verdict:
     """Judge a fit by its error on data that it had not seen, and by what it leaves open.
 
-    A joint is judged by the worst of four: the held-out error; the standard error of the torque
-    that holds the arm still, where it was recorded; the same anywhere within the arm's limits, and
-    whether the joint moved at all, which cost no more than "good". Errors too small to move
-    the joint count as none. Friction that poses do not tell apart keeps a model from being "good",
-    and does not make it one that is not to be compensated with.
+    A joint is judged by the worst of five: what the arm's masses say against it
+    (:mod:`~dvrk_gravity.identification.weights`); the held-out error; the standard error of the
+    torque that holds the arm still, where it was recorded; the same anywhere within the arm's
+    limits, and whether the joint moved at all, which cost no more than "good". Errors too small to
+    move the joint count as none, unless a constant's are as small: then nothing is predicted.
+    Friction that poses do not tell apart keeps a model from being "good", and does not make it one
+    that is not to be compensated with.
 
     Args:
         errors: Held out, by joint.
@@ -103,12 +118,16 @@ def judge(
             approached is not known.
         settings: Thresholds; default: :class:`VerdictSettings`.
         duration: s of motion, if it is one.
+        against: What the arm's masses say against it.
     """
+    lines = tuple(each.line for each in against)
+    if not any(errors[name].beats_constant for name in arm.joint_names):
+        lines = (NOISE, *lines)
     settings = settings or VerdictSettings()
     if duration is not None and duration < settings.shortest:
         why = f"{duration:.2g} s of motion, of which parts are held out next to what was fitted"
         short = JointVerdict(POOR, why, MORE[0])
-        return Verdict(POOR, why, MORE[0], dict.fromkeys(arm.joint_names, short))
+        return Verdict(POOR, why, MORE[0], dict.fromkeys(arm.joint_names, short), lines)
     at_motor = coordinates == "actuator"
     joints = {}
     limits = arm.actuator_effort_limit if at_motor else arm.effort_limit
@@ -124,6 +143,11 @@ def judge(
             )
             continue
         found = [
+            *(
+                JointVerdict(each.level, each.reason, READINGS)
+                for each in against
+                if name in each.joints
+            ),
             _of_error(
                 joint, errors[name], training[name], settings, limit, static, name in with_friction
             ),
@@ -141,6 +165,7 @@ def judge(
         "; ".join(f"{name}: {verdict.reason}" for name, verdict in named.items()),
         "; ".join(dict.fromkeys(verdict.record for verdict in named.values())),
         joints,
+        lines,
     )
 
 
@@ -196,6 +221,8 @@ def _level(
     joint: Joint, error: JointError, limit: float, settings: VerdictSettings, with_friction: bool
 ) -> str:
     """Return the verdict on an error alone, whose joint or motor has an effort limit."""
+    if not error.beats_constant:
+        return POOR
     if error.rmse <= settings.negligible * limit:
         return GOOD
     level = settings.level(joint, error.nrmse)
@@ -213,6 +240,9 @@ def _of_error(
     with_friction: bool,
 ) -> JointVerdict:
     reason = f"held-out error {_percent(error.nrmse)} of its torque ({_milli(error.rmse, joint)})"
+    if not error.beats_constant:
+        reason += ", no less than a constant's: of its effort nothing is predicted"
+        return JointVerdict(POOR, reason, CLEAN[static])
     if error.rmse <= settings.negligible * limit:
         return JointVerdict(GOOD, f"{reason}, which moves no joint")
     level = _level(joint, error, limit, settings, with_friction=False)

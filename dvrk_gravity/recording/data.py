@@ -244,7 +244,7 @@ class Recording(Samples):
                 f"expected some of: {', '.join(arm.joint_names)}",
             )
         if joints == self.joints:
-            effort = files.converted(self.effort, joints, self.arm, arm)
+            effort = files.converted(self.effort, self.position, joints, self.arm, arm)
             return replace(self, arm=arm, effort=effort)
         columns = [self.joints.index(joint) for joint in joints]
 
@@ -256,7 +256,9 @@ class Recording(Samples):
             joints=joints,
             position=self.position[:, columns],
             velocity=pick(self.velocity),
-            effort=files.converted(pick(self.effort), joints, self.arm, arm),
+            effort=files.converted(
+                pick(self.effort), self.position[:, columns], joints, self.arm, arm
+            ),
             direction=pick(self.direction),
             arm=arm,
         )

@@ -18,6 +18,7 @@ from dvrk_gravity.recording.bag_writer import write_bag
 from dvrk_gravity.recording.csv_file import iterate_csv, write_csv
 from dvrk_gravity.recording.joint_states import iterate_bag
 from dvrk_gravity.recording.samples import CHUNK, Array, Coordinates, Samples, Storage, TimeBase
+from dvrk_gravity.stated import stated_weight
 
 SamplesT = TypeVar("SamplesT", bound=Samples)
 
@@ -56,34 +57,56 @@ def read(
 
 def _in_torque(parts: Iterator[Samples], arm: Arm | None) -> Iterator[Samples]:
     """Return parts with efforts in N·m, or N, of an arm that reads them in another unit."""
-    if arm is None or arm.drive_gains is None:
+    if arm is None or (arm.drive_gains is None and arm.gravity_in_reading):
         return parts
-    return (replace(part, effort=converted(part.effort, part.joints, None, arm)) for part in parts)
+    return (
+        replace(part, effort=converted(part.effort, part.position, part.joints, None, arm))
+        for part in parts
+    )
 
 
 def converted(
-    effort: Array | None, joints: Sequence[str], before: Arm | None, after: Arm | None
+    effort: Array | None,
+    position: Array,
+    joints: Sequence[str],
+    before: Arm | None,
+    after: Arm | None,
 ) -> Array | None:
     """Return (N, k) efforts of some joints, as one arm has them, as another does.
 
+    Efforts that an arm reads without its weight are completed by what its file states of that; of
+    a file that states nothing, and where a joint was not recorded, they stay as they are.
+
     Args:
         effort: (N, k), ``None`` where not recorded.
+        position: (N, k) rad or m.
         joints: Names of the k joints.
         before: The arm by whose drive gains they are; ``None``: as they were read.
         after: The arm by whose gains they are to be; ``None``: as they were read.
     """
     if effort is None:
         return None
+    unread = [_unread(position, joints, arm) for arm in (before, after)]
     factor = np.ones(len(joints))
     for arm, power in ((before, -1.0), (after, 1.0)):
         if arm is not None and arm.drive_gains is not None:
             gains = dict(zip(arm.joint_names, arm.drive_gains.tolist(), strict=True))
             factor *= np.array([gains[joint] for joint in joints]) ** power
-    if (factor == 1.0).all():
+    if (factor == 1.0).all() and unread[0] is unread[1]:
         return effort
-    result = effort * factor
+    result = effort if unread[0] is None else effort - unread[0]
+    result = result * factor
+    if unread[1] is not None:  # what was never measured stays nothing
+        result = np.where(result.any(axis=0), result + unread[1], 0.0)
     result.flags.writeable = False
     return result
+
+
+def _unread(position: Array, joints: Sequence[str], arm: Arm | None) -> Array | None:
+    """Return the (N, k) weight that an arm's readings lack, if they do and its file states it."""
+    if arm is None or arm.gravity_in_reading or tuple(joints) != arm.joint_names:
+        return None
+    return stated_weight(arm, position)
 
 
 def join(parts: Sequence[SamplesT]) -> SamplesT:
@@ -121,7 +144,8 @@ def save_recording(
     Efforts are written as the arm reads them: a file does not tell drive gains.
     """
     parts = (
-        replace(part, effort=converted(part.effort, part.joints, part.arm, None)) for part in parts
+        replace(part, effort=converted(part.effort, part.position, part.joints, part.arm, None))
+        for part in parts
     )
     if Path(path).suffix.lower() == ".csv":
         write_csv(parts, path)

@@ -13,8 +13,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import is_mtm
 from dvrk_gravity.arms.range import LARGEST
+from dvrk_gravity.arms.shipped import PLANTS, plausible_plant
 from dvrk_gravity.effects import terms
 from dvrk_gravity.effects.base.supposed import supposed_inertias, supposed_rotors
 from dvrk_gravity.errors import ConfigError
@@ -28,8 +28,6 @@ from dvrk_gravity.simulate.sensors import Sensors
 
 Array = NDArray[np.float64]
 
-_FOLDER = "plants"
-_MTM = "mtmr_28002"
 _SECTIONS = ("parameters", "links", "rotor_inertia", "sensors")
 _STEPS = ("position_step", "velocity_noise", "effort_step", "effort_noise")
 
@@ -68,11 +66,11 @@ class PlantFile:
         path = Path(text)
         if not text.endswith((".yaml", ".yml")):
             try:
-                path = config_path(f"{_FOLDER}/{text}.yaml")
+                path = config_path(f"{PLANTS}/{text}.yaml")
             except FileNotFoundError as error:
                 raise ConfigError(
                     "plant", text,
-                    f"{', '.join(shipped(_FOLDER))}, or the path of a plant's or a model's .yaml "
+                    f"{', '.join(shipped(PLANTS))}, or the path of a plant's or a model's .yaml "
                     "file, or of a .urdf",
                 ) from error  # fmt: skip
         content = yaml_file.load(path)
@@ -99,12 +97,8 @@ class PlantFile:
         Raises:
             ConfigError: A file of the package that cannot be read.
         """
-        whole = () if arm.held else shipped(_FOLDER)
-        named = [name for name in whole if name.partition("_")[0] == arm.name]
-        if not named and is_mtm(arm):
-            named = [_MTM]
-        if named:
-            plant = cls.load(named[0])
+        if name := plausible_plant(arm):
+            plant = cls.load(name)
             values = {**plant.model.parameters(), "arm": arm.source or arm.name}
             return replace(plant, model=TorqueModel.from_parameters(values, arm))
         supposed = (term.nominal(arm) for term in terms())

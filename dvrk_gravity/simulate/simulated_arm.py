@@ -90,6 +90,7 @@ class SimulatedArm:
         self.effort = np.zeros(arm.n)
         self.commanded = np.zeros(arm.n)
         self.compensation = np.zeros(arm.n)
+        self._weight = np.zeros(arm.n)  # of where the last step's effort acted
         self._builtin = builtin_compensation
         self._reader = SensorReader(sensors or Sensors(), arm, seed, dt)
         self._offset = plant.model.joint_offset
@@ -205,12 +206,15 @@ class SimulatedArm:
             Whether the arm could go: one that is pushed beyond all that can be computed holds where
             it was.
         """
-        plant = self.plant
+        plant, arm = self.plant, self.plant.model.arm
         before = plant.q
         weight = plant.smooth_torque()
+        self._weight = weight
         self.compensation = weight if self._builtin else self._zero
         if self.target is None:
-            self.commanded = self._request + self.compensation
+            # An arm that holds its weight itself does so whatever is switched on or off.
+            own = self.compensation if arm.gravity_in_command else weight
+            self.commanded = self._request + own
         else:
             self.commanded = weight + self._servo_effort(self.target)
         motor = self._to_motor.dot(self.commanded)
@@ -235,6 +239,8 @@ class SimulatedArm:
         plant = self.plant
         position, velocity = plant.acted
         effort = self.effort
+        if not plant.model.arm.gravity_in_reading:
+            effort = effort - self._weight
         for reading in self._readings:
             effort = effort + reading(position, velocity)
         position = position + self._offset
