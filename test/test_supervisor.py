@@ -937,6 +937,27 @@ def test_a_load_that_is_there_is_taken_over_by_a_new_start():
     assert loop.holds == 1  # this is what the last start accepted
 
 
+def test_without_measured_efforts_a_change_has_to_be_confirmed():
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
+    loop.configure(**AT_ONCE, **BEYOND["a load that is not there"])
+    assert loop.first() is None
+    assert loop.status is Status.FAULT
+    assert "~/enable takes them" in loop.reason
+    loop.supervisor.enable()
+    np.testing.assert_allclose(loop.first(), target(loop))
+
+
+def test_an_arm_where_this_one_cannot_be_is_not_started():
+    """A left master, whose wrist_platform goes where a right one's does not."""
+    loop = SupervisorInLoop(**AT_ONCE)
+    left = Q.copy()
+    left[3] = np.radians(-170.0)
+    assert loop.first(position=left) is None
+    assert loop.status is Status.FAULT
+    assert "wrist_platform is at -170 deg, 75 deg outside the limits of mtmr" in loop.reason
+
+
 def test_many_small_changes_are_compared_with_the_last_start():
     loop = SupervisorInLoop(**AT_ONCE)
     loop.first()

@@ -38,6 +38,9 @@ class StartSettings:
             here is compared with its masses'. Chosen: nearer to balance, centres of mass that are
             off by a tenth of a link's length matter as much.
         negligible: Part of an effort limit that moves no joint (``verdict.VerdictSettings``).
+        outside: Further outside the arm's limits, rad, 20 deg (``Arm.scale``), it is another arm:
+            what a zero is off by is less, and a right master's stops differ from a left one's by
+            110 deg.
     """
 
     duration: float = 0.1
@@ -50,6 +53,7 @@ class StartSettings:
     poses: int = 200
     least_weight: float = 0.3
     negligible: float = 0.01
+    outside: float = 0.35
 
 
 SETTINGS = StartSettings()
@@ -91,7 +95,7 @@ class Start:
             len(self._models) >= SETTINGS.least_samples
         )
 
-    def origin(self, settings: Settings) -> tuple[Array, str]:
+    def origin(self, settings: Settings, must_compare: bool = False) -> tuple[Array, str]:
         """Return the (n,) first effort, N·m, and in words where it is from.
 
         The model's torque, and of the difference to the mean effort that was measured no more than
@@ -100,19 +104,30 @@ class Start:
         effort. An arm that does not measure its efforts (none in half of the samples, or all of
         them exactly zero) begins with the model's torque.
 
+        Args:
+            settings: What is to be commanded.
+            must_compare: Without measured efforts nothing is begun.
+
         Raises:
-            StartRefusedError: Measured and modelled efforts differ by more than
-                ``settings.start_tolerance``, the model holds next to nothing of the weight, another
-                one than the masses in the arm's file have, or the limits cut what holds the arm.
+            StartRefusedError: The arm is where this one cannot be, measured and modelled efforts
+                differ by more than ``settings.start_tolerance``, the model holds next to nothing of
+                the weight, another one than the masses in the arm's file have, or the limits cut
+                what holds the arm.
         """
         model = np.mean(self._models, axis=0)
         arm, position = settings.model.arm, self._position
         joints = arm.joints
         assert position is not None  # there is a sample
+        require_within(arm, position)
         weight = settings.weight(position)
         if not settings.weightless:
             _compare_with_masses(settings, position)
         if len(self._efforts) < SETTINGS.usable * len(self._models) or not np.any(self._efforts):
+            if must_compare:
+                raise StartRefusedError(
+                    "measured_js has no usable effort to compare changed parameters with: ~/enable "
+                    "takes them as they are"
+                )
             origin, source = model, "the model's torque, as measured_js has no usable effort"
         elif settings.weightless and not arm.gravity_in_command:
             origin, source = model, "the model's torque, as the arm holds its weight itself"
@@ -133,6 +148,26 @@ class Start:
                 "hold, more than its effort limits leave: it would fall"
             )
         return settings.limits.clip(origin), source
+
+
+def require_within(arm: Arm, position: Array) -> None:
+    """Refuse to command an arm that is where the one that is meant cannot be.
+
+    Args:
+        arm: The arm that is meant.
+        position: (n,) where the arm is, rad or m.
+
+    Raises:
+        StartRefusedError: Further than 20 deg (35 mm) outside the arm's limits.
+    """
+    beyond = np.maximum(arm.lower - position, position - arm.upper)
+    worst = int(np.argmax(beyond / arm.scale))
+    if not beyond[worst] <= SETTINGS.outside * arm.scale[worst]:
+        joint = arm.joints[worst]
+        raise StartRefusedError(
+            f"{joint.name} is at {joint.shown(position[worst])}, {joint.shown(beyond[worst])} "
+            f"outside the limits of {arm.name}: the other side's arm?"
+        )
 
 
 def _unread(settings: Settings, position: Array) -> Array:

@@ -93,6 +93,7 @@ class Supervisor:
         self.hold_due = False
         self.origin = self.change = ""
         self._accepted = settings  # by the last start
+        self._must_compare = False  # the next start follows a change, which nobody has confirmed
         self._interruptions = 0  # by the arm's own compensation, since we were enabled
         self._obstacles: dict[str, str] = {}
         self._gate = InputGate(settings.model.arm)
@@ -140,7 +141,7 @@ class Supervisor:
     def enable(self) -> None:
         """Start, or start again after a fault; commands follow with the next valid input."""
         if self.status in (Status.DISABLED, Status.FAULT):
-            self._interruptions = 0
+            self._interruptions, self._must_compare = 0, False
             self._wait()
 
     def disable(self) -> None:
@@ -271,11 +272,12 @@ class Supervisor:
         if not start.complete(now):
             return
         try:
-            self._command, self.origin = start.origin(self.settings)
+            self._command, self.origin = start.origin(self.settings, self._must_compare)
         except StartRefusedError as error:
             self.fail(str(error))
             return
         self._start, self.change, self._accepted = None, "", self.settings
+        self._must_compare = False
         self._watch_energy()
         self._begin_ramp(self._command, sample.position, sample.velocity, now)
         self.status, self.reason = Status.RAMPING, "blending to the model's torque"
@@ -353,6 +355,7 @@ class Supervisor:
         if excess[worst] <= min(accepted.start_tolerance, settings.start_tolerance):
             return False
         joint = arm.joints[worst]
+        self._must_compare = True
         self._stop(
             Status.WAITING,
             f"changed parameters ask {joint.name} for {after[worst]:.3g} {joint.effort_unit} where "

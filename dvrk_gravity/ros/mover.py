@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.compensate.input_gate import InputGate
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample
+from dvrk_gravity.compensate.start import StartRefusedError, require_within
 from dvrk_gravity.errors import DvrkGravityError
 from dvrk_gravity.processes import ProcessError
 from dvrk_gravity.ros.arm_link import MEASURED, ArmLink
@@ -50,9 +51,6 @@ lag: as the first joints of one."""
 LAG = 0.1
 """How late the arm may be there, s: servos lag by some 0.05 s, the simulated one by 0.08 s, and a
 measurement is up to 0.01 s old."""
-
-OUTSIDE = np.radians(20.0)
-"""How far outside its limits an arm may read: more, and it is not the arm that was named, rad."""
 
 STILL = np.radians(1.0)
 """How far an arm at rest may move in half of the time of listening, rad (see Arm.scale). Chosen:
@@ -181,15 +179,10 @@ class Mover:
                 "while nobody is to move it: let the arm rest, or stop what moves it"
             )
         position: Array = np.median(heard, axis=0)
-        beyond = np.maximum(self._arm.lower - position, position - self._arm.upper)
-        worst = int(np.argmax(beyond / scale))
-        if not beyond[worst] <= OUTSIDE * scale[worst]:
-            joint = joints[worst]
-            raise MotionError(
-                f"{self.topic}: {joint.name} is at "
-                f"{joint.shown(position[worst])}, {joint.shown(beyond[worst])} "
-                f"outside the limits of {self._arm.name}: the other hand's arm?"
-            )
+        try:
+            require_within(self._arm, position)
+        except StartRefusedError as error:
+            raise MotionError(f"{self.topic}: {error}") from error
         return position
 
     def follow(
