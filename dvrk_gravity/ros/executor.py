@@ -10,10 +10,13 @@ to everybody has many), and done by rclpy's own executor.
 
 from __future__ import annotations
 
+import contextlib
+import threading
 import time
+from collections.abc import Iterator
 from typing import Any
 
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.subscription import Subscription
@@ -21,9 +24,35 @@ from rclpy.subscription import Subscription
 LOOK = 0.01
 """What is not the prompt subscription or a timer is looked at so often, s."""
 
+_WAKE = 0.05
+"""An executor is woken so often, s: half of the shortest time-out that is the default."""
+
 # Messages of one subscription that are taken at a look.
 _MOST = 100
 _KINDS = ("subscription", "guard_condition", "timer", "client", "service")
+
+
+@contextlib.contextmanager
+def kept_awake(executor: Executor) -> Iterator[None]:
+    """Wake an executor now and then, by a clock that nobody sets.
+
+    The middleware may wait on the computer's clock, as Fast DDS does where it was built for a glibc
+    before 2.30. If that clock is set back, whoever waits at this moment waits for as much longer,
+    his time-outs with him, unless a message comes.
+    """
+    ended = threading.Event()
+
+    def wake() -> None:
+        while not ended.wait(_WAKE):
+            executor.wake()
+
+    thread = threading.Thread(target=wake, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 class PromptNode(Node):

@@ -24,7 +24,7 @@ from dvrk_gravity.files import yaml_file
 from dvrk_gravity.named_arm import arm_beside
 from dvrk_gravity.parameter import Parameter
 from dvrk_gravity.ros.ending import asked_to_end
-from dvrk_gravity.ros.executor import PromptExecutor, PromptNode
+from dvrk_gravity.ros.executor import PromptExecutor, PromptNode, kept_awake
 
 STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 """Timers run on it: a simulated or stepped clock must not stop a watch on the input."""
@@ -171,8 +171,9 @@ def _spin(node: Node, stop: threading.Event) -> int:
         executor = SingleThreadedExecutor()
         executor.add_node(node)
     try:
-        while not stop.is_set():
-            executor.spin_once(timeout_sec=0.1)
+        with kept_awake(executor):
+            while not stop.is_set():
+                executor.spin_once(timeout_sec=0.1)
     except MemoryError:
         node.get_logger().fatal("out of memory: the arm is held, and this node ends")
         return 1
