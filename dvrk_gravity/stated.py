@@ -35,7 +35,7 @@ class WeightBounds:
 
     Attributes:
         least: Part of their weight that holds the arm at least. Masses of real files are off by
-            40 %: those of a UR10e's weigh .73 of what is measured (docs/own_arm.md).
+            40 %: those of a UR10e's weigh .72 to .88 of what is measured (test/test_weights.py).
         most: Multiple of it at most, likewise, a load apart.
         most_loaded: The same at one pose, which does not tell a load: at its greatest, 12.5 kg, a
             UR10e's shoulder bears 2.1 times its own weight.

@@ -16,6 +16,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import nominal_inertias
 from dvrk_gravity.identification import identify
 from dvrk_gravity.identification.result import Fit
+from dvrk_gravity.identification.weights import held_weights
 from dvrk_gravity.planning.multisine import Multisine
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
@@ -212,3 +213,30 @@ def test_a_load_that_no_such_arm_lifts_explains_no_factor():
     assert fit.verdict.level == POOR
     (line,) = fit.verdict.findings
     assert "are 3 times what the masses" in line
+
+
+REAL = {
+    "ur10e/ur10e_bare.csv": ("ur10e/ur10e.urdf", 1.1, 1.4),
+    "ur10e/ur10e_2805g.csv": ("ur10e/ur10e.urdf", 1.4, 1.9),
+    "psm/psm_one_105g_insertion.csv": ("psm", 0.2, 1.2),
+    "mtmr28002_static_pos.csv": ("mtmr", 0.2, 1.7),
+}
+
+
+@pytest.mark.parametrize("file", REAL)
+def test_real_efforts_are_within_what_the_masses_of_such_arms_weigh(measured_data, file):
+    """With the published gains of the UR10e; its file has the masses of a UR10."""
+    name, least, most = REAL[file]
+    if not (measured_data / file).exists():
+        pytest.skip(f"no {file} in {measured_data}")
+    arm = Arm.load(measured_data / name if name.endswith(".urdf") else name)
+    if name.endswith(".urdf"):
+        arm = arm.with_drive_gains((14.87, 13.26, 11.13, 10.62, 11.03, 11.47))
+    fit = identify(measured_data / file, arm, "actuator" if name == "psm" else "joint")
+    assert fit.verdict.findings == ()
+    q = np.concatenate([trace.position for trace in fit.traces])
+    q = arm.joint_position(q) if fit.coordinates == "actuator" else q
+    ratios = [weight.ratio for weight in held_weights(fit.model, q, fit.holding)]
+    assert len(ratios) >= 3
+    assert least < min(ratios)
+    assert max(ratios) < most

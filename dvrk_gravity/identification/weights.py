@@ -46,7 +46,8 @@ class HeldWeightSettings:
         deviations: Standard errors by which a ratio is beyond a bound. Chosen.
         gone: Less than this part of the weight is none. Chosen: a driver's own masses, by which it
             takes gravity out, are right to some per cent; and a real PSM, whose pitch is balanced
-            otherwise than the shipped plant's, holds .2 to .4 of what that weighs, MTMs .7 to 1.5.
+            otherwise than the shipped plant's, holds .2 to .4 of what that weighs, joints of an
+            MTMR .2 to 1.6 (test/test_weights.py).
         alike: Factor within which ratios of several joints are one. Chosen.
         exchanged: Part of what efforts are off their own joints' weights that they are off each
             other's, squared, where two are exchanged. Chosen.
