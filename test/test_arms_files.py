@@ -166,6 +166,25 @@ def test_a_urdf_brings_joints_limits_and_inertia():
     assert Arm.of(Arm.load(arm.source).source).joint_names == arm.joint_names
 
 
+def test_a_stated_velocity_limit_is_the_joint_s_and_none_is_no_limit(tmp_path):
+    slow = LIMIT.replace('velocity="4"', 'velocity="0.1"')
+    none = LIMIT.replace('velocity="4"', 'velocity="0"')
+    joints = a_joint("one", "a", "b", inner=slow), a_joint("two", "b", "c", inner=none)
+    arm = Arm.load(urdf(tmp_path, *joints, links="abc"))
+    assert [joint.velocity_limit for joint in arm.joints] == [0.1, np.inf]
+
+
+def test_a_chain_s_velocity_limits_are_in_degrees_or_metres_per_second(tmp_path):
+    turns, slides, free = ({"velocity_limit": 90}, {"velocity_limit": 0.2}, {})
+    path = write(tmp_path, FILE | {"joints": [
+        {**row, **change} for row, change in zip(FILE["joints"], (turns, free, slides, free),
+                                                 strict=True)]})  # fmt: skip
+    found = [joint.velocity_limit for joint in Arm.load(path).joints]
+    np.testing.assert_allclose(found, [np.pi / 2, np.inf, 0.2, np.inf])
+    with pytest.raises(ConfigError, match=r"yaw\.velocity_limit: got 0"):
+        Arm.load(write(tmp_path, FILE | {"joints": [FILE["joints"][0] | {"velocity_limit": 0}]}))
+
+
 def test_mimic_joints_are_bodies_that_follow():
     arm = Arm.from_urdf(PANDA)
     assert arm.joint_names[-1] == "panda_finger_joint1"

@@ -80,6 +80,8 @@ class Joint:
         read_in: Unit of its effort where that is not N·m or N: ``A``, or :data:`ANY_UNIT`.
         damping: Viscous friction that the arm's file states, N·m·s/rad or N·s/m.
         friction: Dry friction that it states, N·m or N.
+        velocity_limit: Largest velocity that the arm's file states, rad/s or m/s; ``inf`` where it
+            states none.
         published_error: Error of careful fits of this joint on a motion that they had not seen, as
             a part of its torque; ``None`` where nobody has published one.
     """
@@ -92,6 +94,7 @@ class Joint:
     read_in: str = ""
     damping: float = 0.0
     friction: float = 0.0
+    velocity_limit: float = math.inf
     published_error: float | None = None
 
     @property

@@ -93,7 +93,12 @@ def _joint(name: str, joint: ElementTree.Element) -> Joint:
     if joint.get("type") != "continuous":
         kind = KINDS[str(joint.get("type"))]
         lower, upper = (read_number(name, joint, "limit", key, 0.0) for key in ("lower", "upper"))
-    return Joint(name, lower, upper, effort, kind, damping=damping, friction=friction)
+    # Exporters write 0 where they know none; no joint that moves has that limit.
+    velocity = abs(read_number(name, joint, "limit", "velocity", 0.0)) or np.inf
+    return Joint(
+        name, lower, upper, effort, kind, damping=damping, friction=friction,
+        velocity_limit=velocity,
+    )  # fmt: skip
 
 
 def _held(model: pin.Model, names: set[str]) -> pin.Model:

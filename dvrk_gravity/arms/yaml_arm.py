@@ -19,8 +19,9 @@
 The links are ``link1`` to ``linkn``; a follower's axis is the z axis of the frame that ``xyz`` and
 ``rpy`` (degrees) place on its parent's link frame. An MTM's file has ``parallelogram`` instead of
 followers. Identification starts from ``sizes``: what data leave open stays in proportion to them.
-A joint may have a ``published_error``, that of careful fits on motions that they had not seen, as a
-part of its torque, by which identification judges its own (an MTM's are known).
+A joint may have a ``velocity_limit``, deg/s or m/s, and a ``published_error``, that of careful fits
+on motions that they had not seen, as a part of its torque, by which identification judges its own
+(an MTM's are known).
 
 An arm may also be a URDF and what that does not say; paths are relative to the file's folder::
 
@@ -64,6 +65,7 @@ _DRIVES = ("actuator_to_joint", "actuator_effort_limit", "base_rpy", *_READINGS)
 _OPTIONAL = ("convention", "followers", "parallelogram", "sizes", *_DRIVES)
 _OF_URDF = ("urdf", "name", "tip", *_DRIVES)
 _JOINT = ("alpha", "a", "d", "offset", "lower", "upper", "effort_limit")
+_POSITIVE = ("velocity_limit", "published_error")  # of a joint, where they are known
 _KINDS: tuple[JointKind, ...] = ("revolute", "prismatic")
 
 
@@ -196,13 +198,13 @@ def _joint(where: str, row: Any) -> tuple[Joint, DHRow]:
     if not isinstance(name, str) or not name:
         raise ConfigError(where, row, f"a joint with a name, {', '.join(_JOINT)}")
     where = f"joints.{name}"
-    odd = (set(row) - {"type", "follows", "published_error"}) ^ {"name", *_JOINT}
+    odd = (set(row) - {"type", "follows", *_POSITIVE}) ^ {"name", *_JOINT}
     if odd:
         raise ConfigError(
             where,
             sorted(map(str, odd)),
             f"just {', '.join(_JOINT)}, type if it is prismatic, follows if its link moves by "
-            "other joints too, and published_error if it is known",
+            f"other joints too, and {', '.join(_POSITIVE)} if they are known",
         )
     kind = _choice(f"{where}.type", row.get("type", "revolute"), _KINDS)
     value = {key: _number(f"{where}.{key}", row[key]) for key in _JOINT}
@@ -211,13 +213,16 @@ def _joint(where: str, row: Any) -> tuple[Joint, DHRow]:
         value[key] = math.radians(value[key])
     if value["lower"] >= value["upper"]:
         raise ConfigError(f"{where}.lower", row["lower"], f"less than upper ({row['upper']})")
-    error = None
-    if "published_error" in row:
-        error = _number(f"{where}.published_error", row["published_error"])
-        if error <= 0.0:
-            raise ConfigError(f"{where}.published_error", error, "more than 0")
+    known = {key: _number(f"{where}.{key}", row[key]) for key in _POSITIVE if key in row}
+    for key, number in known.items():
+        if number <= 0.0:
+            raise ConfigError(f"{where}.{key}", number, "more than 0")
     limits = value["lower"], value["upper"], value["effort_limit"]
-    joint = Joint(name, *limits, kind, published_error=error)
+    velocity = known.get("velocity_limit", math.inf)
+    joint = Joint(
+        name, *limits, kind, published_error=known.get("published_error"),
+        velocity_limit=math.radians(velocity) if kind == "revolute" else velocity,
+    )  # fmt: skip
     if joint.effort_limit <= 0:
         raise ConfigError(
             f"{where}.effort_limit", row["effort_limit"], f"more than 0 {joint.effort_unit}"
