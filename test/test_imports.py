@@ -17,7 +17,7 @@ PACKAGE = REPOSITORY / "dvrk_gravity"
 # Other names than on the index of packages.
 DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml"}
 # Comes with the dVRK's own software, and is done without where that is not.
-OPTIONAL = {"crtk_msgs"}
+OPTIONAL = {"crtk_msgs", "xacrodoc"}
 
 
 def modules(package: Path) -> dict[str, Path]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from dvrk_gravity import command_line
-from dvrk_gravity.arguments import split_link
+from dvrk_gravity.arguments import is_urdf
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import outputs
 from dvrk_gravity.recording import Recording, iterate_recording, save_recording
@@ -81,7 +81,7 @@ def _converter(path: Path, target: Path) -> Callable[[argparse.Namespace], int]:
     if path.is_dir() or path.suffix.lower() in RECORDING_SUFFIXES:
         return _convert_recording
     of_arm = path.suffix.lower() in _YAML and target.suffix.lower() in _YAML
-    if of_arm or split_link(str(path))[0].lower().endswith(".urdf"):
+    if of_arm or is_urdf(path):
         from dvrk_gravity.cli import convert_urdf  # with Pinocchio: not for --help
 
         return lambda arguments: convert_urdf.convert(
