@@ -136,8 +136,8 @@ class TorqueModel:
         if is_urdf(file):
             return cls.stated(Arm.load(file))
         if file.suffix.lower() == ".json":
-            expected = f"a model's .yaml: `convert {file} {file.stem}.yaml` makes one of gc-*.json"
-            raise ConfigError("model", "a file of the dVRK console", expected, path)
+            makes = f"`convert {file} {file.stem}.yaml` makes one of the dVRK console's gc-*.json"
+            raise ConfigError("model", "a JSON file", f"a model's .yaml: {makes}", path)
         content = yaml_file.load(file)
         if "urdf" in content:
             return cls.stated(Arm.load(file))

@@ -152,7 +152,7 @@ def test_a_console_file_given_for_a_model_names_the_conversion(verb, content, tm
     assert main([verb, "run.csv", "--model", str(path), *out]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert f"{path}: model: got 'a file of the dVRK console'" in error
+    assert f"{path}: model: got 'a JSON file'" in error
     assert f"`convert {path} gc-MTMR-12345.yaml`" in error
 
 
@@ -247,6 +247,20 @@ def test_what_grows_outside_the_range_is_a_caution(tmp_path):
     answer = check_file(write(tmp_path, document)).answer
     assert answer.use is Use.USABLE
     assert answer.todo[0].startswith("keep outer_yaw within the calibrated range")
+
+
+@pytest.mark.parametrize("code", FAULTS)
+def test_a_conversion_warns_of_what_a_model_takes_over(code, tmp_path, capsys):
+    document = synthetic()
+    FAULTS[code][0](document)
+    path = write(tmp_path, document)
+    assert convert(path, tmp_path / "m.yaml") == 0
+    error = capsys.readouterr().err
+    if USE[code] is Use.NOT or code == "g_constant":
+        assert error.startswith(f"warning: {path}: {USE[code]} (")
+        assert f"`convert --check {path}` says what to do" in error
+    else:
+        assert not error
 
 
 REAL_USE = {

@@ -76,6 +76,7 @@ def small(
 UNSTATED = {
     "placeholder": '<limit lower="-1" upper="2" effort="0" velocity="0"/>',
     "none": '<limit lower="-1" upper="2"/>',
+    "infinite": '<limit lower="-1" upper="2" effort="inf" velocity="Infinity"/>',
     "less than none": '<limit lower="-1" upper="2" effort="-1" velocity="-1"/>',
 }
 
@@ -97,8 +98,9 @@ def test_a_joint_that_turns_needs_no_limits(kind, inner, tmp_path):
     assert joint.range_stated == (kind == "continuous")
 
 
-def test_the_limit_that_simulators_write_where_there_is_none_is_none(tmp_path):
-    inner = '<limit lower="-1e16" upper="1e16" effort="3" velocity="4"/>'
+@pytest.mark.parametrize("limit", ["1e16", "inf"])
+def test_the_limit_that_simulators_write_where_there_is_none_is_none(limit, tmp_path):
+    inner = f'<limit lower="-{limit}" upper="{limit}" effort="3" velocity="4"/>'
     (joint,) = Arm.load(urdf(tmp_path, a_joint("one", "a", "b", inner=inner), links="ab")).joints
     assert (joint.upper, joint.range_stated) == (np.inf, True)
 
@@ -359,8 +361,9 @@ def test_what_simulators_and_drivers_read_is_not_looked_at(tmp_path):
         '<ros2_control name="x" type="system"><joint name="one"><command_interface name="effort"/>'
         '</joint></ros2_control><gazebo reference="b"><selfCollide>true</selfCollide></gazebo>'
         '<transmission name="t"><joint name="one"/></transmission>'
-        '<link name="c"><visual><geometry><mesh filename="package://none/c.stl"/></geometry>'
-        '</visual></link>'
+        '<link name="c"><visual><geometry><mesh filename="$(find none)/c.stl"/></geometry>'
+        '</visual><collision><geometry><mesh filename="package://none/c.stl"/></geometry>'
+        '</collision></link>'
     )  # fmt: skip
     glued = a_joint("glue", "b", "c", "fixed", "")
     arm = Arm.load(urdf(tmp_path, a_joint("one", "a", "b"), glued, more, links="ab"))

@@ -98,8 +98,8 @@ def _joint(name: str, joint: ElementTree.Element) -> Joint:
         read_number(name, joint, "dynamics", key, 0.0) for key in ("damping", "friction")
     )
     lower, upper = read_limits(name, joint)
-    ends = attribute(joint, "limit", "lower"), attribute(joint, "limit", "upper")
-    said = joint.get("type") == "continuous" or any(float(end or 0.0) != 0.0 for end in ends)
+    ends = (float(attribute(joint, "limit", key) or 0.0) for key in ("lower", "upper"))
+    said = joint.get("type") == "continuous" or any(ends)
     return Joint(
         name, lower, upper, effort or np.inf, KINDS[str(joint.get("type"))],
         damping=damping, friction=friction, velocity_limit=velocity or np.inf,

@@ -29,7 +29,6 @@ INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _NAMES = ("link", "joint", "name")
 # Numbers of joints that Pinocchio's reader stops at where they are none, used or not.
 _OF_JOINTS = {
-    "limit": ("lower", "upper", *_STATED),
     "mimic": ("multiplier", "offset"),
     "dynamics": ("damping", "friction"),
     "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
@@ -66,14 +65,22 @@ def parse(text: str) -> ElementTree.Element:
 
 
 def _check_expanded(robot: ElementTree.Element) -> None:
-    """Raise ``XacroError`` for what is left of xacro: its tags, and what it fills in."""
-    for element in robot.iter():
-        space, _, tag = str(element.tag).rpartition("}")
-        if space.endswith("xacro"):
-            raise _of_xacro(f"<xacro:{tag}>")
-        for key, value in element.items():
-            if "${" in value or "$(" in value:
-                raise _of_xacro(f'<{tag} {key}="{value}">')
+    """Raise ``XacroError`` for what is left of xacro: its tags, and what it fills in.
+
+    Shapes, and what simulators and drivers read, are not looked at.
+    """
+    for part in robot:
+        read = [*part.iter()] if part.tag == "joint" else [part]
+        if part.tag == "link":
+            read += [element for inertial in part.findall("inertial") for element in inertial]
+        for element in (*read, *part):
+            space, _, tag = str(element.tag).rpartition("}")
+            if space.endswith("xacro"):
+                raise _of_xacro(f"<xacro:{tag}>")
+        for element in read:
+            for key, value in element.items():
+                if "${" in value or "$(" in value:
+                    raise _of_xacro(f'<{element.tag} {key}="{value}">')
 
 
 def _of_xacro(found: str) -> XacroError:
@@ -170,10 +177,7 @@ def read_limits(name: str, joint: ElementTree.Element) -> tuple[float, float]:
     write 0 to 0.
     """
     kind = joint.get("type")
-    lower, upper = (
-        _finite(f"joint {name}: limit {key}", attribute(joint, "limit", key) or "0", 1)[0]
-        for key in ("lower", "upper")
-    )
+    lower, upper = (_limit(name, joint, key) for key in ("lower", "upper"))
     none = lower == upper == 0.0 or min(-lower, upper) >= _NO_LIMIT
     if kind == "continuous" or (kind == "revolute" and none):
         return -math.inf, math.inf
@@ -183,11 +187,26 @@ def read_limits(name: str, joint: ElementTree.Element) -> tuple[float, float]:
 def stated_limit(name: str, joint: ElementTree.Element, key: str) -> float | None:
     """Return the effort or velocity limit that a joint states.
 
-    ``None`` where there is none, or none that a joint can have: exporters write 0 (some -1) where
+    ``None`` where there is none, or none that a joint can have: exporters write 0, -1 or inf where
     nobody has said one.
     """
-    value = read_number(name, joint, "limit", key, 0.0)
-    return value if value > 0.0 else None
+    value = _limit(name, joint, key)
+    return value if 0.0 < value < math.inf else None
+
+
+def _limit(name: str, joint: ElementTree.Element, key: str) -> float:
+    """Return a limit, which may be infinite; 0 where there is none.
+
+    Raises:
+        ConfigError: It is no number, or a velocity or an effort that no arm has.
+    """
+    text = attribute(joint, "limit", key) or "0"
+    if text.strip().lower().lstrip("+-") in ("inf", "infinity"):
+        return float(text)
+    (value,) = _finite(f"joint {name}: limit {key}", text, 1)
+    if key in _STATED:
+        check_range(f"joint {name}: limit {key}", [value])
+    return value
 
 
 def _check_limits(name: str, joint: ElementTree.Element, of_arm: bool) -> None:
@@ -272,7 +291,9 @@ def dynamics(robot: ElementTree.Element) -> str:
     for joint in elements:
         if joint.get("type") not in ("fixed", *_FREE):
             limit = _part(joint, "limit")
-            for key in _STATED:  # which are read here, and not by it
+            # What is infinite, and what is read here and not by it, it need not understand.
+            endless = [key for key, text in limit.items() if math.isinf(float(text))]
+            for key in (*endless, *_STATED):
                 limit.set(key, "0")
     for link in robot.findall("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):

@@ -42,13 +42,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         type=Path,
         nargs="+",
-        help="instead: tell what is wrong with the console's files (status 1: something serious)",
+        help="instead: can the console's files be used, and what to do? (status 1: one cannot be "
+        "used as it is)",
     )
     parser.add_argument(
         "--json",
         metavar="REPORT",
         type=Path,
-        help="also write there: the findings of --check; what a model loses in a console's .json",
+        help="also write there: answers and findings of --check; what a model loses in a "
+        "console's .json",
     )
     parser.add_argument(
         "--topic", help=f"JointState topic of the bag (default: found; written: {DEFAULT_TOPIC})"

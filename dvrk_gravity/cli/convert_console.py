@@ -50,6 +50,10 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
             model = console.model()
         except ConfigError as error:
             raise error.in_file(source) from None
+        answer = check_file(source).answer
+        if answer.of_model:
+            more = f"`convert --check {source}` says what to do"
+            print(f"warning: {source}: {answer.use} ({answer.reason}); {more}", file=sys.stderr)
         model.save(target, _COMMENT.format(name=source.name, version=console.version))
         print(f"{target}: {model.arm.name}, {' + '.join(term.NAME for term in model.terms)}")
     else:

@@ -32,11 +32,13 @@ class Answer:
         use: What may be done with the file.
         reason: Why, in a line; ``""`` of a usable one.
         todo: What to do, in lines.
+        of_model: Whether the reason is in what a model takes over, too; safe limits are not.
     """
 
     use: Use
     reason: str
     todo: tuple[str, ...]
+    of_model: bool = False
 
 
 _AGAIN = (
@@ -76,12 +78,13 @@ def answer(
         arm = ARMS.get(str(document.get("ARM_NAME")), "ARM")
         again = _AGAIN.format(arm=arm, file=Path(path).name)
         named = any(finding.code == "file_name" for finding in wrong)
-        return Answer(Use.NOT, reason, ((_FIND_OUT if named else "") + again,))
+        return Answer(Use.NOT, reason, ((_FIND_OUT if named else "") + again,), of_model=True)
     repairs = list(_repairs(serious, document))
     caution = list(_cautions(findings))
     if repairs:
-        codes = dict.fromkeys(_WHAT[finding.code] for finding in serious if finding.code in _WHAT)
-        return Answer(Use.REPAIR, "; ".join(codes), (*repairs, *caution))
+        why = dict.fromkeys(_WHAT[finding.code] for finding in serious if finding.code in _WHAT)
+        scaled = any(finding.code == "g_constant" for finding in serious)
+        return Answer(Use.REPAIR, "; ".join(why), (*repairs, *caution), of_model=scaled)
     return Answer(Use.USABLE, "", tuple(caution))
 
 
