@@ -60,7 +60,9 @@ setup(
             "mujoco>=4.0",
             "sympy>=1.12",
             "example-robot-data>=4.0",
+            "xacrodoc>=2.0",
         ],
+        "xacro": ["xacrodoc>=2.0"],  # expands URDFs that xacro has yet to
     },
     zip_safe=False,
     maintainer="dvrk_gravity maintainers",

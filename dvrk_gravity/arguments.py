@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.errors import ArgumentError
 
 PATH = (str, os.PathLike)
+_WITH_LINK = re.compile(r"(?P<path>.*\.(urdf|xacro))#(?P<link>[^\n]*)", re.IGNORECASE | re.DOTALL)
 
 
 def path_of(name: str, value: Any, expected: str = "the path of a file") -> Path:
@@ -27,8 +29,13 @@ def path_of(name: str, value: Any, expected: str = "the path of a file") -> Path
 
 def split_link(text: str) -> tuple[str, str]:
     """Return path and link of ``robot.urdf#LINK``; of another path ``""`` for the link."""
-    at = text.lower().rfind(".urdf#")
-    return (text, "") if at < 0 else (text[: at + 5], text[at + 6 :])
+    found = _WITH_LINK.fullmatch(text)
+    return (found["path"], found["link"]) if found else (text, "")
+
+
+def is_urdf(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a path, or ``robot.urdf#LINK``, is that of a URDF, or one for xacro."""
+    return split_link(str(path))[0].lower().endswith((".urdf", ".xacro"))
 
 
 def floats(name: str, value: Any) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arguments import split_link
+from dvrk_gravity.arguments import is_urdf, split_link
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.arrays import as_array, as_value
@@ -160,11 +160,6 @@ def seen_from(arm: str, folder: Path) -> str:
     path = os.path.relpath(Arm.file(arm).resolve(), folder.resolve())
     link = split_link(arm)[1]
     return f"{path}#{link}" if link else path
-
-
-def is_urdf(path: str | Path) -> bool:
-    """Tell whether a path, or ``robot.urdf#LINK``, is that of a URDF."""
-    return split_link(str(path))[0].lower().endswith(".urdf")
 
 
 def _is_file(arm: str) -> bool:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from dvrk_gravity.arms import Arm, mtm
+from dvrk_gravity.arms.range import LARGEST
 from dvrk_gravity.parameter import Parameter
 
 
@@ -52,6 +53,8 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
     speed, slew = (" or ".join(f"{unit}/s" for unit in of) for of in (units, efforts))
     speeds, slews = (tuple(f"{unit}/s" for unit in of) for of in (arm.units, arm.effort_units))
     most = max(10.0, float(arm.effort_limit.max()), float(arm.actuator_effort_limit.max()))
+    if not all(joint.effort_stated for joint in arm.joints):
+        most = LARGEST
     least = float(arm.scale.min())
     slide = "; of one that slides a tenth, in m" if least < 1.0 else ""
     if mtm.is_mtm(arm):

@@ -16,8 +16,8 @@ from conftest import REPOSITORY, syntax
 PACKAGE = REPOSITORY / "dvrk_gravity"
 # Other names than on the index of packages.
 DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml"}
-# Comes with the dVRK's own software, and is done without where that is not.
-OPTIONAL = {"crtk_msgs"}
+# Done without where they are not installed: the dVRK's own messages, and what expands xacro.
+OPTIONAL = {"crtk_msgs", "xacrodoc"}
 
 
 def modules(package: Path) -> dict[str, Path]:

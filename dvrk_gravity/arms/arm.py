@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arguments import PATH, path_of, split_link
+from dvrk_gravity.arguments import PATH, is_urdf, path_of, split_link
 from dvrk_gravity.arms import held, urdf_arm, yaml_arm
 from dvrk_gravity.arms.description import (
     GRAVITY,
@@ -45,7 +45,7 @@ class Arm(Description):
                 unknown field.
         """
         path = cls.file(name_or_path)
-        if path.suffix.lower() == ".urdf":
+        if is_urdf(path):
             _, link = split_link(str(name_or_path))
             return cls._of_file(urdf_arm.read(path, link or None, str(name_or_path)))
         return cls._of_file(yaml_arm.read(path, str(name_or_path)))
@@ -94,7 +94,7 @@ class Arm(Description):
             raise ArgumentError("arm", name_or_path, SUPPORTED)
         text = str(name_or_path)
         file, _ = split_link(text)
-        if file.lower().endswith((".urdf", ".yaml", ".yml")):
+        if is_urdf(file) or file.lower().endswith((".yaml", ".yml")):
             return Path(file)
         try:
             return config_path(f"arms/{text}.yaml")
@@ -229,6 +229,22 @@ class Arm(Description):
         spread = None if error is None else np.array(error, dtype=float)
         joints = tuple(replace(joint, read_in="") for joint in self.joints)
         return replace(self, joints=joints, drive_gains=values, drive_gain_error=spread)
+
+    def limited_to(self, effort: Array) -> Arm:
+        """Return the arm with joint effort limits, N·m or N, where its file states none.
+
+        Args:
+            effort: (n,) limits.
+        """
+        if all(joint.effort_stated for joint in self.joints):
+            return self
+        joints = tuple(
+            joint if joint.effort_stated else replace(joint, effort_limit=limit, effort_stated=True)
+            for joint, limit in zip(self.joints, effort.tolist(), strict=True)
+        )
+        # A transmission has limits of its own, so there is none here.
+        limits = np.array([joint.effort_limit for joint in joints])
+        return replace(self, joints=joints, actuator_effort_limit=limits)
 
     def holding(self, where: Mapping[str, float]) -> Arm:
         """Return the arm with some joints held still, rad or m by name; see ``held.holding``.

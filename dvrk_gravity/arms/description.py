@@ -82,6 +82,9 @@ class Joint:
         friction: Dry friction that it states, N·m or N.
         velocity_limit: Largest velocity that the arm's file states, rad/s or m/s; ``inf`` where it
             states none.
+        range_stated: Whether the arm's file says where it stops, or that it does not.
+        effort_stated: Whether ``effort_limit`` is what the arm's file states. If not, it is a
+            plausible size (``plausible_effort``): enough for a fit, not for a command.
         published_error: Error of careful fits of this joint on a motion that they had not seen, as
             a part of its torque; ``None`` where nobody has published one.
     """
@@ -95,6 +98,8 @@ class Joint:
     damping: float = 0.0
     friction: float = 0.0
     velocity_limit: float = math.inf
+    range_stated: bool = True
+    effort_stated: bool = True
     published_error: float | None = None
 
     @property
@@ -173,6 +178,7 @@ class Description:
         gravity_in_reading: Whether the efforts that the arm reads hold its weight.
         gravity_in_command: Whether those that it takes are to; else it holds its weight itself.
         held: Where joints of its file are held that are none of its joints, rad or m, by name.
+        doubts: What its file says of links that no link can have, or leaves out: a line each.
         source: What :meth:`load` loads it from: a name or a path; ``""`` if not from there.
     """
 
@@ -192,6 +198,7 @@ class Description:
     gravity_in_reading: bool = True
     gravity_in_command: bool = True
     held: Mapping[str, float] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
     source: str = ""
 
     def __post_init__(self) -> None:

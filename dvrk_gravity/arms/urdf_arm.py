@@ -13,23 +13,27 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.description import Array, Body, Description, Joint, JointKind
+from dvrk_gravity.arms.description import Array, Body, Description, Joint
+from dvrk_gravity.arms.plausible_effort import with_plausible_efforts
 from dvrk_gravity.arms.urdf_file import (
     KINDS,
+    PLACEHOLDER,
     attribute,
     check,
     dynamics,
     find_root,
     parse,
     read_joints,
+    read_limits,
     read_number,
+    stated_limit,
 )
+from dvrk_gravity.arms.urdf_inertia import doubts
+from dvrk_gravity.arms.xacro_file import XacroError, expand
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file
 
 _Z = np.array([0.0, 0.0, 1.0])
-# kg: links of a file for pictures alone weigh nothing, or what a reader wants at least.
-PLACEHOLDER = 1e-3
 
 
 def read(path: Path, tip: str | None, source: str) -> Description:
@@ -40,23 +44,26 @@ def read(path: Path, tip: str | None, source: str) -> Description:
     """
     text = text_file.read(path, "URDF")
     try:
-        return _parse(text, tip, source)
+        try:
+            robot = parse(text)
+        except XacroError as found:
+            robot = parse(expand(path, found))
+        return _parse(robot, path.stem, tip, source)
     except ConfigError as error:
         raise error if error.source else error.in_file(path) from None
 
 
-def _parse(text: str, tip: str | None, source: str) -> Description:
-    robot = parse(text)
+def _parse(robot: ElementTree.Element, name: str, tip: str | None, source: str) -> Description:
     described = read_joints(robot)
     root = find_root(robot, described)
-    chain = None if tip is None else _chain(described, root, tip)
     moving = {name: joint for name, joint in described.items() if joint.get("type") != "fixed"}
-    check(robot, described)
+    chain = set(moving) if tip is None else _chain(described, root, tip)
+    check(robot, described, chain)
     try:
         model = pin.buildModelFromXML(dynamics(robot))
     except ValueError as error:
         raise ConfigError("", "what Pinocchio cannot read", "a URDF") from error
-    model = _held(model, {name for name in moving if chain is not None and name not in chain})
+    model = _held(model, set(moving) - chain)
     names = [name for name in model.names[1:] if moving[name].find("mimic") is None]
     if not names:
         raise ConfigError("joint", f"none of {len(described)} that moves", "at least one")
@@ -65,10 +72,12 @@ def _parse(text: str, tip: str | None, source: str) -> Description:
     bodies, parameters = _bodies(model, moving, rows)
     limits = np.array([joint.effort_limit for joint in joints])
     weighs = bool(parameters[:, 0].max() > PLACEHOLDER)
-    return Description(
-        str(robot.get("name")), joints, bodies, np.eye(len(joints)), limits,
+    arm = Description(
+        robot.get("name") or name, joints, bodies, np.eye(len(joints)), limits,
         inertial_parameters=parameters if weighs else None, source=source,
+        doubts=tuple(doubts(robot, described, chain)) if weighs else (),
     )  # fmt: skip
+    return with_plausible_efforts(arm)
 
 
 def _chain(joints: Mapping[str, ElementTree.Element], root: str, tip: str) -> set[str]:
@@ -84,20 +93,17 @@ def _chain(joints: Mapping[str, ElementTree.Element], root: str, tip: str) -> se
 
 
 def _joint(name: str, joint: ElementTree.Element) -> Joint:
-    effort = read_number(name, joint, "limit", "effort")
+    effort, velocity = (stated_limit(name, joint, key) for key in ("effort", "velocity"))
     damping, friction = (
         read_number(name, joint, "dynamics", key, 0.0) for key in ("damping", "friction")
     )
-    kind: JointKind = "revolute"
-    lower, upper = -np.inf, np.inf
-    if joint.get("type") != "continuous":
-        kind = KINDS[str(joint.get("type"))]
-        lower, upper = (read_number(name, joint, "limit", key, 0.0) for key in ("lower", "upper"))
-    # Exporters write 0 where they know none; no joint that moves has that limit.
-    velocity = abs(read_number(name, joint, "limit", "velocity", 0.0)) or np.inf
+    lower, upper = read_limits(name, joint)
+    ends = (float(attribute(joint, "limit", key) or 0.0) for key in ("lower", "upper"))
+    said = joint.get("type") == "continuous" or any(ends)
     return Joint(
-        name, lower, upper, effort, kind, damping=damping, friction=friction,
-        velocity_limit=velocity,
+        name, lower, upper, effort or np.inf, KINDS[str(joint.get("type"))],
+        damping=damping, friction=friction, velocity_limit=velocity or np.inf,
+        range_stated=said, effort_stated=effort is not None,
     )  # fmt: skip
 
 
@@ -109,7 +115,7 @@ def _held(model: pin.Model, names: set[str]) -> pin.Model:
     q = pin.neutral(model)
     for i in held:
         joint = model.joints[i]
-        if joint.nq == 1:
+        if joint.nq == 1:  # else one without stops, or of a base that moves about
             at = joint.idx_q
             q[at] = np.clip(q[at], model.lowerPositionLimit[at], model.upperPositionLimit[at])
     return pin.buildReducedModel(model, held, q)

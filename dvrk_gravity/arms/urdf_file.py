@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from copy import deepcopy
 from xml.etree import ElementTree
@@ -11,6 +12,8 @@ import numpy as np
 
 from dvrk_gravity.arms.description import JointKind
 from dvrk_gravity.arms.range import check_range
+from dvrk_gravity.arms.travel import check_travel
+from dvrk_gravity.arms.xacro_file import XacroError
 from dvrk_gravity.errors import ConfigError
 
 KINDS: dict[str, JointKind] = {
@@ -19,12 +22,13 @@ KINDS: dict[str, JointKind] = {
     "prismatic": "prismatic",
 }
 _TYPES = (*KINDS, "fixed")
-_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+# Of a base that moves about: such a joint may be in the file, but not in the arm.
+_FREE = ("floating", "planar")
+_STATED = ("effort", "velocity")
+INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _NAMES = ("link", "joint", "name")
-_MOMENTS = ("ixx", "iyy", "izz")
 # Numbers of joints that Pinocchio's reader stops at where they are none, used or not.
 _OF_JOINTS = {
-    "limit": ("lower", "upper", "effort", "velocity"),
     "mimic": ("multiplier", "offset"),
     "dynamics": ("damping", "friction"),
     "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
@@ -33,16 +37,18 @@ _OF_JOINTS = {
 # Chosen: an axis is written as a unit vector, or as a difference of points in m or mm. Pinocchio's
 # reader takes one whose square is no number of its own for z.
 _SHORTEST, _LONGEST = 1e-3, 1e3
-# kg·m^2. Chosen: far below any link's (a gram at a mm), far above the rounding of exporters: an
-# iCub's file has moments of -5e-20.
-_ROUNDED = 1e-12
+# kg: links of a file for pictures alone weigh nothing, or what a reader wants at least.
+PLACEHOLDER = 1e-3
+# The limit that SDF's readers write where a joint has none.
+_NO_LIMIT = 1e16
 
 
 def parse(text: str) -> ElementTree.Element:
     """Return the robot of a URDF's text.
 
     Raises:
-        ConfigError: It is none, or one that xacro has yet to expand.
+        XacroError: It is one that xacro has yet to expand.
+        ConfigError: It is none.
     """
     if "<!DOCTYPE" in text:  # entities: nothing that a robot needs, and some are bombs
         raise ConfigError("", "a document type", "a URDF: XML without one")
@@ -51,26 +57,34 @@ def parse(text: str) -> ElementTree.Element:
     except (ElementTree.ParseError, ValueError) as error:
         if "<xacro:" in text:  # its namespace may be missing
             raise _of_xacro("<xacro:…>") from error
-        raise ConfigError("", str(error), "a URDF: XML with a robot in it") from error
+        raise ConfigError("", str(error), "a URDF: XML with one robot in it") from error
     _check_expanded(robot)
-    if robot.tag != "robot" or not robot.get("name"):
+    if robot.tag != "robot":
         raise ConfigError("", f"<{robot.tag}>", 'a URDF: <robot name="…">')
     return robot
 
 
 def _check_expanded(robot: ElementTree.Element) -> None:
-    """Raise ``ConfigError`` for what is left of xacro: its tags, and what it fills in."""
-    for element in robot.iter():
-        space, _, tag = str(element.tag).rpartition("}")
-        if space.endswith("xacro"):
-            raise _of_xacro(f"<xacro:{tag}>")
-        for key, value in element.items():
-            if "${" in value or "$(" in value:
-                raise _of_xacro(f'<{tag} {key}="{value}">')
+    """Raise ``XacroError`` for what is left of xacro: its tags, and what it fills in.
+
+    Shapes, and what simulators and drivers read, are not looked at.
+    """
+    for part in robot:
+        read = [*part.iter()] if part.tag == "joint" else [part]
+        if part.tag == "link":
+            read += [element for inertial in part.findall("inertial") for element in inertial]
+        for element in (*read, *part):
+            space, _, tag = str(element.tag).rpartition("}")
+            if space.endswith("xacro"):
+                raise _of_xacro(f"<xacro:{tag}>")
+        for element in read:
+            for key, value in element.items():
+                if "${" in value or "$(" in value:
+                    raise _of_xacro(f'<{element.tag} {key}="{value}">')
 
 
-def _of_xacro(found: str) -> ConfigError:
-    return ConfigError("", found, "a URDF without xacro: expand it with xacro first")
+def _of_xacro(found: str) -> XacroError:
+    return XacroError("", found, "a URDF without xacro")
 
 
 def read_joints(robot: ElementTree.Element) -> dict[str, ElementTree.Element]:
@@ -85,7 +99,7 @@ def read_joints(robot: ElementTree.Element) -> dict[str, ElementTree.Element]:
         name = joint.get("name")
         if not name or name in joints:
             raise ConfigError("joint", name, "a name that no other joint has")
-        if joint.get("type") not in _TYPES:
+        if joint.get("type") not in (*_TYPES, *_FREE):
             raise ConfigError(f"joint {name}: type", joint.get("type"), f"{', '.join(_TYPES)}")
         for end in ("parent", "child"):
             if attribute(joint, end, "link") not in links:
@@ -117,6 +131,8 @@ def find_root(robot: ElementTree.Element, joints: Mapping[str, ElementTree.Eleme
         if children.count(child) > 1:
             raise ConfigError(f"link {child}", "the child of two joints", "a tree of links")
     links = _links(robot)
+    if not links:
+        raise ConfigError("link", "none", "a URDF with links and joints")
     roots = [name for name in links if name not in children]
     if len(roots) != 1:
         raise ConfigError("link", roots, "one link that is no joint's child")
@@ -132,55 +148,100 @@ def find_root(robot: ElementTree.Element, joints: Mapping[str, ElementTree.Eleme
     return roots[0]
 
 
-def check(robot: ElementTree.Element, joints: Mapping[str, ElementTree.Element]) -> None:
+def check(
+    robot: ElementTree.Element, joints: Mapping[str, ElementTree.Element], arm: Collection[str]
+) -> None:
     """Check every number that is read of joints and inertias; those of shapes are not looked at.
+
+    Args:
+        robot: The robot.
+        joints: Its joints, by name.
+        arm: Names of those that are not held.
 
     Raises:
         ConfigError: Naming the joint or link; the reader drops an inertia that it cannot read.
     """
     for name, joint in joints.items():
         if joint.get("type") != "fixed":
-            _check_limits(name, joint)
+            _check_limits(name, joint, name in arm and joint.find("mimic") is None)
     for link in robot.findall("link"):
         _check_inertia(f"link {link.get('name')}", link.find("inertial"))
     for name, joint in joints.items():
         _check_joint(f"joint {name}", joint)
 
 
-def _check_limits(name: str, joint: ElementTree.Element) -> None:
-    """Raise ``ConfigError`` where limits are missing or none that a joint can have."""
-    for key in ("effort", "velocity"):  # what Pinocchio's reader wants of a mimic joint too
-        if attribute(joint, "limit", key) is None:
+def read_limits(name: str, joint: ElementTree.Element) -> tuple[float, float]:
+    """Return the lower and upper limit of a joint that moves.
+
+    They are infinite where it has no stops, and where it turns and the file says of none: exporters
+    write 0 to 0.
+    """
+    kind = joint.get("type")
+    lower, upper = (_limit(name, joint, key) for key in ("lower", "upper"))
+    none = lower == upper == 0.0 or min(-lower, upper) >= _NO_LIMIT
+    if kind == "continuous" or (kind == "revolute" and none):
+        return -math.inf, math.inf
+    return lower, upper
+
+
+def stated_limit(name: str, joint: ElementTree.Element, key: str) -> float | None:
+    """Return the effort or velocity limit that a joint states.
+
+    ``None`` where there is none, or none that a joint can have: exporters write 0, -1 or inf where
+    nobody has said one.
+    """
+    value = _limit(name, joint, key)
+    return value if 0.0 < value < math.inf else None
+
+
+def _limit(name: str, joint: ElementTree.Element, key: str) -> float:
+    """Return a limit, which may be infinite; 0 where there is none.
+
+    Raises:
+        ConfigError: It is no number, or a velocity or an effort that no arm has.
+    """
+    text = attribute(joint, "limit", key) or "0"
+    if text.strip().lower().lstrip("+-") in ("inf", "infinity"):
+        return float(text)
+    (value,) = _finite(f"joint {name}: limit {key}", text, 1)
+    if key in _STATED:
+        check_range(f"joint {name}: limit {key}", [value])
+    return value
+
+
+def _check_limits(name: str, joint: ElementTree.Element, of_arm: bool) -> None:
+    """Raise ``ConfigError`` where limits are none that a joint can have."""
+    if joint.get("type") in _FREE:
+        if of_arm:
             raise ConfigError(
-                f"joint {name}: limit {key}", None,
-                'a finite number, as in <limit effort="20" velocity="3"/>',
+                f"joint {name}: type", joint.get("type"),
+                f"{', '.join(_TYPES)} (fixed, if the base stood still; or robot.urdf#LINK, for an "
+                "arm that is not on it)",
             )  # fmt: skip
-    effort = read_number(name, joint, "limit", "effort")
-    # A mimic joint is no joint of the arm, but Pinocchio's reader wants its limits.
-    if effort <= 0 and joint.find("mimic") is None:
-        raise ConfigError(f"joint {name}: limit effort", effort, "more than 0 N·m or N")
-    if joint.get("type") == "continuous":
         return
-    lower, upper = (read_number(name, joint, "limit", key, 0.0) for key in ("lower", "upper"))
-    if lower >= upper:
-        raise ConfigError(f"joint {name}: limit lower", lower, f"less than upper ({upper:g})")
+    for key in _STATED:
+        stated_limit(name, joint, key)
+    lower, upper = read_limits(name, joint)
+    slides = joint.get("type") == "prismatic"
+    if math.isinf(lower) or (lower == upper == 0.0 and not of_arm):
+        return
+    endless = "" if slides else "; a joint without stops has type continuous"
+    check_travel(f"joint {name}: limit ", lower, upper, "m" if slides else "rad", endless)
 
 
 def _check_inertia(where: str, inertial: ElementTree.Element | None) -> None:
-    """Raise ``ConfigError`` for a mass or a moment of inertia that is none.
+    """Raise ``ConfigError`` for a mass or a moment of inertia that is no number.
 
-    Whether a body can have the tensor is not asked: many files have roughly rounded ones.
+    Whether a body can have the tensor is not asked here: see ``urdf_inertia``.
     """
     if inertial is None:
         return
-    for tag, keys in (("mass", ("value",)), ("inertia", _INERTIA)):
-        for key in keys:
+    for tag, keys in (("mass", ("value",)), ("inertia", INERTIA)):
+        for key in keys if inertial.find(tag) is not None else ():
             text = attribute(inertial, tag, key)
             value = _numbers(f"{where}: inertial {tag} {key}", text, 1)[0]
             if tag == "mass" and value < 0:
                 raise ConfigError(f"{where}: inertial mass", value, "0 kg or more")
-            if key in _MOMENTS and value < -_ROUNDED:
-                raise ConfigError(f"{where}: inertial inertia {key}", value, "0 kg·m^2 or more")
     _check_origin(f"{where}: inertial", inertial)
 
 
@@ -221,14 +282,28 @@ def dynamics(robot: ElementTree.Element) -> str:
     """Return a checked URDF's text without shapes, its numbers as every reader takes them.
 
     Where a blank ends a number, or a tab parts two, Pinocchio's reader leaves out the inertia that
-    they are in, and the link weighs nothing.
+    they are in, and the link weighs nothing. It wants a name, limits of every joint that moves, a
+    mass and an inertia.
     """
     robot = deepcopy(robot)
+    robot.set("name", robot.get("name") or "robot")
     elements = robot.findall("joint")
+    for joint in elements:
+        if joint.get("type") not in ("fixed", *_FREE):
+            limit = _part(joint, "limit")
+            # What is infinite, and what is read here and not by it, it need not understand.
+            endless = [key for key, text in limit.items() if math.isinf(float(text))]
+            for key in (*endless, *_STATED):
+                limit.set(key, "0")
     for link in robot.findall("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):
             link.remove(shape)
-        elements += link.findall("inertial")
+        for inertial in link.findall("inertial"):
+            for tag, keys in (("mass", ("value",)), ("inertia", INERTIA)):
+                part = _part(inertial, tag)
+                for key in keys:
+                    part.set(key, part.get(key, "0"))
+            elements.append(inertial)
     for element in elements:
         for part in element:
             for key, text in part.items():
@@ -237,6 +312,12 @@ def dynamics(robot: ElementTree.Element) -> str:
                 with suppress(ValueError):  # what nobody checks, as nobody reads it
                     part.set(key, " ".join(repr(float(word)) for word in text.split()))
     return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _part(element: ElementTree.Element, tag: str) -> ElementTree.Element:
+    """Return the first of an element's parts with a tag, a new one if there is none."""
+    part = element.find(tag)
+    return ElementTree.SubElement(element, tag) if part is None else part
 
 
 def attribute(element: ElementTree.Element, tag: str, key: str) -> str | None:

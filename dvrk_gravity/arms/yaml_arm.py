@@ -46,7 +46,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -58,6 +58,7 @@ from dvrk_gravity.arms.mtm import parallelogram
 from dvrk_gravity.arms.mtm.published import PUBLISHED_ERROR
 from dvrk_gravity.arms.mtm.sizes import SIZES
 from dvrk_gravity.arms.range import check_range
+from dvrk_gravity.arms.travel import check_travel
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 
@@ -102,6 +103,9 @@ def _parse(content: dict[str, Any], source: str) -> Description:
     convention = _choice("convention", content.get("convention", "standard"), CONVENTIONS)
     joints, table = _joints(content["joints"])
     followers = _followers(content, joints, table, convention)
+    for joint, row in zip(joints, content["joints"], strict=True):
+        unit: Literal["deg", "m"] = "deg" if joint.kind == "revolute" else "m"
+        check_travel(f"joints.{joint.name}.", row["lower"], row["upper"], unit)
     rows = _rows(content["joints"], joints)
     if "parallelogram" in content:
         joints = tuple(_as_published(joint) for joint in joints)
@@ -127,7 +131,12 @@ def _on_urdf(content: dict[str, Any], path: Path, source: str) -> Description:
         raise error.in_file(f"{path}: {error.source}") from None
     if "actuator_to_joint" in content or "actuator_effort_limit" in content:
         matrix, limits = _transmission(content, described.joints)
-        described = replace(described, actuator_to_joint=matrix, actuator_effort_limit=limits)
+        described = replace(
+            described,
+            joints=_driven(described.joints, matrix, limits),
+            actuator_to_joint=matrix,
+            actuator_effort_limit=limits,
+        )
     name = content.get("name", described.name)
     base, stated = _base(content), "base_rpy" in content
     described = replace(described, name=name, base_rpy=base, base_stated=stated)
@@ -229,8 +238,6 @@ def _joint(where: str, row: Any) -> tuple[Joint, DHRow]:
     degrees = ("alpha", "offset", "lower", "upper") if kind == "revolute" else ("alpha", "offset")
     for key in degrees:
         value[key] = math.radians(value[key])
-    if value["lower"] >= value["upper"]:
-        raise ConfigError(f"{where}.lower", row["lower"], f"less than upper ({row['upper']})")
     known = {key: _number(f"{where}.{key}", row[key]) for key in _POSITIVE if key in row}
     for key, number in known.items():
         if number <= 0.0:
@@ -290,6 +297,15 @@ def _transmission(content: dict[str, Any], joints: Sequence[Joint]) -> tuple[Arr
                 f"actuator_effort_limit of {joint.name}", limit, f"more than 0 {joint.effort_unit}"
             )
     return matrix, np.array(limits)
+
+
+def _driven(joints: Sequence[Joint], matrix: Array, limits: Array) -> tuple[Joint, ...]:
+    """Return joints with what their actuators exert at most, where the URDF states no limit."""
+    most = (limits @ np.abs(np.linalg.inv(matrix))).tolist()
+    return tuple(
+        joint if joint.effort_stated else replace(joint, effort_limit=effort, effort_stated=True)
+        for joint, effort in zip(joints, most, strict=True)
+    )
 
 
 def _followers(

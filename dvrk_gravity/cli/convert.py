@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from dvrk_gravity import command_line
-from dvrk_gravity.arguments import split_link
+from dvrk_gravity.arguments import is_urdf
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import outputs
 from dvrk_gravity.recording import Recording, iterate_recording, save_recording
@@ -42,13 +42,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         type=Path,
         nargs="+",
-        help="instead: tell what is wrong with the console's files (status 1: something serious)",
+        help="instead: can the console's files be used, and what to do? (status 1: one cannot be "
+        "used as it is)",
     )
     parser.add_argument(
         "--json",
         metavar="REPORT",
         type=Path,
-        help="also write there: the findings of --check; what a model loses in a console's .json",
+        help="also write there: answers and findings of --check; what a model loses in a "
+        "console's .json",
     )
     parser.add_argument(
         "--topic", help=f"JointState topic of the bag (default: found; written: {DEFAULT_TOPIC})"
@@ -81,7 +83,7 @@ def _converter(path: Path, target: Path) -> Callable[[argparse.Namespace], int]:
     if path.is_dir() or path.suffix.lower() in RECORDING_SUFFIXES:
         return _convert_recording
     of_arm = path.suffix.lower() in _YAML and target.suffix.lower() in _YAML
-    if of_arm or split_link(str(path))[0].lower().endswith(".urdf"):
+    if of_arm or is_urdf(path):
         from dvrk_gravity.cli import convert_urdf  # with Pinocchio: not for --help
 
         return lambda arguments: convert_urdf.convert(

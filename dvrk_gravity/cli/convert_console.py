@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity.command_line import one_line
-from dvrk_gravity.console.check import FILE_NAME, check_file
+from dvrk_gravity.console.answer import Use
+from dvrk_gravity.console.check import Checked, check_file
 from dvrk_gravity.console.conversion import Conversion, convert_model
-from dvrk_gravity.console.file import ConsoleFile
+from dvrk_gravity.console.file import FILE_NAME, ConsoleFile
 from dvrk_gravity.console.finding import ConsoleFinding, Severity
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
@@ -49,6 +50,10 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
             model = console.model()
         except ConfigError as error:
             raise error.in_file(source) from None
+        answer = check_file(source).answer
+        if answer.of_model:
+            more = f"`convert --check {source}` says what to do"
+            print(f"warning: {source}: {answer.use} ({answer.reason}); {more}", file=sys.stderr)
         model.save(target, _COMMENT.format(name=source.name, version=console.version))
         print(f"{target}: {model.arm.name}, {' + '.join(term.NAME for term in model.terms)}")
     else:
@@ -97,37 +102,41 @@ def _not_in_it(result: Conversion) -> Iterator[str]:
 
 
 def check(paths: Sequence[Path], report: Path | None = None) -> int:
-    """Print what is wrong with console files.
+    """Print what is wrong with console files, and for each whether it can be used.
 
     Args:
         paths: The files.
-        report: JSON file to write the findings to, by file.
+        report: JSON file to write answers and findings to, by file.
 
     Returns:
-        0: nothing serious; 1: serious findings; 2: a file could not be read.
+        0: all can be used; 1: some need a repair, or are not to be used; 2: one could not be read.
 
     Raises:
         OSError: The report cannot be written.
     """
     outputs.check({"--json": report}, paths)
     status = 0
-    findings: dict[str, tuple[ConsoleFinding, ...]] = {}
+    checked: dict[str, Checked] = {}
     for path in paths:
         try:
-            found = check_file(path)
+            result = check_file(path)
         except ConfigError as error:
             print(f"dvrk_gravity convert: {one_line(error)}", file=sys.stderr)
             status = 2
             continue
-        findings[str(path)] = found
-        if any(finding.severity is Severity.SERIOUS for finding in found):
+        checked[str(path)] = result
+        found, answer = result.findings, result.answer
+        if answer.use is not Use.USABLE:
             status = max(status, 1)
         print(f"{path}: {_summary(found)}")
         width = max((len(finding.subject) for finding in found), default=0)
         for finding in found:
             print(f"  {finding.severity:<8} {finding.subject:<{width}}  {finding.text}")
+        print(f"  answer: {answer.use}{f' ({answer.reason})' if answer.reason else ''}")
+        for line in answer.todo:
+            print(f"    {line}")
     if report is not None:
-        content = {name: [asdict(finding) for finding in found] for name, found in findings.items()}
+        content = {name: asdict(result) for name, result in checked.items()}
         text_file.write(report, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return status
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from dvrk_gravity.cli.convert_console import MODEL_SUFFIXES, expect_suffix
@@ -31,6 +32,8 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
         raise ConfigError(
             "IN", "a model's parameters", "an arm's .urdf, or a .yaml with one", source
         )
+    for doubt in model.arm.doubts:
+        print(f"warning: {source}: {doubt}", file=sys.stderr)
     model.save(target, f"The masses that {source.name} states; nothing was measured.")
     print(f"{target}: {model.arm.name}, {' + '.join(term.NAME for term in model.terms)}")
     return 0

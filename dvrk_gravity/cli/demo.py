@@ -89,8 +89,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _file(plant: str) -> Path | None:
     """Return the file that is a plant, ``None`` of one that comes with the package."""
-    file = Path(plant.partition("#")[0])
-    return file if file.suffix.lower() in (".yaml", ".yml", ".urdf") else None
+    from dvrk_gravity.arguments import is_urdf, split_link
+
+    file = Path(split_link(plant)[0])
+    return file if is_urdf(file) or file.suffix.lower() in (".yaml", ".yml") else None
 
 
 def _arm(arguments: argparse.Namespace) -> Arm:

@@ -69,11 +69,11 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         0, or 1 if the model, which is written all the same, is not to be compensated with.
     """
+    from dvrk_gravity.arguments import is_urdf
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.identification import identify
     from dvrk_gravity.identification.table import fit_text
     from dvrk_gravity.model import VERDICTS, uncertainty_file
-    from dvrk_gravity.named_arm import is_urdf
     from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report.identification import render
 

@@ -111,6 +111,7 @@ class Settings:
         checked = check_all(declared, values, BY_EFFECTS)
         defaults = {name: entry.default for name, entry in declared.items()}
         value: dict[str, Any] = defaults | checked
+        arm = _with_limits(arm, value["effort_limit"])
         of_model = {name: checked[name] for name in model_parameters(arm) if name in checked}
         if before is not None and of_model == before._given:
             model = before.model
@@ -218,6 +219,27 @@ class Settings:
     def _at_rest(self, q: Array, terms: Iterable[Term]) -> Array:
         state = State.of(q - self.model.joint_offset)
         return np.asarray(sum((term.torque(state) for term in terms), np.zeros(q.shape)))
+
+
+def _with_limits(arm: Arm, given: tuple[float, ...]) -> Arm:
+    """Return an arm with effort limits that are stated, by its file or by the parameter.
+
+    Raises:
+        ConfigError: Neither states one of some joint.
+    """
+    missing = [joint for joint in arm.joints if not joint.effort_stated]
+    if not missing:
+        return arm
+    limits = np.broadcast_to(np.array(given or 0.0), arm.n)
+    for joint, limit in zip(arm.joints, limits.tolist(), strict=True):
+        if joint in missing and limit <= 0.0:
+            raise ConfigError(
+                "effort_limit", f"none of {', '.join(joint.name for joint in missing)}",
+                f"a largest effort of each joint, {joint.effort_unit}: <limit effort=\"…\"/> in "
+                "the URDF, actuator_effort_limit in a YAML that names it, or the parameter "
+                "effort_limit", arm.source,
+            )  # fmt: skip
+    return arm.limited_to(limits)
 
 
 def _require_weight(arm: Arm, value: Mapping[str, Any]) -> None:

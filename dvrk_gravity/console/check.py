@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,13 @@ import numpy as np
 
 from dvrk_gravity.arms import GRAVITY, Arm
 from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.console.answer import Answer, answer
 from dvrk_gravity.console.file import (
+    FILE_NAME,
     SECTION,
     ConsoleFile,
     field_problems,
+    with_arm,
 )
 from dvrk_gravity.console.finding import ConsoleFinding, Severity
 from dvrk_gravity.console.model_check import check_model
@@ -24,21 +28,34 @@ from dvrk_gravity.files import json_file
 # beta6, the platform's moment across the arm: +0.020 on right arms, -0.020 on left ones, kg·m.
 BETA6 = 0.020
 _BETA6 = 5
-FILE_NAME = re.compile(r"gc-(?P<arm>MTM[LR])-(?P<serial>.+)\.json")
 _DATA_OF = re.compile(r"(MTM[LR])[_-](\d+)")
 _OTHER = {"mtml": "mtmr", "mtmr": "mtml"}
 
 
-def check_file(path: str | Path) -> tuple[ConsoleFinding, ...]:
-    """Return what is wrong with a console file, the serious findings first.
+@dataclass(frozen=True)
+class Checked:
+    """A checked file.
+
+    Attributes:
+        findings: What is wrong with it, the serious findings first.
+        answer: Whether it can be used.
+    """
+
+    findings: tuple[ConsoleFinding, ...]
+    answer: Answer
+
+
+def check_file(path: str | Path) -> Checked:
+    """Return what is wrong with a console file, and whether it can be used.
 
     Args:
         path: The file; the other ``gc-*.json`` in its folder are read to find copies.
 
     Raises:
-        ConfigError: The file cannot be read as JSON.
+        ConfigError: The file cannot be read as JSON, or is another one of the console's.
     """
-    document = json_file.load(path, finite=False)
+    content, oddities = json_file.load_with_oddities(path, finite=False)
+    document = with_arm(content, path)
     others = {}
     for other in sorted(Path(path).parent.glob("gc-*.json")):
         if other.name != Path(path).name:
@@ -46,9 +63,13 @@ def check_file(path: str | Path) -> tuple[ConsoleFinding, ...]:
                 others[other.name] = json_file.load(other)
             except ConfigError:
                 continue  # that file's own check tells what is wrong with it
-    findings = [*_name(document, Path(path).name), *check(document), *_copies(document, others)]
+    findings = [
+        *(_text(oddity) for oddity in oddities),
+        *_name(document, Path(path).name), *check(document), *_copies(document, others),
+    ]  # fmt: skip
     order = list(Severity)
-    return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
+    found = tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
+    return Checked(found, answer(found, document, path))
 
 
 def check(document: Mapping[str, Any]) -> Iterator[ConsoleFinding]:
@@ -69,6 +90,13 @@ def check(document: Mapping[str, Any]) -> Iterator[ConsoleFinding]:
         yield ConsoleFinding("gravity_differs", Severity.SERIOUS, error.field, str(error))
         return
     yield from check_model(console, model)
+
+
+def _text(oddity: json_file.Oddity) -> ConsoleFinding:
+    """Return the finding about text that is no JSON."""
+    severity = Severity.SERIOUS if oddity.refused else Severity.WARNING
+    why = ": the console does not read such a file" if oddity.refused else ""
+    return ConsoleFinding("text", severity, "text", oddity.text + why)
 
 
 def _name(document: Mapping[str, Any], name: str) -> Iterator[ConsoleFinding]:

@@ -22,7 +22,7 @@ from dvrk_gravity.console.file import (
     SECTION,
     Array,
     ConsoleFile,
-    sample_torques,
+    safe_limits,
 )
 from dvrk_gravity.effects import DirectionalCable, ElasticCable, Gravity
 from dvrk_gravity.effects.base.polynomial import Range, evaluate
@@ -229,19 +229,14 @@ def _skeleton(model: TorqueModel, serial: str) -> dict[str, Any]:
         raise ConfigError(
             "SN", serial, "the arm's serial number in the file's name: gc-MTMR-28002.json"
         )
-    torques = sample_torques(model)
-    least, most = torques.min(axis=(0, 1)), torques.max(axis=(0, 1))
-    # A tenth beyond what the model ever asks for, within what the actuators give, and never away
-    # from zero: a limit on the far side of zero would push the arm.
-    margin = 0.1 * (most - least)
-    able = model.arm.effort_limit
+    lower, upper = safe_limits(model)
     return {
         "ARM_NAME": "",
         "SN": serial,
         "lse": {"g_constant": GRAVITY},
         SECTION: {
-            "safe_upper_torque_limit": np.clip(most + margin, 0.0, able).tolist(),
-            "safe_lower_torque_limit": np.clip(least - margin, -able, 0.0).tolist(),
+            "safe_upper_torque_limit": upper.tolist(),
+            "safe_lower_torque_limit": lower.tolist(),
             "GC_init_pos": list(_INITIAL_POSITION),
         },
         "version": "2.0",

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import GRAVITY
 from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.console.configuration import refuse_configuration
 from dvrk_gravity.effects import DirectionalCable
 from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.errors import ConfigError
@@ -49,6 +51,8 @@ BLEND_FIELDS = {
     1: ("beta_vel_amplitude",),
     2: ("db_vel_vec", "sat_vec_vec", "fric_comp_ratio_vec"),
 }
+FILE_NAME = re.compile(r"gc-(?P<arm>MTM[LR])-(?P<serial>.+)\.json")
+_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 RANGE_FIELDS = ("joint_position_lower_limit", "joint_position_upper_limit")
 
 
@@ -91,7 +95,7 @@ class ConsoleFile:
         Raises:
             ConfigError: Naming the file, the field, the value and what was expected.
         """
-        document = json_file.load(path)
+        document = with_arm(json_file.load(path), path)
         try:
             return cls.from_document(document)
         except ConfigError as error:
@@ -191,13 +195,42 @@ def sample_torques(model: TorqueModel) -> Array:
     return np.stack([model.torque(q, motion) for motion in motions])
 
 
+def safe_limits(model: TorqueModel) -> tuple[Array, Array]:
+    """Return (7,) lower and (7,) upper safe limits, N·m, that a model keeps over its range.
+
+    They are a tenth beyond what the model asks for, within what the actuators give, and never away
+    from zero: a limit on the far side of zero would push the arm.
+    """
+    torques = sample_torques(model)
+    least, most = torques.min(axis=(0, 1)), torques.max(axis=(0, 1))
+    margin, able = 0.1 * (most - least), model.arm.effort_limit
+    return np.clip(least - margin, -able, 0.0), np.clip(most + margin, 0.0, able)
+
+
+def with_arm(document: Mapping[str, Any], path: str | Path) -> Mapping[str, Any]:
+    """Return a file's content with the arm that its name says, where the content does not.
+
+    The console reads neither: which arm a file is for is said by the arm that names the file.
+
+    Raises:
+        ConfigError: The file is one of the console's that names such files, or none.
+    """
+    if SECTION not in document:
+        refuse_configuration(document, Path(path))
+    match = FILE_NAME.fullmatch(Path(path).name)
+    if match is None or document.get("ARM_NAME") is not None:
+        return document
+    return {"ARM_NAME": match["arm"], "SN": match["serial"], **document}
+
+
 def field_problems(document: Mapping[str, Any]) -> Iterator[ConfigError]:
     """Yield what keeps a file from being used: missing fields, wrong kinds and lengths."""
     version = _version(document)
     if version is None:
         yield ConfigError("version", document.get("version"), 'the text "1.0" or "2.0"')
-    if not isinstance(document.get("ARM_NAME"), str) or document["ARM_NAME"] not in ARMS:
-        yield ConfigError("ARM_NAME", document.get("ARM_NAME"), "MTML or MTMR")
+    if document.get("ARM_NAME") not in (*ARMS,):
+        expected = "MTML or MTMR, there or in the file's name: gc-<ARM>-<serial number>.json"
+        yield ConfigError("ARM_NAME", document.get("ARM_NAME"), expected)
     section = document.get(SECTION)
     if not isinstance(section, dict):
         yield ConfigError(SECTION, section, "an object")
@@ -216,15 +249,14 @@ def field_problems(document: Mapping[str, Any]) -> Iterator[ConfigError]:
 
 
 def _version(document: Mapping[str, Any]) -> int | None:
-    """Return 1 or 2 as the console reads it: the whole part of the text's number."""
+    """Return 1 or 2 as the console reads it: the whole part of the number that a text begins with.
+
+    A number is taken for its text.
+    """
     given = document.get("version")
-    if not isinstance(given, str):
-        return None
-    try:
-        number = float(given)
-    except ValueError:
-        return None
-    return int(number) if number in (1.0, 2.0) else None
+    match = None if isinstance(given, bool) else _NUMBER.match(str(given))
+    whole = int(min(float(match[0]), 3.0)) if match else 0
+    return whole if whole in BLEND_FIELDS else None
 
 
 def _array_problems(field: str, value: Any, length: int) -> Iterator[ConfigError]:

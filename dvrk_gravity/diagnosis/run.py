@@ -41,6 +41,7 @@ from dvrk_gravity.identification.motion import known_still
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Given, Recording, RecordingFile, opened
 from dvrk_gravity.recording.data import Coordinates
+from dvrk_gravity.recording.data_warning import about_arm
 from dvrk_gravity.recording.read_before import ReadBefore
 
 Array = NDArray[np.float64]
@@ -149,7 +150,10 @@ def diagnose(
     say = progress or _silent
     say("reading")
     loaded = load(whole, model, still)
-    loaded = replace(loaded, handling=(*said, *loaded.handling))
+    doubts = about_arm(arm.doubts if model.of_file else ())  # an identified model has its own
+    loaded = replace(
+        loaded, handling=(*said, *loaded.handling), warnings=(*doubts, *loaded.warnings)
+    )
     if reference is not None:
         loaded = _beside_reference(loaded, whole, reference, model, coordinates, still)
     outcome = investigate(loaded, say)

@@ -1,16 +1,37 @@
-"""Read JSON files strictly: one clear line for whatever is wrong with one."""
+"""Read JSON files as the dVRK's console does: one clear line for whatever is wrong with one.
+
+Its reader (jsoncpp's ``Json::Reader``) takes comments, keys that appear twice (the last one
+counts), ``1.`` and ``007`` for numbers, and does not look at what follows the object. A comma after
+the last item it refuses; what that means is clear all the same, so it is read here and noted.
+"""
 
 from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file
 
 MAX_DEPTH = 20
+_TEXT = r'"(?:\\.|[^"\\])*"'
+_COMMENT = re.compile(rf"{_TEXT}|//[^\n]*|/\*.*?\*/", re.DOTALL)
+_LOOSE = re.compile(rf"{_TEXT}|(?P<comma>,)(?=\s*[]}}])|(?P<number>-?\d[\d.eE+-]*)", re.DOTALL)
+
+
+class Oddity(NamedTuple):
+    """Something in a text that is no JSON.
+
+    Attributes:
+        text: What and where, in a line.
+        refused: Whether the console's reader refuses the file for it.
+    """
+
+    text: str
+    refused: bool
 
 
 def load(path: str | Path, finite: bool = True) -> dict[str, Any]:
@@ -23,9 +44,19 @@ def load(path: str | Path, finite: bool = True) -> dict[str, Any]:
     Raises:
         ConfigError: No such file, too large, not text, or not as :func:`loads` wants it.
     """
+    return load_with_oddities(path, finite)[0]
+
+
+def load_with_oddities(
+    path: str | Path, finite: bool = True
+) -> tuple[dict[str, Any], tuple[Oddity, ...]]:
+    """Return the object in a JSON file, and what its text has that is no JSON, in lines.
+
+    The arguments and errors are :func:`load`'s.
+    """
     text = text_file.read(path, "JSON")
     try:
-        return loads(text, finite)
+        return _parse(text, finite)
     except ConfigError as error:
         raise error.in_file(path) from error
 
@@ -34,29 +65,70 @@ def loads(text: str, finite: bool = True) -> dict[str, Any]:
     """Return the object in a JSON text.
 
     Raises:
-        ConfigError: Not JSON, not an object, a key that appears twice, nesting beyond reason,
-            or, if ``finite``, NaN or an infinite number.
+        ConfigError: Not JSON, not an object, nesting beyond reason, or, if ``finite``, NaN or an
+            infinite number.
     """
+    return _parse(text, finite)[0]
+
+
+def _parse(text: str, finite: bool) -> tuple[dict[str, Any], tuple[Oddity, ...]]:
+    oddities: list[Oddity] = []
+
+    def without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = [key for key, _ in pairs]
+        for key in dict.fromkeys(key for key in keys if keys.count(key) > 1):
+            oddities.append(Oddity(f"{key} is there twice, the last one counts", False))
+        return dict(pairs)
+
+    plain, commas = _plain(text)
+    decoder = json.JSONDecoder(
+        parse_constant=_refuse_constant if finite else float,
+        parse_float=_finite if finite else float,
+        object_pairs_hook=without_doubles,
+    )
     try:
-        content = json.loads(
-            text,
-            parse_constant=_refuse_constant if finite else float,
-            parse_float=_finite if finite else float,
-            object_pairs_hook=_without_doubles,
-        )
+        start = len(plain) - len(plain.lstrip())
+        content, end = decoder.raw_decode(plain, start)
     except json.JSONDecodeError as error:
         raise ConfigError(f"line {error.lineno}", error.msg, "valid JSON") from error
     except (ValueError, RecursionError) as error:  # an integer of thousands of digits, nesting
         raise ConfigError("", str(error), "valid JSON") from error
     if not isinstance(content, dict):
         raise ConfigError("", type(content).__name__, "a JSON object")
+    if rest := plain[end:].strip():
+        line = plain.count("\n", 0, plain.index(rest, end)) + 1
+        oddities.append(Oddity(f"line {line}: what follows the object is not read", False))
     level: list[Any] = [content]
     for _ in range(MAX_DEPTH):
         inner = [item.values() if isinstance(item, dict) else item for item in level]
         level = [item for items in inner for item in items if isinstance(item, dict | list)]
     if level:
         raise ConfigError("", "deeper nesting", f"at most {MAX_DEPTH} levels of nesting")
-    return content
+    return content, (*commas, *oddities)
+
+
+def _plain(text: str) -> tuple[str, list[Oddity]]:
+    """Return JSON text with its lines where they were, and which commas were too many."""
+    commas: list[Oddity] = []
+
+    def blank(match: re.Match[str]) -> str:
+        found = match[0]
+        return found if found.startswith('"') else re.sub(r"[^\n]", " ", found)
+
+    def strict(match: re.Match[str]) -> str:
+        if match["comma"]:
+            line = match.string.count("\n", 0, match.start()) + 1
+            commas.append(Oddity(f"line {line}: a comma after the last item", True))
+            return " "
+        number = match["number"]
+        if number and (number.endswith(".") or re.match(r"-?0\d|.*\.[eE]", number)):
+            try:
+                return repr(float(number))
+            except ValueError:  # no number at all
+                return number
+        return match[0]
+
+    return _LOOSE.sub(strict, _COMMENT.sub(blank, text)), commas
 
 
 def _refuse_constant(name: str) -> NoReturn:
@@ -68,12 +140,3 @@ def _finite(text: str) -> float:
     if not math.isfinite(value):
         raise ConfigError("", text, "finite numbers only")
     return value
-
-
-def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) < len(pairs):
-        keys = [key for key, _ in pairs]
-        double = next(key for key in keys if keys.count(key) > 1)
-        raise ConfigError(double, "the key twice", "each key once")
-    return content

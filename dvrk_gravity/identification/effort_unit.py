@@ -10,7 +10,6 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.description import ANY_UNIT
-from dvrk_gravity.arms.urdf_arm import PLACEHOLDER
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification.mounting import mounting
 from dvrk_gravity.identification.nominal_torque import NominalTorque
@@ -147,10 +146,6 @@ def require_newtons(
         return ()
     if model.verdict != NO_VERDICT or arm.read_in:
         return ()
-    if model.of_file and arm.inertial_parameters is not None:
-        rows = zip(arm.body_names, arm.inertial_parameters, strict=True)
-        if empty := ", ".join(name for name, row in rows if row[0] <= PLACEHOLDER):
-            odd.append(f"warning: the arm's file states no mass of {empty}")
     for recording in recordings:
         nominal = NominalTorque.of(recording, arm)
         parts = _parts(nominal, settings)

@@ -38,7 +38,7 @@ from dvrk_gravity.recording import (
     prepare,
 )
 from dvrk_gravity.recording.data import Array, Coordinates, known_coordinates
-from dvrk_gravity.recording.data_warning import about, labels
+from dvrk_gravity.recording.data_warning import about, about_arm, labels
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 
 
@@ -140,7 +140,11 @@ def evaluate(
     if coordinates is None and model.arm.direct_drive:
         coordinates = "joint"  # the same either way
     evaluated = _in_coordinates(coordinates, run)
-    return replace(evaluated, handling=(*odd, *held, *evaluated.handling))
+    doubts = about_arm(model.arm.doubts if model.of_file else ())
+    return replace(
+        evaluated, handling=(*odd, *held, *evaluated.handling),
+        warnings=(*doubts, *evaluated.warnings),
+    )  # fmt: skip
 
 
 def _in_coordinates(

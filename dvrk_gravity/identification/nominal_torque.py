@@ -85,7 +85,9 @@ class NominalTorque:
 
     @cached_property
     def inertia(self) -> Array:
-        """(N, n) efforts that accelerate the links."""
+        """(N, n) efforts that accelerate the links; zero where the file's inertia is doubted."""
+        if self.arm.doubts:
+            return np.zeros_like(self.q)
         return self._needed(self.qd, self.qdd, np.zeros(3))
 
     def _needed(self, qd: Array | None, qdd: Array | None, gravity: Array) -> Array:

@@ -43,6 +43,7 @@ from dvrk_gravity.recording import (
     opened,
 )
 from dvrk_gravity.recording.data import Coordinates, known_coordinates
+from dvrk_gravity.recording.data_warning import about_arm
 from dvrk_gravity.recording.read_before import ReadBefore, counted_once
 
 Report = Callable[[str, float], None]
@@ -128,7 +129,8 @@ def identify(
         fit = replace(fit, warnings=(*fit.warnings, *by_weight(fit.parameters, arm)))
     if for_console:
         fit = replace(fit, handling=(*fit.handling, _FOR_CONSOLE))
-    fit = replace(fit, handling=(*said, *fit.handling))
+    warnings = (*about_arm(arm.doubts), *fit.warnings)
+    fit = replace(fit, handling=(*said, *fit.handling), warnings=warnings)
     _require_one_torque(fit.model)
     return _validated(fit, validate) if validate else fit
 

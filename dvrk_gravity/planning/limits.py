@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm, mtm
+from dvrk_gravity.arms.travel import require_drivable
 
 Array = NDArray[np.float64]
 
@@ -73,7 +74,12 @@ class MotionLimits:
 
     @classmethod
     def of(cls, arm: Arm) -> MotionLimits:
-        """Return the limits of an arm."""
+        """Return the limits of an arm.
+
+        Raises:
+            ConfigError: Limits in its file that no joint has, or none where a joint stops.
+        """
+        require_drivable(arm)
         if mtm.is_mtm(arm):
             known = mtm.defaults
             lower, upper = arm.lower + known.MARGIN, arm.upper - known.MARGIN

@@ -36,6 +36,7 @@ Kind = Literal[
     "arm_limits",
     "other_hand",
     "excerpt",
+    "arm_file",
 ]
 
 
@@ -66,6 +67,12 @@ class DataWarning:
     def __str__(self) -> str:
         """Return ``file: joint: text``."""
         return ": ".join(part for part in (self.recording, self.joint, self.text) if part)
+
+
+def about_arm(doubts: Iterable[str]) -> tuple[DataWarning, ...]:
+    """Return warnings about the masses in an arm's file, of what ``Arm.doubts`` says of it."""
+    text = "in the arm's file: "
+    return tuple(DataWarning("arm_file", None, {}, text + doubt) for doubt in doubts)
 
 
 def labels(sources: Sequence[str]) -> tuple[str, ...]:

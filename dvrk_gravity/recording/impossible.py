@@ -84,6 +84,7 @@ def _largest(arm: Arm) -> tuple[dict[str, float], dict[str, float]]:
     motor = np.abs([each.min(axis=2).sum(axis=1), each.max(axis=2).sum(axis=1)]).max(axis=0)
     position = np.maximum(motor, np.maximum(np.abs(arm.lower), np.abs(arm.upper)))
     effort = np.maximum(arm.effort_limit, arm.actuator_effort_limit)
+    effort[[not joint.effort_stated for joint in arm.joints]] = np.inf
     return (
         dict(zip(arm.joint_names, position.tolist(), strict=True)),
         dict(zip(arm.joint_names, effort.tolist(), strict=True)),

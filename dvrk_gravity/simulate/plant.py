@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 # Impulse that a stop can give, N·m·s or N·s: more than any motion of the arm can ask for.
 _STOP = 1e6
+_POSES = 20  # at which the mass matrix is looked at. Chosen
 
 
 class Plant:
@@ -102,9 +103,7 @@ class Plant:
         self.acted = self.q, self.v
         self._v_before = self.v
         self._at_stops = self._reaches_stops()
-        least = np.linalg.eigvalsh(self.mass_matrix()).min()
-        if not least > 0:
-            raise ConfigError("links", f"least eigenvalue {least:g}", "a positive mass matrix")
+        self._require_inertia()
 
     def reset(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
         """Put the arm somewhere, at rest if no velocity is given.
@@ -194,6 +193,19 @@ class Plant:
     def _parts(self) -> tuple[PlantPart, ...]:
         """Return what acts on the arm."""
         return tuple(term.plant() for term in self.model.terms)
+
+    def _require_inertia(self) -> None:
+        """Refuse links that some motion would take negative work of, at any of some poses."""
+        arm, expand = self.model.arm, self._expand
+        poses = np.random.default_rng(0).uniform(*arm.range, (_POSES, arm.n))
+        for q in (self.q, *poses):
+            tree = pin.crba(self._tree.model, self._tree.data, expand.dot(q))
+            mass = self._gather.dot(tree).dot(expand) + self._rotors
+            least = np.linalg.eigvalsh(mass).min()
+            if not least > 0:
+                why = f" ({'; '.join(arm.doubts)})" if arm.doubts else ""
+                expected = f"a positive mass matrix{why}"
+                raise ConfigError("links", f"least eigenvalue {least:g}", expected)
 
     def _reaches_stops(self) -> bool:
         away = self.q - self._middle

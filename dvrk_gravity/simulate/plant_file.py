@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from dvrk_gravity.arguments import is_urdf
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.range import LARGEST
 from dvrk_gravity.arms.shipped import PLANTS, plausible_plant
@@ -61,7 +62,7 @@ class PlantFile:
             ConfigError: Unknown name, or a file with a wrong, missing or unknown field.
         """
         text = str(name_or_path)
-        if text.partition("#")[0].lower().endswith(".urdf"):
+        if is_urdf(text):
             return cls.of(Arm.load(text))
         path = Path(text)
         if not text.endswith((".yaml", ".yml")):
