@@ -21,6 +21,7 @@ from typing import Self
 # more so on a busy machine. NumPy reads it when it is loaded, which every import below does.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from dvrk_gravity import __version__
 from dvrk_gravity.errors import DvrkGravityError, EffectError
 
 # Verb -> (module, one line for the overview). A module is imported only when
@@ -41,6 +42,8 @@ VERBS: dict[str, tuple[str, str]] = {
         "torques and joint reactions of a serial chain",
     ),
 }
+
+VERSION = f"dvrk_gravity {__version__}"
 
 _INTERRUPTED = 128 + signal.SIGINT
 
@@ -67,6 +70,7 @@ def run(module_name: str, argv: Sequence[str] | None = None) -> int:
         epilog=f"example: {module.EXAMPLE}",
         formatter_class=argparse.RawDescriptionHelpFormatter,  # an example a line
     )
+    parser.add_argument("--version", action="version", version=VERSION)
     module.add_arguments(parser)
     # Everything from --ros-args on is for rclpy, as `ros2 run` hands it over.
     words = list(sys.argv[1:] if argv is None else argv)

@@ -14,6 +14,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
+from dvrk_gravity.named_arm import parts
 from dvrk_gravity.parameter import is_finite
 from dvrk_gravity.recording import (
     DataWarning,
@@ -34,6 +35,7 @@ from dvrk_gravity.recording.read_before import ReadBefore
 Source = Recording | RecordingFile | Trajectory
 
 _SAME = 1e-9  # of an effort: what filters make of one number
+_PARTS = 3  # of a robot that a refusal names
 
 
 @dataclass(frozen=True)
@@ -244,6 +246,8 @@ def require_all(
             else f", or `--at {unknown[0]}={_example(arm, unknown[0])},...` to say where those "
             "stood that were not recorded"
         )
+        some = " or ".join(parts(arm, recording.joints)[:_PARTS])
+        hint += f", or a part of the robot: --arm {some}" if some else ""
         raise RecordingError(
             recording.source, f"has no {', '.join(unknown)}: expected all joints{hint}"
         )

@@ -19,7 +19,8 @@ from dvrk_gravity.ros.hold import Hold
 TIMEOUT_TOPIC = "watchdog_timeout"
 """Latched: the watchdog's time-out, s, which a compensator's own must not exceed."""
 
-_PARAMETERS = ("watchdog_timeout", *PARAMETERS)
+OWN_PARAMETERS = ("watchdog_timeout", *PARAMETERS)
+"""Names of those that it reads itself."""
 
 
 class Watchdog(PromptNode):
@@ -35,7 +36,7 @@ class Watchdog(PromptNode):
         given = runtime.given_parameters(self)
         # A file for all nodes (`/**`) holds the model's, too.
         table = all_parameters(arm_of(given))
-        values = {name: table[name].default for name in _PARAMETERS}
+        values = {name: table[name].default for name in OWN_PARAMETERS}
         values |= check_all(table, given, BY_EFFECTS)
         timeout = values["watchdog_timeout"]
         assert isinstance(timeout, float)  # check_all has seen to it
