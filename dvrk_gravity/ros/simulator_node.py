@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
@@ -27,6 +28,11 @@ from dvrk_gravity.simulate import PlantFile, SimulatedArm
 
 STEP = 1e-3
 """Length of a simulation step, s."""
+
+# So long, s, it outlives a request to end while somebody commands it: twice what a compensator
+# waits for an acknowledgement (ros/hold.py), and less than the 5 s after which launch insists.
+_OUTLIVES = 3.0
+_LOOK = 0.05  # s
 
 # Further behind than this, the simulation lets the time go instead of chasing it, s.
 _MOST_BEHIND = 0.05
@@ -136,9 +142,24 @@ class Simulator(Node):
         )
 
     def finish(self) -> bool:
-        """Stop the clock."""
+        """Go on until nobody commands the arm any more, and stop the clock.
+
+        Ctrl-C at a terminal, or of a launch file, reaches every process at once. Who commands the
+        arm holds it then and waits for it to acknowledge that: the arm ends last.
+        """
+        executor = SingleThreadedExecutor()
+        executor.add_node(self)
+        end = time.monotonic() + _OUTLIVES
+        while self._is_commanded() and (now := time.monotonic()) < end:
+            while time.monotonic() < now + _LOOK:
+                executor.spin_once(timeout_sec=_LOOK)
+        executor.shutdown()
         self._timer.cancel()
         return True
+
+    def _is_commanded(self) -> bool:
+        """Tell whether somebody publishes commands, or could hold the arm."""
+        return any(self.count_publishers(topic) for topic in self._commands)
 
     def _connect(self, rate: float, setpoint_rate: float, efforts: CommandTopic) -> None:
         def publisher(topic: str) -> Any:
@@ -155,6 +176,7 @@ class Simulator(Node):
             efforts.name,
             lambda message: arm.servo_jf(efforts.effort(message), as_read=True),
         )
+        self._commands = (efforts.name, "servo_jp", "move_jp", "hold")
         self._listen(JointState, "servo_jp", lambda message: arm.servo_jp(message.position))
         self._listen(JointState, "move_jp", lambda message: arm.move_jp(message.position))
         self._listen(Empty, "hold", lambda _: arm.hold())
