@@ -151,7 +151,9 @@ def test_the_parameters_of_launched_nodes_are_those_of_the_nodes(name, launched)
         assert set(named) <= known
 
 
-PLAYED = ("-p", "disable_builtin:=true", "-p", "max_stamp_age:=0.0")
+# Half a second and more, which a busy machine may stand still for.
+PATIENT = ("-p", "timeout:=0.9", "-p", "watchdog_timeout:=1.0")
+PLAYED = ("-p", "disable_builtin:=true", "-p", "max_stamp_age:=0.0", "-p", "ramp_time:=0.2")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -160,8 +162,8 @@ def test_all_that_a_launch_file_started_ends_in_order_however_the_signals_come(d
     file = ("--params-file", str(MODEL_FILE))
     with (
         NodeProcess("simulator", "-p", "plant:=mtmr_28002") as arm,
-        NodeProcess("watchdog", *file) as watchdog,
-        NodeProcess("compensator", *file, *PLAYED, "-p", "ramp_time:=0.2") as compensator,
+        NodeProcess("watchdog", *file, *PATIENT) as watchdog,
+        NodeProcess("compensator", *file, *PATIENT, *PLAYED) as compensator,
     ):
         end = time.monotonic() + 20.0
         while "commanding: compensating" not in compensator.output:

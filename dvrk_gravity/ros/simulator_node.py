@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
@@ -32,7 +31,6 @@ STEP = 1e-3
 # So long, s, it outlives a request to end while somebody commands it: twice what a compensator
 # waits for an acknowledgement (ros/hold.py), and less than the 5 s after which launch insists.
 _OUTLIVES = 3.0
-_LOOK = 0.05  # s
 
 # Further behind than this, the simulation lets the time go instead of chasing it, s.
 _MOST_BEHIND = 0.05
@@ -144,16 +142,10 @@ class Simulator(Node):
     def finish(self) -> bool:
         """Go on until nobody commands the arm any more, and stop the clock.
 
-        Ctrl-C at a terminal, or of a launch file, reaches every process at once. Who commands the
-        arm holds it then and waits for it to acknowledge that: the arm ends last.
+        Who commands the arm, asked to end at the same time, holds it and waits for it to
+        acknowledge that: the arm ends last.
         """
-        executor = SingleThreadedExecutor()
-        executor.add_node(self)
-        end = time.monotonic() + _OUTLIVES
-        while self._is_commanded() and (now := time.monotonic()) < end:
-            while time.monotonic() < now + _LOOK:
-                executor.spin_once(timeout_sec=_LOOK)
-        executor.shutdown()
+        runtime.outlive(self, self._is_commanded, _OUTLIVES)
         self._timer.cancel()
         return True
 

@@ -22,6 +22,10 @@ TIMEOUT_TOPIC = "watchdog_timeout"
 OWN_PARAMETERS = ("watchdog_timeout", *PARAMETERS)
 """Names of those that it reads itself."""
 
+# s. A node looks every 0.1 s whether it is asked to end (runtime.py), and then holds at once; a
+# busy machine may stand still for half a second.
+_OUTLIVES = 0.6
+
 
 class Watchdog(PromptNode):
     """Sends `hold` once commands have come and then stopped without one."""
@@ -91,7 +95,11 @@ class Watchdog(PromptNode):
         self.get_logger().info(text)
 
     def finish(self) -> bool:
-        """Hold an arm that nobody would watch from now on; return whether the hold has arrived."""
+        """Hold an arm that nobody would watch from now on; return whether the hold has arrived.
+
+        Who commands it, asked to end at the same time, holds it itself.
+        """
+        runtime.outlive(self, lambda: self._last is not None, _OUTLIVES)
         if self._last is not None:
             self._hold.send()
         return self._hold.settle()
