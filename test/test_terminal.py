@@ -86,7 +86,7 @@ def test_an_identification_is_a_table_and_few_lines_and_verbose_says_the_rest():
     assert len(lines) <= table + 7
     assert lines[0] == "verdict: usable (outer_yaw)"
     assert "warning: efforts in another unit than N·m?" in lines
-    assert "and 1 more notes on the data, which were acted on: --verbose" in lines
+    assert "and 1 more note on what was done with the data: --verbose" in lines
     said = "\n".join(fit_text(fit, verbose=True))
     for detail in ("held out: 12 blocks", "low-pass 5.65 Hz", "a and b cannot be separated",
                    "warning: 95 samples repeat"):  # fmt: skip

@@ -28,7 +28,15 @@ _DETAIL: frozenset[Kind] = frozenset(
 )  # fmt: skip
 _WARNING = "warning: "
 # How lines begin of what was done with data that a user has to know.
-_SHOWN = (_WARNING, "not recorded", "held where", "not judged", "efforts are ", "drive gains")
+_SHOWN = (
+    _WARNING,
+    "not recorded",
+    "held where",
+    "not judged",
+    "efforts are ",
+    "drive gains",
+    "the load does",
+)
 
 
 def columns() -> int | None:
@@ -84,5 +92,6 @@ def warning_lines(
     left = len(lines[MOST_WARNINGS:])
     more = left + len(brief(detail))
     if more:
-        about = "warnings" if left else "notes on the data, which were acted on"
-        yield f"and {more} more {about}: --verbose"
+        one = "warning" if left else "note on what was done with the data"
+        several = "warnings" if left else "notes on what was done with the data"
+        yield f"and {more} more {one if more == 1 else several}: --verbose"
