@@ -6,7 +6,8 @@ BIN := $(VENV)/bin
 SYSTEM_PYTHON := $(shell for p in "$(PYTHON)" python3 python3.12 python3.11; do \
   "$$p" -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' 2>/dev/null && echo "$$p" && break; done)
 ENVIRONMENT := OPENBLAS_NUM_THREADS=1
-IN_WORKSPACE := . install/setup.sh && $(ENVIRONMENT)
+# Not setup.sh: what colcon writes there of a folder with a blank is no path.
+IN_WORKSPACE := . install/local_setup.sh && $(ENVIRONMENT)
 SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '*.pyc') setup.py setup.cfg package.xml
 
 # The ROS wheels carry distributions inside (rclpy in ros-rclpy): those are not on the index.
