@@ -301,7 +301,9 @@ def test_efforts_that_are_insisted_on_are_taken(recording, tmp_path, capsys):
     words = ["evaluate", tmp_path / "motion.csv", "--model", UR5]
     assert main([str(word) for word in words]) == 2
     assert "--effort-unit N·m insists" in capsys.readouterr().err
-    assert main([str(word) for word in (*words, "--effort-unit", "Nm")]) == 0
+    # Taken, and of that size not what the file's masses need.
+    assert main([str(word) for word in (*words, "--effort-unit", "Nm")]) == 1
+    assert "do not compensate with this" in capsys.readouterr().out
 
 
 def test_its_error_is_told_with_no_verdict(recording, tmp_path, capsys):
@@ -309,8 +311,10 @@ def test_its_error_is_told_with_no_verdict(recording, tmp_path, capsys):
 
     status = main(["evaluate", str(tmp_path / "motion.csv"), "--model", str(UR5)])
 
-    assert status == 0
-    assert "the model carries no verdict of identify" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "the model carries no verdict of identify" in said
+    assert "it would be: do not compensate with this" in said  # masses alone: no friction
+    assert status == 1
 
 
 def test_a_yaml_that_names_a_urdf_is_the_same_model_with_its_gains(recording, tmp_path):
