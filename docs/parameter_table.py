@@ -64,7 +64,7 @@ def helps() -> dict[Path, str]:
 
 
 def _lines(table: Mapping[str, Parameter]) -> str:
-    return "".join(f"  {name} ({_short(one)}): {one.meaning}\n" for name, one in table.items())
+    return "".join(f"  {name} ({_short(each)}): {each.meaning}\n" for name, each in table.items())
 
 
 def _short(entry: Parameter) -> str:

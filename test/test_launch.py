@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from conftest import MODEL_FILE, REPOSITORY, executables
+from rclpy.duration import Duration
 from std_msgs.msg import Empty
 
 from dvrk_gravity.node_parameters import node_parameters
@@ -182,10 +183,11 @@ def test_a_simulated_arm_does_not_wait_for_ever_for_who_commands_it(domain):
     with NodeProcess("simulator") as arm, Client() as client:
         hold = client.node.create_publisher(Empty, "hold", 1)
         client.wait(lambda: client.connected(hold), "the arm")
+        hold.publish(Empty())
+        assert hold.wait_for_all_acked(Duration(seconds=5.0)), "it knows who could hold it"
         arm.signal(signal.SIGINT)
         time.sleep(1.0)
         assert arm.process.poll() is None, "it is there for a hold"
-        hold.publish(Empty())
         client.node.destroy_publisher(hold)
         client.spin(0.5)
         assert arm.wait(2.0) == 0

@@ -92,6 +92,6 @@ def warning_lines(
     left = len(lines[MOST_WARNINGS:])
     more = left + len(brief(detail))
     if more:
-        one = "warning" if left else "note on what was done with the data"
-        several = "warnings" if left else "notes on what was done with the data"
-        yield f"and {more} more {one if more == 1 else several}: --verbose"
+        plural = "s" if more > 1 else ""
+        about = f"warning{plural}" if left else f"note{plural} on what was done with the data"
+        yield f"and {more} more {about}: --verbose"
