@@ -3,10 +3,11 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
-SYSTEM_PYTHON := $(firstword $(foreach p,$(PYTHON) python3 python3.12 python3.11,\
-  $(shell $(p) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' 2>/dev/null && echo $(p))))
+SYSTEM_PYTHON := $(shell for p in "$(PYTHON)" python3 python3.12 python3.11; do \
+  "$$p" -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' 2>/dev/null && echo "$$p" && break; done)
 ENVIRONMENT := OPENBLAS_NUM_THREADS=1
-IN_WORKSPACE := . install/setup.sh && $(ENVIRONMENT)
+# Not setup.sh: what colcon writes there of a folder with a blank is no path.
+IN_WORKSPACE := . install/local_setup.sh && $(ENVIRONMENT)
 SOURCES := $(shell find dvrk_gravity config launch resource -type f -not -name '*.pyc') setup.py setup.cfg package.xml
 
 # The ROS wheels carry distributions inside (rclpy in ros-rclpy): those are not on the index.
@@ -31,7 +32,7 @@ $(VENV)/.done: requirements.lock
 	@test -n "$(SYSTEM_PYTHON)" || { echo "make: needs Python 3.11 or 3.12 (PYTHON=… to name one)"; exit 2; }
 	@echo "$(VENV): installing requirements.lock with $(SYSTEM_PYTHON), once; takes some minutes"
 	@rm -rf $(VENV)
-	@$(SYSTEM_PYTHON) -m venv $(VENV)
+	@"$(SYSTEM_PYTHON)" -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -r requirements.lock
 	@touch $(VENV)/COLCON_IGNORE $@
 
@@ -41,8 +42,10 @@ install/.done: $(VENV)/.done $(SOURCES)
 	@touch $@
 
 demo: install/.done
-	@$(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity demo --arm $(ARM) --out out/demo/$(basename $(notdir $(ARM)))
+	@name=$$(basename "$$ARM"); $(IN_WORKSPACE) $(BIN)/python -m dvrk_gravity demo --arm "$$ARM" --out "out/demo/$${name%.*}"
+# By the shell, and not by make, which takes a path with a blank for two.
 ARM ?= mtmr
+export ARM
 
 # Hundreds of processes are started: bytecode that is kept spares each of them the compiler.
 test: install/.done
@@ -90,7 +93,7 @@ MINUTES ?= 2
 
 lock:
 	rm -rf $(VENV)-lock
-	$(SYSTEM_PYTHON) -m venv $(VENV)-lock
+	"$(SYSTEM_PYTHON)" -m venv $(VENV)-lock
 	$(VENV)-lock/bin/python -m pip install --quiet -r requirements.in
 	{ head -1 requirements.lock; $(VENV)-lock/bin/python -m pip freeze --all | $(OF_THE_INDEX); } > requirements.new
 	mv requirements.new requirements.lock

@@ -1,5 +1,6 @@
 """Build as an ament_python package: `colcon build`, or `pip install .` without ROS's tools."""
 
+import re
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -21,6 +22,8 @@ EXECUTABLES = {
     "newton-euler": "cli.newton_euler",
 }
 
+VERSION = re.search(r'__version__ = "(.+)"', Path(NAME, "__init__.py").read_text())[1]
+
 
 def shared_files():
     """Install package.xml, the resource marker, launch files and configuration under share/."""
@@ -37,9 +40,9 @@ def shared_files():
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version=VERSION,
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"]},
+    package_data={NAME: ["py.typed", "ros/parameters/*.txt"]},
     data_files=shared_files(),
     python_requires=">=3.11",
     install_requires=[

@@ -1,17 +1,21 @@
 """Write the table of parameters in docs/parameters.md from their declarations.
 
-``python docs/parameter_table.py`` prints it; ``--write`` puts it into the page.
+``python docs/parameter_table.py`` prints it; ``--write`` puts it into the page, and writes what the
+nodes show as their help: to declare parameters takes longer than a help may.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.model import all_parameters
+from dvrk_gravity.node_parameters import node_parameters
 from dvrk_gravity.parameter import Parameter
+from dvrk_gravity.ros.node_help import parameter_file
 
 PAGE = Path(__file__).resolve().with_name("parameters.md")
 ARM = Arm.load("mtmr")  # whose joints stand in the table
@@ -43,6 +47,35 @@ def _row(name: str, entry: Parameter, meaning: str) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
+def helps() -> dict[Path, str]:
+    """Return the lists of the nodes' parameters that their help shows, by the files they lie in."""
+    from dvrk_gravity.ros.command_topic import PARAMETERS
+    from dvrk_gravity.ros.simulator_node import SIMULATOR_PARAMETERS
+    from dvrk_gravity.ros.watchdog_node import OWN_PARAMETERS
+
+    every, nodes = all_parameters(ARM), node_parameters(ARM)
+    arm = {"arm": every["arm"]}
+    listed = {
+        "compensator": {**arm, **nodes},
+        "watchdog": {**arm, **{name: nodes[name] for name in OWN_PARAMETERS}},
+        "simulator": {**arm, **{name: nodes[name] for name in PARAMETERS}, **SIMULATOR_PARAMETERS},
+    }
+    return {parameter_file(node): _lines(table) for node, table in listed.items()}
+
+
+def _lines(table: Mapping[str, Parameter]) -> str:
+    return "".join(f"  {name} ({_short(each)}): {each.meaning}\n" for name, each in table.items())
+
+
+def _short(entry: Parameter) -> str:
+    """Return type, default and unit in as few words as they need."""
+    values = entry.default if isinstance(entry.default, tuple) else (entry.default,)
+    shown = [f"{value:g}" if isinstance(value, float) else str(value).lower() for value in values]
+    same = len(set(shown)) == 1 < len(shown)
+    default = f"{shown[0] if same else ', '.join(shown)} {entry.unit}".strip()
+    return ", ".join(filter(None, (entry.kind, f"{default} each" if same else default)))
+
+
 def written() -> str:
     """Return the page with the table put between its marks."""
     pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
@@ -54,5 +87,7 @@ if __name__ == "__main__":
     parser.add_argument("--write", action="store_true", help="put it into docs/parameters.md")
     if parser.parse_args().write:
         PAGE.write_text(written(), encoding="utf-8")
+        for path, text in helps().items():
+            path.write_text(text, encoding="utf-8")
     else:
         print(table())

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Arm", "Recording", "TorqueModel", "diagnose", "evaluate", "identify"]
 
+__version__ = "0.1.0"
+
 _HOMES = {
     "Arm": "dvrk_gravity.arms",
     "TorqueModel": "dvrk_gravity.model",

@@ -12,13 +12,16 @@ import importlib
 import os
 import signal
 import sys
+import time
 import traceback
 from collections.abc import Sequence
+from typing import Self
 
 # Matrices here are small: threads of one product wait for each other for longer than they work, the
 # more so on a busy machine. NumPy reads it when it is loaded, which every import below does.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from dvrk_gravity import __version__
 from dvrk_gravity.errors import DvrkGravityError, EffectError
 
 # Verb -> (module, one line for the overview). A module is imported only when
@@ -39,6 +42,8 @@ VERBS: dict[str, tuple[str, str]] = {
         "torques and joint reactions of a serial chain",
     ),
 }
+
+VERSION = f"dvrk_gravity {__version__}"
 
 _INTERRUPTED = 128 + signal.SIGINT
 
@@ -65,6 +70,7 @@ def run(module_name: str, argv: Sequence[str] | None = None) -> int:
         epilog=f"example: {module.EXAMPLE}",
         formatter_class=argparse.RawDescriptionHelpFormatter,  # an example a line
     )
+    parser.add_argument("--version", action="version", version=VERSION)
     module.add_arguments(parser)
     # Everything from --ros-args on is for rclpy, as `ros2 run` hands it over.
     words = list(sys.argv[1:] if argv is None else argv)
@@ -130,21 +136,97 @@ def one_line(error: Exception) -> str:
 
 
 class Progress:
-    """A line that counts on a terminal; silent where standard error is no terminal."""
+    """How much is done and how long the rest takes: a line that counts on a terminal.
 
-    def __init__(self, what: str, total: int) -> None:
+    Where standard error is no terminal, a log for instance, a line every ten seconds. It never goes
+    back. The time left is what has passed, times what is left over what is done.
+    """
+
+    EVERY = 10.0
+    """s between lines where standard error is no terminal."""
+
+    AGAIN = 0.2
+    """s between renewals of the line of a terminal, at least."""
+
+    LEAST = 2.0
+    """s before any time left is told: nothing is known of the pace. Chosen."""
+
+    def __init__(self, what: str, total: float) -> None:
         """Count up to ``total``."""
         self._what, self._total = what, total
-        self._shown = -1
+        self._begun = self._said = time.monotonic()
+        self._share = 0.0
+        self._shown = ""
 
-    def update(self, done: int) -> None:
-        """Show the percentage when it changes."""
-        percent = 100 * done // max(self._total, 1)
-        if percent != self._shown and sys.stderr.isatty():
-            print(f"\r{self._what}: {percent} %", end="", file=sys.stderr, flush=True)
-            self._shown = percent
+    def update(self, done: float) -> None:
+        """Count up to ``done``, and show it from time to time."""
+        self._share = max(self._share, min(done / max(self._total, 1), 1.0))
+        now, terminal = time.monotonic(), sys.stderr.isatty()
+        line = f"{self._what}: {100 * self._share:.0f} %{self._left(now - self._begun)}"
+        due = self.AGAIN if terminal and self._shown else 0.0 if terminal else self.EVERY
+        if line == self._shown or now - self._said < due:
+            return
+        before, after = ("\r\033[K", "") if terminal else ("", "\n")
+        print(f"{before}{line}", end=after, file=sys.stderr, flush=True)
+        self._shown, self._said = line, now
 
     def done(self) -> None:
         """Clear the line."""
-        if self._shown >= 0:
-            print("\r" + " " * 40 + "\r", end="", file=sys.stderr, flush=True)
+        if self._shown and sys.stderr.isatty():
+            print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+    def __enter__(self) -> Self:
+        """Begin."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Clear the line, whatever happened."""
+        self.done()
+
+    def _left(self, passed: float) -> str:
+        """Return the time left in words, as exactly as it is known."""
+        if not 0.0 < self._share < 1.0 or passed < self.LEAST:
+            return ""
+        left = passed * (1.0 - self._share) / self._share
+        if left < 90.0:
+            step = 1.0 if left < 10.0 else 5.0
+            return f", about {max(step * round(left / step), 1.0):.0f} s left"
+        return f", about {left / 60.0:.0f} min left"
+
+
+class Stages:
+    """A progress by stages, of which each is known to begin at some share of the whole."""
+
+    CREEP = 0.02
+    """Part of the rest of a stage that one step of it counts for, where no share is known.
+
+    Chosen: a search took 3 steps or 65, and by this the time left is right halfway through the 65.
+    """
+
+    def __init__(self, progress: Progress, begins: Sequence[tuple[str, float]]) -> None:
+        """Take the stages in their order; one may come again, and any may be left out.
+
+        Args:
+            progress: Shows it; its total is 1.
+            begins: Name of each stage, and the share of the whole that is done when it begins.
+        """
+        self._progress = progress
+        self._names = [name for name, _ in begins]
+        self._begins = [*(share for _, share in begins), 1.0]
+        self._at, self._within = 0, 0.0
+
+    def __call__(self, stage: str, share: float | None = None) -> None:
+        """Count a stage that begins, or a step of the one that runs.
+
+        Args:
+            stage: Its name; another text is a step of the stage that runs.
+            share: Part of the stage that is done, if it is known.
+        """
+        if share is None and stage not in self._names[self._at :]:
+            self._within += self.CREEP * (1.0 - self._within)
+        else:
+            known = self._names[self._at :]
+            ahead = known.index(stage) if stage in known else 0
+            self._at, self._within = self._at + ahead, share or 0.0
+        begin, end = self._begins[self._at : self._at + 2]
+        self._progress.update(begin + self._within * (end - begin))

@@ -7,7 +7,7 @@ another one now is told by a few numbers: the torques that hold given masses on 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -160,6 +160,31 @@ def seen_from(arm: str, folder: Path) -> str:
     path = os.path.relpath(Arm.file(arm).resolve(), folder.resolve())
     link = split_link(arm)[1]
     return f"{path}#{link}" if link else path
+
+
+def parts(arm: Arm, joints: Collection[str]) -> list[str]:
+    """Return what names the parts of a branching URDF that some joints are of: robot.urdf#LINK.
+
+    Each ends at the last link that one of these joints moves. None of a file without branches, for
+    all of that is one part.
+
+    Args:
+        arm: The arm.
+        joints: Names, of which some may be no joints of it.
+    """
+    path, link = split_link(arm.source)
+    parents = [body.parent for body in arm.bodies]
+    tips = [index for index in range(len(parents)) if index not in parents]
+    if link or not is_urdf(path) or len(tips) < 2:
+        return []
+    known = np.array([name in joints for name in arm.joint_names])
+    ends = []
+    for index in tips:
+        while index >= 0 and not known[arm.bodies[index].row != 0.0].any():
+            index = parents[index]
+        if index >= 0:
+            ends.append(arm.bodies[index].name)
+    return [f"{path}#{name}" for name in dict.fromkeys(ends)]
 
 
 def _is_file(arm: str) -> bool:

@@ -21,9 +21,9 @@ from dvrk_gravity.identification.dynamic_fit import estimate
 from dvrk_gravity.identification.motion import read_motions, stands
 from dvrk_gravity.identification.moves import start_columns
 from dvrk_gravity.identification.problem import pose
-from dvrk_gravity.identification.table import fit_text
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
+from dvrk_gravity.report.fit_in_terminal import fit_text
 from testing.lab_motion import draw_calibration
 from testing.mujoco_world import DURATION, MujocoWorld
 
@@ -264,7 +264,7 @@ def test_a_short_range_cannot_tell_gravity_from_a_spring():
     assert "shoulder_pitch moves over" in text
     assert "most of its range" in text
     # Combinations and parameters by name are two counts: neither line may deny the other.
-    printed = list(fit_text(found))
+    printed = list(fit_text(found, verbose=True))
     assert not any("identifiable:" in line for line in printed)
     counted = next(line for line in printed if "independent combinations of parameters" in line)
     assert f"{found.identifiability.rank} of {found.identifiability.columns}" in counted
@@ -329,7 +329,7 @@ def test_command_lines_write_model_report_and_json(tmp_path, capsys):
     data = write(truth(7, 12.0), tmp_path / "run.csv")
     out = tmp_path / "model.yaml"
     arguments = [data, "--arm", "mtmr", "--out", str(out), "--json", str(tmp_path / "fit.json"),
-                 "--terms", "coulomb_friction,elastic_cable"]  # fmt: skip
+                 "--terms", "coulomb_friction,elastic_cable", "--verbose"]  # fmt: skip
     assert command_line.run("dvrk_gravity.cli.identify", arguments) == 0
     shown = capsys.readouterr().out
     assert "taken as joint coordinates" in shown

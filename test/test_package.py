@@ -14,6 +14,7 @@ import pytest
 import setuptools
 from conftest import REPOSITORY, executables, syntax
 
+import dvrk_gravity
 from dvrk_gravity.command_line import VERBS
 
 
@@ -24,6 +25,8 @@ def test_the_table_of_parameters_in_the_docs_is_that_of_the_declarations():
     spec.loader.exec_module(module)
     assert "`slew_limit`" in module.table()
     assert module.written() == (REPOSITORY / "docs" / "parameters.md").read_text(encoding="utf-8")
+    for file, text in module.helps().items():
+        assert file.read_text(encoding="utf-8") == text, "docs/parameter_table.py --write renews it"
 
 
 def anchors(page: str) -> set[str]:
@@ -67,6 +70,8 @@ def test_only_the_package_itself_is_installed(monkeypatch):
     monkeypatch.chdir(REPOSITORY)
     runpy.run_path("setup.py")
     assert {name.split(".")[0] for name in given["packages"]} == {"dvrk_gravity"}
+    manifest = ElementTree.parse(REPOSITORY / "package.xml").getroot()
+    assert given["version"] == manifest.findtext("version") == dvrk_gravity.__version__
     assert {"dvrk_gravity.effects", "dvrk_gravity.simulate"} <= set(given["packages"])
     files = [name for _, names in given["data_files"] for name in names]
     assert not [name for name in files if name.startswith("test")]

@@ -172,10 +172,10 @@ def test_what_is_done_alike_at_several_joints_is_told_once(recording, tmp_path, 
     recording.save(tmp_path / "motion.csv")
     words = ["diagnose", tmp_path / "motion.csv", "--model", UR5, "--out", tmp_path / "out"]
 
-    assert main([str(word) for word in words]) == 0
+    assert main([str(word) for word in [*words, "--verbose"]]) == 0
 
     told = capsys.readouterr().out
-    assert "(the first of 13 findings)" in told
+    assert told.startswith("explained: 13 findings, certain\n")
     assert told.count("removes") > 13  # each with its sizes
     done = [line for line in told.splitlines() if "what to do: " in line]
     assert len(done) == 3
@@ -302,7 +302,9 @@ def test_efforts_that_are_insisted_on_are_taken(recording, tmp_path, capsys):
     words = ["evaluate", tmp_path / "motion.csv", "--model", UR5]
     assert main([str(word) for word in words]) == 2
     assert "--effort-unit N·m insists" in capsys.readouterr().err
-    assert main([str(word) for word in (*words, "--effort-unit", "Nm")]) == 0
+    # Taken, and of that size not what the file's masses need.
+    assert main([str(word) for word in (*words, "--effort-unit", "Nm")]) == 1
+    assert "do not compensate with this" in capsys.readouterr().out
 
 
 def test_its_error_is_told_with_no_verdict(recording, tmp_path, capsys):
@@ -310,8 +312,10 @@ def test_its_error_is_told_with_no_verdict(recording, tmp_path, capsys):
 
     status = main(["evaluate", str(tmp_path / "motion.csv"), "--model", str(UR5)])
 
-    assert status == 0
-    assert "the model carries no verdict of identify" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "the model carries no verdict of identify" in said
+    assert "it would be: do not compensate with this" in said  # masses alone: no friction
+    assert status == 1
 
 
 def test_a_yaml_that_names_a_urdf_is_the_same_model_with_its_gains(recording, tmp_path):

@@ -36,7 +36,7 @@ class Arm(Description):
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Arm:
-        """Load an arm by name (``mtml``, ``psm``, …), from a YAML file, or from a URDF.
+        """Load an arm by name (``mtml``, ``PSM``, …), from a YAML file, or from a URDF.
 
         ``robot.urdf#LINK`` is the chain from the base to that link; see :meth:`from_urdf`.
 
@@ -45,10 +45,11 @@ class Arm(Description):
                 unknown field.
         """
         path = cls.file(name_or_path)
+        source = _as_named(str(name_or_path))
         if is_urdf(path):
             _, link = split_link(str(name_or_path))
-            return cls._of_file(urdf_arm.read(path, link or None, str(name_or_path)))
-        return cls._of_file(yaml_arm.read(path, str(name_or_path)))
+            return cls._of_file(urdf_arm.read(path, link or None, source))
+        return cls._of_file(yaml_arm.read(path, source))
 
     @classmethod
     def from_urdf(cls, path: str | Path, tip: str | None = None) -> Arm:
@@ -92,14 +93,13 @@ class Arm(Description):
         """
         if not isinstance(name_or_path, PATH):
             raise ArgumentError("arm", name_or_path, SUPPORTED)
-        text = str(name_or_path)
-        file, _ = split_link(text)
-        if is_urdf(file) or file.lower().endswith((".yaml", ".yml")):
-            return Path(file)
+        text = _as_named(str(name_or_path))
+        if _is_path(text):
+            return Path(split_link(text)[0])
         try:
             return config_path(f"arms/{text}.yaml")
         except (OSError, ValueError) as error:  # not there, or nothing a path can be
-            raise ConfigError("arm", text, SUPPORTED) from error
+            raise ConfigError("arm", str(name_or_path), SUPPORTED) from error
 
     @property
     def n(self) -> int:
@@ -300,3 +300,13 @@ def gravity_in_base(roll: float, pitch: float, yaw: float = 0.0) -> Array:
             math.cos(pitch) * math.cos(roll),
         ]
     )
+
+
+def _is_path(text: str) -> bool:
+    file, _ = split_link(text)
+    return is_urdf(file) or file.lower().endswith((".yaml", ".yml"))
+
+
+def _as_named(text: str) -> str:
+    """Return a path as it is, and a name, which may be in capitals, as the package has it."""
+    return text if _is_path(text) else text.lower()

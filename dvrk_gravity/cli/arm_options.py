@@ -35,6 +35,13 @@ def add_drive_gains(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_verbose(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--verbose``."""
+    parser.add_argument(
+        "--verbose", action="store_true", help="print all that was found, not only what to act on"
+    )
+
+
 def with_drive_gains(arm: Arm, arguments: argparse.Namespace) -> Arm:
     """Return the arm with the gains, or the unit, that a command line gives.
 

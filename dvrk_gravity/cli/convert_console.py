@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,7 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
         if report is not None:
             raise ConfigError("--json", str(report), "a model to convert to a console file")
         console = ConsoleFile.load(source)
+        _require_name(source, console.document)
         try:
             model = console.model()
         except ConfigError as error:
@@ -64,6 +66,7 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
             result = convert_model(model, match["serial"] if match else "")
         except ConfigError as error:
             raise error.in_file(source) from None
+        _require_name(target, result.file.document)
         text_file.write(target, result.file.text())
         if report is not None:
             content = json.dumps(result.to_json(), indent=1, ensure_ascii=False)
@@ -74,6 +77,18 @@ def convert(source: Path, target: Path, report: Path | None = None) -> int:
         for line in (*_cost_table(result), *_not_in_it(result)):
             print(line)
     return 0
+
+
+def _require_name(path: Path, document: Mapping[str, Any]) -> None:
+    """Refuse a file whose name says another arm than its content: a console reads it by its name.
+
+    Raises:
+        ConfigError: Naming both.
+    """
+    match, arm = FILE_NAME.fullmatch(path.name), document["ARM_NAME"]
+    if match and match["arm"] != arm:
+        named = path.with_name(f"gc-{arm}-{match['serial']}.json").name
+        raise ConfigError("ARM_NAME", arm, f"{match['arm']}, as in its name, or {named}", path)
 
 
 def _cost_table(result: Conversion) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Tell the error of a model, joint by joint, on recordings."""
+"""The error of a model on recordings, by joint; status 1 if it is not to be compensated with."""
 
 from __future__ import annotations
 
@@ -30,14 +30,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="of the recordings (default: where the model fits)")  # fmt: skip
     arm_options.add_drive_gains(parser)
     parser.add_argument("--topic", help="topic of bags, if they have several with JointStates")
+    arm_options.add_verbose(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Evaluate, write the JSON and print the table."""
+    """Evaluate, write the JSON and print the table.
+
+    Returns:
+        0, or 1 if the model is not to be compensated with, by these errors or by the verdict in
+        its file, or if the recordings are of the other arm.
+    """
     from dvrk_gravity.identification import evaluate
-    from dvrk_gravity.identification.table import evaluation_text
+    from dvrk_gravity.identification.hand import contradiction
+    from dvrk_gravity.identification.verdict import POOR, by_errors
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.recording import RecordingFile
+    from dvrk_gravity.report.fit_in_terminal import evaluation_text
+    from dvrk_gravity.report.terminal import columns
 
     outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
     model = arm_options.of_model(TorqueModel.load(arguments.model), arguments)
@@ -48,9 +57,11 @@ def run(arguments: argparse.Namespace) -> int:
         raise error.in_file(arguments.model) from None
     if arguments.json is not None:
         text_file.write(arguments.json, json.dumps(result.to_json(), indent=1) + "\n")
-    for line in evaluation_text(result, model):
+    for line in evaluation_text(result, model, arguments.verbose, columns()):
         print(line)
-    return 0
+    alone = by_errors(model.arm, result.joints, result.coordinates, result.with_friction)
+    levels = {model.verdict, *(verdict.level for verdict in alone.values())}
+    return int(POOR in levels or bool(contradiction(result.warnings)))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -30,6 +30,20 @@ EXAMPLE = (
     "--known-payload 2.8 --out model.yaml"
 )
 
+# Share of the time that is over when each begins: of motions of a real MTM, PSM and UR10e (one to
+# five seconds), and of static poses of a real MTM.
+STAGES = (
+    ("reading", 0.0),
+    ("coordinates", 0.1),
+    ("regressor", 0.25),
+    ("choice of terms", 0.35),
+    ("zeros and tilt", 0.5),
+    ("choice of terms", 0.6),
+    ("what all terms would leave", 0.8),
+    ("held-out error", 0.0),
+    ("fit", 0.8),
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -61,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--payload-centre", metavar="X,Y,Z",
                         help="its centre of mass in the link's frame, m, if known")  # fmt: skip
     parser.add_argument("--topic", help="topic of bags, if they have several with JointStates")
+    arm_options.add_verbose(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -72,10 +87,11 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.arguments import is_urdf
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.identification import identify
-    from dvrk_gravity.identification.table import fit_text
     from dvrk_gravity.model import VERDICTS, uncertainty_file
     from dvrk_gravity.recording import RecordingFile
+    from dvrk_gravity.report.fit_in_terminal import fit_text
     from dvrk_gravity.report.identification import render
+    from dvrk_gravity.report.terminal import columns
 
     if is_urdf(arguments.out) or not arguments.out.name:
         raise ConfigError("--out", str(arguments.out), "a .yaml file for the model")
@@ -97,20 +113,19 @@ def run(arguments: argparse.Namespace) -> int:
     recordings = [RecordingFile(path, arguments.topic, arm=arm) for path in arguments.recordings]
     require_unrecorded(arguments.at, recordings)
     validate = [RecordingFile(path, arguments.topic, arm=arm) for path in arguments.validate]
-    progress = command_line.Progress("identify", 100)
-    fit = identify(
-        recordings,
-        arm,
-        coordinates,
-        arguments.terms.split(",") if arguments.terms else None,
-        validate,
-        arguments.physical,
-        lambda stage, share: progress.update(round(100 * share)),
-        still,
-        arguments.for_console,
-        carried,
-    )
-    progress.done()
+    with command_line.Progress(NAME, 1.0) as progress:
+        fit = identify(
+            recordings,
+            arm,
+            coordinates,
+            arguments.terms.split(",") if arguments.terms else None,
+            validate,
+            arguments.physical,
+            command_line.Stages(progress, STAGES),
+            still,
+            arguments.for_console,
+            carried,
+        )
     sources = ", ".join(str(path) for path in arguments.recordings)
     fit.model.save(
         arguments.out,
@@ -122,9 +137,9 @@ def run(arguments: argparse.Namespace) -> int:
     text_file.write(report, render(fit, sources))
     if arguments.json is not None:
         text_file.write(arguments.json, json.dumps(fit.to_json(), indent=1) + "\n")
-    for line in fit_text(fit):
+    for line in fit_text(fit, arguments.verbose, columns()):
         print(line)
-    print(f"\nmodel: {arguments.out}\nhow sure it is: {uncertainty}\nreport: {report}")
+    print(f"written: {arguments.out}, {uncertainty} (how sure it is), {report}")
     return int(fit.verdict.level == VERDICTS[-1])
 
 

@@ -92,13 +92,7 @@ class Diagnosis:
         friction = "; ".join(entry.of_all_friction for entry in self.known if entry.of_all_friction)
         but = f" but friction as another day has it: {friction}" if friction else ""
         nothing = f"Nothing was found that {against} lacks{but}"
-        # A model that tells how sure it is is measured by that; of others only noise is known.
-        expects = bool(np.isfinite(list(self.expected.values())).any())
-        least, words = (
-            (self.expected, "what it expects of itself")
-            if expects
-            else (self.floor, FLOORS[self.floor_from])
-        )
+        least, words = self.least
         ratio = {
             name: self.after[name] / value
             for name, value in least.items()
@@ -112,13 +106,23 @@ class Diagnosis:
         more = (
             f" That is more than it should be, and nothing that was tried explains it for certain: "
             f"a longer recording in which {most} moves more, and one of it alone, would tell."
-            if expects and not told and ratio[most] > _MORE
+            if least is self.expected and not told and ratio[most] > _MORE
             else ""
         )
         return (
             f"{nothing}{'. What' if friction else ': what'} it leaves is at most "
             f"{ratio[most]:.2g} times {words} ({most}{beside}).{more}"
         )
+
+    @property
+    def least(self) -> tuple[Mapping[str, float], str]:
+        """The error by joint, N·m or N, that what is left is measured by, and what it is.
+
+        That of a model that knows how sure it is; of others only noise is known.
+        """
+        if np.isfinite(list(self.expected.values())).any():
+            return self.expected, "what it expects of itself"
+        return self.floor, FLOORS[self.floor_from]
 
     @property
     def gains_most(self) -> str:

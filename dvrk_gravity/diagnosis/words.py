@@ -9,6 +9,8 @@ from dvrk_gravity.diagnosis.findings import Finding, Gain
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate
 
+_SIZES = 2  # of a finding's parameters in its row of a table of findings; the report has all
+
 
 def title(effect: str) -> str:
     """Return an effect's name as a person writes it."""
@@ -30,6 +32,15 @@ def rows(finding: Finding) -> list[tuple[str, str]]:
         )
         for name in effect.listed(finding.parameters)
     ]
+
+
+def size_of(finding: Finding) -> str:
+    """Return how much a finding is, with 95 % intervals: its first sizes, certain ones before."""
+    found = [f"{label} {value}" for label, value in rows(finding)]
+    found.sort(key=lambda text: "perhaps" in text)
+    shown = ", ".join(found[:_SIZES]) or finding.place
+    left = len(found) - _SIZES
+    return f"{shown}, {left} more in the report" if left > 0 else shown
 
 
 def sentence_of(

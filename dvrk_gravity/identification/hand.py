@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,12 +13,24 @@ from dvrk_gravity.identification.kinematic_calibration import KinematicSettings
 from dvrk_gravity.identification.result import FittedParameter
 from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.recording.data import Array
+from dvrk_gravity.recording.data_warning import Kind
 
 OTHER = {"mtml": "mtmr", "mtmr": "mtml"}
 # The platform's moment across the arm, N·m: about so on right arms, and less that on left ones
 # (sixteen console files of real arms; all but one, which carries the other hand's sign).
 PLATFORM = {"mtmr": 0.196, "mtml": -0.196}
 PLATFORM_NAME = "pitch_y"
+
+
+_OTHER_HAND: Kind = "other_hand"
+
+
+def contradiction(warnings: Iterable[DataWarning]) -> str:
+    """Return why recordings are of another arm than they are said to be of; ``""`` if they may be.
+
+    No figure of such a recording says anything of this arm: whoever answers says this first.
+    """
+    return next((str(warning) for warning in warnings if warning.kind == _OTHER_HAND), "")
 
 
 @dataclass(frozen=True)
@@ -81,7 +94,7 @@ def _by_limits(q: Array, arm: Arm, beyond: Array) -> DataWarning | None:
     name = arm.joint_names[joint]
     low, high = np.degrees([q[:, joint].min(), q[:, joint].max()])
     return DataWarning(
-        "other_hand",
+        _OTHER_HAND,
         None,
         {"beyond_rad": float(beyond[joint]), "beyond_other_rad": float(other[joint])},
         f"looks like a recording of {OTHER[arm.name]}, not {arm.name}: {name} goes from {low:.0f} "
@@ -117,7 +130,7 @@ def by_weight(parameters: tuple[FittedParameter, ...], arm: Arm) -> list[DataWar
         return []
     return [
         DataWarning(
-            "other_hand",
+            _OTHER_HAND,
             None,
             {"beta6_Nm": value},
             f"looks like a recording of {OTHER[arm.name]}, not {arm.name}: {name} is "

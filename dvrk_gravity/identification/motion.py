@@ -14,6 +14,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
+from dvrk_gravity.named_arm import parts
 from dvrk_gravity.parameter import is_finite
 from dvrk_gravity.recording import (
     DataWarning,
@@ -34,6 +35,7 @@ from dvrk_gravity.recording.read_before import ReadBefore
 Source = Recording | RecordingFile | Trajectory
 
 _SAME = 1e-9  # of an effort: what filters make of one number
+_PARTS = 3  # of a robot that a refusal names
 
 
 @dataclass(frozen=True)
@@ -237,16 +239,13 @@ def require_all(
     missing = [joint for joint in arm.joint_names if joint not in recording.joints]
     unknown = [joint for joint in missing if joint not in (still or {})]
     if unknown:
-        # Only a fit to trajectories can do with less.
-        hint = (
-            ""
-            if still is None
-            else f", or `--at {unknown[0]}={_example(arm, unknown[0])},...` to say where those "
-            "stood that were not recorded"
-        )
-        raise RecordingError(
-            recording.source, f"has no {', '.join(unknown)}: expected all joints{hint}"
-        )
+        expected = "all joints"
+        if still is not None:  # only a fit to trajectories can do with less
+            at = f"--at {unknown[0]}={_example(arm, unknown[0])},..."
+            expected += f", or `{at}` to say where those stood that were not recorded"
+        if some := " or ".join(parts(arm, recording.joints)[:_PARTS]):
+            expected += f", or a part of the robot: --arm {some}"
+        raise RecordingError(recording.source, f"has no {', '.join(unknown)}: expected {expected}")
     if isinstance(recording, Trajectory):
         without = any(stretch.effort is None for stretch in recording.stretches)
     else:

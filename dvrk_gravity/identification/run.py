@@ -24,7 +24,7 @@ from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
 from dvrk_gravity.identification.dynamic_fit import fit_dynamic
 from dvrk_gravity.identification.effort_unit import in_their_unit
 from dvrk_gravity.identification.evaluation import errors_of, evaluate
-from dvrk_gravity.identification.hand import by_weight
+from dvrk_gravity.identification.hand import OTHER, by_weight, contradiction
 from dvrk_gravity.identification.motion import (
     all_static,
     known_still,
@@ -33,7 +33,7 @@ from dvrk_gravity.identification.motion import (
     whole,
 )
 from dvrk_gravity.identification.result import Fit
-from dvrk_gravity.identification.verdict import judge
+from dvrk_gravity.identification.verdict import POOR, judge
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     Given,
@@ -125,14 +125,28 @@ def identify(
                 why = f" ({reasons[effect]})" if reasons.get(effect) else ""
                 raise ConfigError("--terms", effect, f"some of {', '.join(known)}{why}")
         fit = _dynamic(recordings, arm, given, effects, physical, report, still or {}, for_console)
-    if not any(warning.kind == "other_hand" for warning in fit.warnings):
+    if not contradiction(fit.warnings):
         fit = replace(fit, warnings=(*fit.warnings, *by_weight(fit.parameters, arm)))
     if for_console:
         fit = replace(fit, handling=(*fit.handling, _FOR_CONSOLE))
     warnings = (*about_arm(arm.doubts), *fit.warnings)
     fit = replace(fit, handling=(*said, *fit.handling), warnings=warnings)
     _require_one_torque(fit.model)
-    return _validated(fit, validate) if validate else fit
+    return _unless_contradicted(_validated(fit, validate) if validate else fit)
+
+
+def _unless_contradicted(fit: Fit) -> Fit:
+    """Return the fit, not to be compensated with where its recordings are of the other arm."""
+    why = contradiction(fit.warnings)
+    if not why:
+        return fit
+    arm = fit.model.arm.name
+    record = f"a motion of {arm}; or give these recordings their own arm, --arm {OTHER[arm]}"
+    return replace(
+        fit,
+        verdict=replace(fit.verdict, level=POOR, reason=why, record=record),
+        model=replace(fit.model, verdict=POOR, reason=why),
+    )
 
 
 def _require_one_torque(model: TorqueModel) -> None:

@@ -77,12 +77,25 @@ class VerdictSettings:
     friction: float = 0.1
     shortest: float = 8.0
 
+    def good_to(self, joint: Joint) -> float:
+        """Return up to which part of a joint's torque an error is good."""
+        return joint.published_error or self.good
+
     def level(self, joint: Joint, share: float) -> str:
         """Return the verdict on an error that is such a part of a joint's torque."""
-        good = joint.published_error or self.good
+        good = self.good_to(joint)
         if share <= good:
             return GOOD
         return USABLE if share <= max(self.usable, self.usable_over_good * good) else POOR
+
+    @property
+    def rule(self) -> str:
+        """What decides between good, usable and neither, in a line."""
+        return (
+            f"|e|/|tau| is good up to `good to` and usable up to {self.usable:g} or "
+            f"{self.usable_over_good:.2g} times that; below {100 * self.negligible:g} % of its "
+            "effort limit an error moves no joint"
+        )
 
 
 def judge(
@@ -189,13 +202,8 @@ def compared(
         coordinates: Of the errors.
         with_friction: As of :func:`judge`.
     """
-    settings, arm = VerdictSettings(), model.arm
-    limits = arm.actuator_effort_limit if coordinates == "actuator" else arm.effort_limit
-    levels = {
-        joint.name: _level(joint, errors[joint.name], limit, settings, joint.name in with_friction)
-        for joint, limit in zip(arm.joints, _comparable(limits, arm).tolist(), strict=True)
-        if joint.name in errors
-    }
+    alone = by_errors(model.arm, errors, coordinates, with_friction)
+    levels = {name: verdict.level for name, verdict in alone.items()}
     found = max(levels.values(), key=VERDICTS.index)
     which = [
         f"{name} {_percent(errors[name].nrmse)}" for name, level in levels.items() if level == found
@@ -210,6 +218,41 @@ def compared(
     why = "" if found == GOOD else f" ({', '.join(which)} of the torque{held})"
     further = "; `diagnose` tells whether that is news, and of what" if found == POOR else ""
     return f"{said}; from these errors alone it would be: {in_words(found)}{why}{further}"
+
+
+def by_errors(
+    arm: Arm,
+    errors: Mapping[str, JointError],
+    coordinates: Coordinates,
+    with_friction: Collection[str] = (),
+) -> dict[str, JointVerdict]:
+    """Judge the joints of a recording by the errors of a model on it alone.
+
+    A reason is given where it is not the bound on the error relative to the torque.
+
+    Args:
+        arm: The arm.
+        errors: By joint.
+        coordinates: Of the errors.
+        with_friction: As of :func:`judge`.
+    """
+    settings = VerdictSettings()
+    limits = arm.actuator_effort_limit if coordinates == "actuator" else arm.effort_limit
+    found = {}
+    for joint, limit in zip(arm.joints, _comparable(limits, arm).tolist(), strict=True):
+        if joint.name not in errors:
+            continue
+        error = errors[joint.name]
+        level = _level(joint, error, limit, settings, joint.name in with_friction)
+        reason = ""
+        if level != settings.level(joint, error.nrmse):
+            reason = (
+                f"{_milli(error.rmse, joint)} moves no joint"
+                if error.rmse <= settings.negligible * limit
+                else f"{_milli(error.rmse, joint)} may be friction, which these poses do not show"
+            )
+        found[joint.name] = JointVerdict(level, reason)
+    return found
 
 
 def _comparable(limits: Array, arm: Arm) -> Array:

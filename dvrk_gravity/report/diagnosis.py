@@ -21,8 +21,9 @@ from dvrk_gravity.diagnosis.findings import (
 )
 from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.diagnosis.words import rows as parameter_rows
+from dvrk_gravity.diagnosis.words import size_of, told
 from dvrk_gravity.diagnosis.words import title as effect_title
-from dvrk_gravity.diagnosis.words import told
+from dvrk_gravity.identification.hand import contradiction
 from dvrk_gravity.report import html
 from dvrk_gravity.report.in_simulation import section
 from dvrk_gravity.report.units import effort_in_picture, effort_in_table
@@ -57,14 +58,16 @@ def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
         diagnosis: The result.
         sources: Names of the recordings.
     """
+    why = contradiction(diagnosis.warnings)
     parts = [
+        *([f"<p><b>{escape(why)}</b></p>"] if why else []),
         f"<h1>{escape(diagnosis.sentence)}</h1>",
         f'<p><span class="verdict">{_VERDICTS[diagnosis.verdict]}</span> '
         f'<span class="small">{escape(", ".join(sources))}; {diagnosis.samples} samples '
         f"compared, thinned out to what they hold; {diagnosis.held_out} of them held out of fit "
         "and choice; every figure of error and gain below is of those</span></p>",
     ]
-    if len(diagnosis.findings) > 1:
+    if diagnosis.findings:
         parts.append(_overview(diagnosis.findings))
     if diagnosis.findings:
         parts.append("<h2>What changed or was missed</h2>")
@@ -103,10 +106,13 @@ def _overview(findings: Sequence[Finding]) -> str:
                 effect_title(finding.effect),
                 ", ".join(finding.joints) or "the arm",
                 finding.place,
+                size_of(finding),
                 removed if gain.relative else "",
+                "yes" if finding.certain else "no",
             )
         )
-    return html.table(("", "what", "where", "form", "held-out error removed"), rows)
+    head = ("", "what", "where", "form", "size", "held-out error removed", "certain")
+    return html.table(head, rows)
 
 
 def _finding(number: int, finding: Finding, arm: Arm) -> str:

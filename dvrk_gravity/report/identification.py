@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dvrk_gravity.identification.hand import contradiction
 from dvrk_gravity.identification.result import Fit
+from dvrk_gravity.identification.verdict import VerdictSettings
 from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.report.fit_pictures import residual_picture, torque_picture
 from dvrk_gravity.report.units import effort_in_table
@@ -15,13 +17,13 @@ h1{font-size:1.5rem;line-height:1.3}h2{font-size:1.15rem;margin-top:2.2rem}h3{fo
 table{border-collapse:collapse;margin:.6rem 0}
 td,th{padding:.2rem .8rem;text-align:left;border-bottom:1px solid #ddd;vertical-align:top}
 td.n,th.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
+th.n{white-space:normal}td.why{min-width:20rem}
 tr.open td{color:#999}.small{color:#666;font-size:.9rem}.bad{color:#b00020}
 img{max-width:100%;display:block}
 </style></head><body>
 <h1{% if poor %} class="bad"{% endif %}>{{ arm }}: {{ headline }}</h1>
-{% if fit.verdict.reason %}<ul>{% for name, one in fit.verdict.joints.items() if one.record %}
-<li>{{ name }}: {{ one.words }}: {{ one.reason }}. Record instead: {{ one.record }}.</li>
-{% endfor %}</ul>{% endif %}
+{% if contradiction %}<p class="bad">{{ contradiction }}</p>{% endif %}
+{% if fit.verdict.record %}<p>Record instead: {{ fit.verdict.record }}.</p>{% endif %}
 {% if poor %}<p>The compensator refuses this model unless <code>allow_poor_model</code> is true.</p>
 {% endif %}
 <p class="small">{{ sources }}; {{ fit.samples }} samples; errors and pictures in
@@ -30,12 +32,18 @@ img{max-width:100%;display:block}
 <h2>Error by joint</h2>
 <table><tr><th>joint</th><th class="n">held-out RMSE, {{ effort }}</th>
 <th class="n">|e|/|&tau;|</th><th class="n">R&sup2;</th>
-<th class="n">|e|/|&tau;| on the data fitted</th><th>verdict</th></tr>
+<th class="n">|e|/|&tau;| on the data fitted</th><th class="n">good to</th><th>verdict</th>
+<th>why</th></tr>
 {% for name, error in fit.held_out.items() %}
 <tr><td>{{ name }}</td><td class="n">{{ "%.*f"|format(decimals, factor * error.rmse) }}</td>
 <td class="n">{{ "%.3f"|format(error.nrmse) }}</td><td class="n">{{ "%.3f"|format(error.r2) }}</td>
 <td class="n">{% if name in fit.training %}{{ "%.3f"|format(fit.training[name].nrmse) }}{% endif %}
-</td><td>{{ fit.verdict.joints[name].words }}</td></tr>{% endfor %}</table>
+</td><td class="n">{{ "%.3f"|format(good_to[name]) }}</td>
+<td>{{ fit.verdict.joints[name].words }}</td>
+<td class="why">{{ fit.verdict.joints[name].reason }}</td></tr>
+{% endfor %}</table>
+<p class="small">{{ rule }}. A joint's verdict is the worst of that of its error, of what is not
+known of the torque that holds the arm still, and of how far it moved.</p>
 
 <h2>Joint by joint</h2>
 {% for name, torque, residual in pictures %}<h3>{{ name }}</h3>
@@ -109,10 +117,13 @@ def render(fit: Fit, sources: str) -> str:
             [choice for choice in fit.choices if not choice.kept],
         ),
     ]
+    settings = VerdictSettings()
     effort, factor, decimals = effort_in_table(
         fit.model.arm, [error.rmse for error in fit.held_out.values()]
     )
     return template.render(
         arm=fit.model.arm.name, fit=fit, headline=headline, poor=poor, sources=sources,
+        contradiction=contradiction(fit.warnings), rule=settings.rule,
+        good_to={name: settings.good_to(joint) for name, joint in joints.items()},
         pictures=pictures, others=others, effort=effort, factor=factor, decimals=decimals,
     )  # fmt: skip

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 
 from dvrk_gravity import command_line
+from dvrk_gravity.ros.node_help import add_parameters
 
 NAME = "compensator"
 EXAMPLE = (
@@ -15,7 +16,7 @@ EXAMPLE = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments: all that there is to set are ROS parameters."""
-    parser.usage = "%(prog)s [-h] [--ros-args …]"
+    add_parameters(parser, NAME)
 
 
 def run(arguments: argparse.Namespace) -> int:

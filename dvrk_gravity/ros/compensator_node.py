@@ -185,7 +185,8 @@ class Compensator(PromptNode):
             self._subscribe(MEASURED)
         elif not self._arm.is_there():
             self.get_logger().info(
-                f"waiting for {self.resolve_topic_name(MEASURED)}: nobody publishes it",
+                f"waiting for {self.resolve_topic_name(MEASURED)}: nobody publishes it; if the "
+                "arm's namespace is another one, --ros-args -r __ns:=/NAME",
                 throttle_duration_sec=5.0,
                 skip_first=True,
             )

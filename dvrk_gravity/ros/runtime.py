@@ -6,6 +6,7 @@ import gc
 import math
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
@@ -32,6 +33,7 @@ STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Beginnings of the parameters that rclpy itself declares on every node."""
 
+_LOOK = 0.05  # s
 
 _folders: list[Path] = []
 """Of the parameter files that this process was started with."""
@@ -165,11 +167,7 @@ def _construct(make_node: Callable[[], Node]) -> Node:
 def _spin(node: Node, stop: threading.Event) -> int:
     gc.collect()
     gc.freeze()  # what is there now stays: no collection has to look at it again
-    if isinstance(node, PromptNode):
-        executor: SingleThreadedExecutor = PromptExecutor(node)
-    else:
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
+    executor = _executor_of(node)
     try:
         with kept_awake(executor):
             while not stop.is_set():
@@ -184,6 +182,32 @@ def _spin(node: Node, stop: threading.Event) -> int:
     finally:
         executor.shutdown()
     return 0
+
+
+def _executor_of(node: Node) -> SingleThreadedExecutor:
+    if isinstance(node, PromptNode):
+        return PromptExecutor(node)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    return executor
+
+
+def outlive(node: Node, others: Callable[[], bool], longest: float) -> None:
+    """Serve a node that was asked to end for as long as others need it.
+
+    Ctrl-C at a terminal, or of a launch file, reaches every process at once, in any order.
+
+    Args:
+        node: The node, which is not served any more.
+        others: Tells whether others need it; asked every 50 ms.
+        longest: s, after which it ends all the same.
+    """
+    executor = _executor_of(node)
+    end = time.monotonic() + longest
+    while others() and (now := time.monotonic()) < end:
+        while (left := now + _LOOK - time.monotonic()) > 0.0:
+            executor.spin_once(timeout_sec=left)
+    executor.shutdown()
 
 
 def _first_line(error: object) -> str:

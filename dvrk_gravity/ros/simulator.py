@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from dvrk_gravity import command_line
+from dvrk_gravity.ros.node_help import add_parameters
 
 NAME = "simulator"
 EXAMPLE = "ros2 run dvrk_gravity simulator --ros-args -r __ns:=/MTMR -p friction_scale:=0.1"
@@ -14,7 +15,7 @@ EXAMPLE = "ros2 run dvrk_gravity simulator --ros-args -r __ns:=/MTMR -p friction
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments: all that there is to set are ROS parameters."""
-    parser.usage = "%(prog)s [-h] [--ros-args …]"
+    add_parameters(parser, NAME)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -28,6 +28,10 @@ from dvrk_gravity.simulate import PlantFile, SimulatedArm
 STEP = 1e-3
 """Length of a simulation step, s."""
 
+# So long, s, it outlives a request to end while somebody commands it: twice what a compensator
+# waits for an acknowledgement (ros/hold.py), and less than the 5 s after which launch insists.
+_OUTLIVES = 3.0
+
 # Further behind than this, the simulation lets the time go instead of chasing it, s.
 _MOST_BEHIND = 0.05
 
@@ -136,9 +140,18 @@ class Simulator(Node):
         )
 
     def finish(self) -> bool:
-        """Stop the clock."""
+        """Go on until nobody commands the arm any more, and stop the clock.
+
+        Who commands the arm, asked to end at the same time, holds it and waits for it to
+        acknowledge that: the arm ends last.
+        """
+        runtime.outlive(self, self._is_commanded, _OUTLIVES)
         self._timer.cancel()
         return True
+
+    def _is_commanded(self) -> bool:
+        """Tell whether somebody publishes commands, or could hold the arm."""
+        return any(self.count_publishers(topic) for topic in self._commands)
 
     def _connect(self, rate: float, setpoint_rate: float, efforts: CommandTopic) -> None:
         def publisher(topic: str) -> Any:
@@ -155,6 +168,7 @@ class Simulator(Node):
             efforts.name,
             lambda message: arm.servo_jf(efforts.effort(message), as_read=True),
         )
+        self._commands = (efforts.name, "servo_jp", "move_jp", "hold")
         self._listen(JointState, "servo_jp", lambda message: arm.servo_jp(message.position))
         self._listen(Empty, "hold", lambda _: arm.hold())
         # The demonstration's own way to move it: no real arm takes these.

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 
 from dvrk_gravity import command_line
+from dvrk_gravity.ros.node_help import add_parameters
 
 NAME = "watchdog"
 EXAMPLE = "ros2 run dvrk_gravity watchdog --ros-args -r __ns:=/MTMR -p watchdog_timeout:=0.05"
@@ -13,7 +14,7 @@ EXAMPLE = "ros2 run dvrk_gravity watchdog --ros-args -r __ns:=/MTMR -p watchdog_
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments: all that there is to set are ROS parameters."""
-    parser.usage = "%(prog)s [-h] [--ros-args …]"
+    add_parameters(parser, NAME)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -19,7 +19,12 @@ from dvrk_gravity.ros.presence import Presence
 TIMEOUT_TOPIC = "watchdog_timeout"
 """Latched: the watchdog's time-out, s, which a compensator's own must not exceed."""
 
-_PARAMETERS = ("watchdog_timeout", *PARAMETERS)
+OWN_PARAMETERS = ("watchdog_timeout", *PARAMETERS)
+"""Names of those that it reads itself."""
+
+# s. A node looks every 0.1 s whether it is asked to end (runtime.py), and then holds at once; a
+# busy machine may stand still for half a second.
+_OUTLIVES = 0.6
 
 
 class Watchdog(PromptNode):
@@ -35,7 +40,7 @@ class Watchdog(PromptNode):
         given = runtime.given_parameters(self)
         # A file for all nodes (`/**`) holds the model's, too.
         table = all_parameters(arm_of(given))
-        values = {name: table[name].default for name in _PARAMETERS}
+        values = {name: table[name].default for name in OWN_PARAMETERS}
         values |= check_all(table, given, BY_EFFECTS)
         timeout = values["watchdog_timeout"]
         assert isinstance(timeout, float)  # check_all has seen to it
@@ -89,7 +94,11 @@ class Watchdog(PromptNode):
         self.get_logger().info(text)
 
     def finish(self) -> bool:
-        """Hold an arm that nobody would watch from now on; return whether the hold has arrived."""
+        """Hold an arm that nobody would watch from now on; return whether the hold has arrived.
+
+        Who commands it, asked to end at the same time, holds it itself.
+        """
+        runtime.outlive(self, lambda: self._last is not None, _OUTLIVES)
         if self._last is not None:
             self._hold.send()
         return self._hold.settle()

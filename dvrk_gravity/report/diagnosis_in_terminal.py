@@ -1,0 +1,188 @@
+"""A diagnosis as text for a terminal: what was found and its size, how good, what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+
+import numpy as np
+
+from dvrk_gravity.diagnosis import Diagnosis
+from dvrk_gravity.diagnosis.findings import BETWEEN, ERROR, FLOORS, KNOWN, Finding
+from dvrk_gravity.diagnosis.words import size_of
+from dvrk_gravity.effects.unknown import Unknown
+from dvrk_gravity.identification.hand import contradiction
+from dvrk_gravity.report import in_simulation
+from dvrk_gravity.report.terminal import laid_out, warning_lines
+from dvrk_gravity.report.units import effort_in_table
+
+
+def diagnosis_text(
+    diagnosis: Diagnosis, verbose: bool = False, width: int | None = None
+) -> Iterator[str]:
+    """Yield what a terminal shows of a diagnosis.
+
+    Args:
+        diagnosis: The result.
+        verbose: All that the report says in words, too.
+        width: Columns of the terminal, if there is one.
+    """
+    findings = diagnosis.findings
+    why = contradiction(diagnosis.warnings)
+    if why:
+        yield laid_out(why, width)
+    verdict = diagnosis.verdict.replace("_", " ")
+    if not findings:
+        yield laid_out(f"{verdict}: {diagnosis.sentence}", width)
+    else:
+        certain = sum(finding.certain for finding in findings)
+        sure = "certain" if certain == len(findings) else f"{certain} of them certain"
+        plural = "s" if len(findings) > 1 else ""
+        yield f"{verdict}: {len(findings)} finding{plural}, {sure}"
+        yield from finding_table(findings, diagnosis.model.arm.n, width)
+        yield laid_out(_how_good(diagnosis), width)
+        yield laid_out(f"next: {findings[0].remedy or 'see the report'}", width)
+    if diagnosis.caveat:
+        yield laid_out(f"note: {diagnosis.caveat}", width)
+    suspected = [ambiguity for ambiguity in diagnosis.ambiguities if ambiguity.suspected]
+    for ambiguity in suspected:
+        yield laid_out(f"not to be told apart: {ambiguity.sentence}", width)
+    if diagnosis.weighed is not None:
+        yield laid_out(f"known payload: {diagnosis.weighed.sentence}", width)
+    if diagnosis.outside and not verbose:
+        more = f"; {len(diagnosis.outside) - 1} more" if len(diagnosis.outside) > 1 else ""
+        yield laid_out(f"extrapolated: {diagnosis.outside[0]}{more}", width)
+    for line in warning_lines(diagnosis.warnings, diagnosis.notes, verbose):
+        yield laid_out(line, width)
+    if verbose:
+        yield from (laid_out(line, width) for line in _details(diagnosis))
+
+
+def finding_table(findings: Sequence[Finding], n: int, width: int | None = None) -> Iterator[str]:
+    """Yield a table of findings: where, what each removes of the error, certainty, and the size.
+
+    Args:
+        findings: At least one.
+        n: Number of the arm's joints.
+        width: Columns of the terminal, if there is one.
+    """
+    where = [_where(finding, n) for finding in findings]
+    broad = 2 + max(len("what"), *(len(finding.effect) for finding in findings))
+    wide = 2 + max(len("where"), *map(len, where))
+    yield f" #  {'what':<{broad}}{'where':<{wide}}{'removes':>7}  certain  size"
+    for number, (finding, place) in enumerate(zip(findings, where, strict=True), start=1):
+        gain = f"{100 * finding.gain.relative:.0f} %" if finding.gain.relative else ""
+        sure = "yes" if finding.certain else "no"
+        head = f"{number:>2}  {finding.effect:<{broad}}{place:<{wide}}{gain:>7}  {sure:<9}"
+        yield laid_out(size_of(finding), width, head)
+        for other in finding.alternatives:
+            yield laid_out(
+                f"    or {other.effect} at {', '.join(other.joints) or 'the arm'}", width
+            )
+
+
+def _where(finding: Finding, n: int) -> str:
+    """Return the joints in few words, and whether it is at their motors."""
+    joints = finding.joints
+    if not joints:
+        return "the arm"
+    if len(joints) == n > 2:
+        return "all joints"
+    named = ", ".join(joints) if len(joints) <= 2 else f"{joints[0]}, {len(joints) - 1} more"
+    return f"{named} (motor)" if finding.place == "motor" else named
+
+
+def _how_good(diagnosis: Diagnosis) -> str:
+    """Return in a line what all findings together remove, and where most is left."""
+    unit, factor, _ = effort_in_table(diagnosis.model.arm, diagnosis.sizes)
+    before, after = diagnosis.before, diagnosis.after
+
+    def change(joint: str) -> str:
+        return f"{joint} {factor * before[joint]:.3g} -> {factor * after[joint]:.3g}"
+
+    joints = [name for name, value in after.items() if np.isfinite(value)]
+    if not joints:
+        return f"errors {diagnosis.compared} are not known"
+    most = max(joints, key=lambda name: before[name] - after[name])
+    line = f"held-out RMSE before -> after, {unit}: {change(most)}"
+    least, words = diagnosis.least
+    above = {name: after[name] / least[name] for name in joints if least[name] > 0.0}
+    if above:
+        left = max(above, key=lambda name: above[name])
+        line += f"; most left: {change(left)}, {above[left]:.2g} times {words}"
+    # What two digits do not show is no change.
+    worse = [name for name in joints if float(f"{after[name]:.2g}") > float(f"{before[name]:.2g}")]
+    return f"{line}; worse after: {', '.join(map(change, worse))}" if worse else line
+
+
+def _details(diagnosis: Diagnosis) -> Iterator[str]:
+    yield from _told(diagnosis.findings)
+    known = [entry for entry in diagnosis.known if entry.effect != ERROR]
+    if known:
+        yield f"{BETWEEN if diagnosis.beside_reference else KNOWN}:"
+        for entry in known:
+            yield f"   {entry.sentence}"
+            if entry.remedy:
+                yield f"   what to do: {entry.remedy}"
+    unseen = [ambiguity.pair for ambiguity in diagnosis.ambiguities if not ambiguity.suspected]
+    if unseen:
+        yield (
+            f"no sign of these, but this data could not tell them apart: {'; '.join(unseen)} "
+            "(numbers in the report)"
+        )
+    yield from _errors(diagnosis)
+    if diagnosis.in_simulation is not None:
+        arm, joint = diagnosis.model.arm, diagnosis.gains_most
+        yield from in_simulation.lines(diagnosis.in_simulation, arm, joint)
+    if diagnosis.outside:
+        yield "extrapolated:"
+        yield from (f"   {line}" for line in diagnosis.outside)
+    for note in diagnosis.notes:
+        yield f"note: {note}"
+
+
+def _errors(diagnosis: Diagnosis) -> Iterator[str]:
+    """Yield the table of errors by joint."""
+    unit, factor, decimals = effort_in_table(diagnosis.model.arm, diagnosis.sizes)
+
+    def shown(value: float) -> str:
+        return f"{factor * value:9.{decimals}f}" if np.isfinite(value) else "  unknown"
+
+    head = f"held-out RMSE [{unit}]"
+    width = max(len(head), *(2 + len(joint) for joint in diagnosis.before))
+    yield f"errors {diagnosis.compared}:"
+    columns = dict(zip(("before", "after", "floor", "expected"), diagnosis.errors, strict=True))
+    told = f"floor: {FLOORS[diagnosis.floor_from]}"
+    if np.isfinite(list(diagnosis.expected.values())).any():
+        told += "; expected: of the model, by its own uncertainty and friction of another day"
+        told += ", which grows where it is extrapolated" if diagnosis.outside else ""
+    else:
+        del columns["expected"]
+    yield f"{head:<{width}}" + "".join(f" {word:>9}" for word in columns)
+    for joint in diagnosis.before:
+        cells = "".join(f" {shown(column[joint])}" for column in columns.values())
+        yield f"{f'  {joint}':<{width}}{cells}"
+    yield told
+
+
+def _told(findings: Sequence[Finding]) -> Iterator[str]:
+    """Yield findings in lines; what is done alike about one effect at several joints, once."""
+
+    def alike(numbered: tuple[int, Finding]) -> tuple[object, ...]:
+        number, finding = numbered
+        alone = number if finding.alternatives else 0
+        return finding.effect, finding.place, finding.remedy, finding.left_out, alone
+
+    for _, group in groupby(enumerate(findings, start=1), alike):
+        numbers, same = zip(*group, strict=True)
+        first, last = same[0], numbers[-1]
+        to = f" to {last}" if len(same) > 1 else ""
+        where = ", ".join(dict.fromkeys(joint for finding in same for joint in finding.joints))
+        yield f"{numbers[0]}{to}. {first.effect} at {where or 'the arm'} ({first.place})"
+        yield from (f"   {finding.sentence}" for finding in same)
+        if first.remedy:
+            yield f"   what to do: {first.remedy}"
+        for other in first.alternatives:
+            yield f"   or {other.effect} at {', '.join(other.joints) or 'the arm'}: {other.why}"
+        if not first.in_model and first.effect != Unknown.NAME:
+            yield f"   (not in the extended model: {first.left_out})"

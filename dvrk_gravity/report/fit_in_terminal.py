@@ -1,0 +1,137 @@
+"""Fits and evaluations as text for a terminal: a table, the verdict, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.identification.evaluation import Evaluation
+from dvrk_gravity.identification.hand import contradiction
+from dvrk_gravity.identification.result import Fit, JointError, JointVerdict, in_short
+from dvrk_gravity.identification.verdict import GOOD, POOR, VerdictSettings, by_errors, compared
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.report.terminal import laid_out, warning_lines
+
+
+def error_table(
+    errors: Mapping[str, JointError],
+    arm: Arm,
+    verdicts: Mapping[str, JointVerdict],
+    width: int | None = None,
+) -> Iterator[str]:
+    """Yield a table of errors by joint, with the bound that each is judged by, and the rule.
+
+    Beside every verdict stands its reason, unless it is good by the two numbers before it.
+
+    Args:
+        errors: By joint.
+        arm: The arm.
+        verdicts: By joint.
+        width: Columns of the terminal, if there is one.
+    """
+    settings = VerdictSettings()
+    broad = 1 + max(map(len, errors))
+    unit = arm.effort_units[0]
+    head = f"RMSE {unit}"
+    yield f"{'joint':<{broad}}{head:>9}{'|e|/|tau|':>10}{'R2':>7}{'good to':>8}  verdict"
+    said: dict[JointVerdict, str] = {}
+    for joint in arm.joints:
+        if joint.name not in errors:
+            continue
+        error, verdict = errors[joint.name], verdicts[joint.name]
+        # Said only where it is not the table's.
+        other = f" (RMSE in {joint.effort_unit})" if joint.effort_unit != unit else ""
+        word = "do not compensate" if verdict.level == POOR else verdict.level
+        row = (
+            f"{joint.name:<{broad}}{error.rmse:>9.4f}{error.nrmse:>10.3f}{error.r2:>7.3f}"
+            f"{settings.good_to(joint):>8.3f}  {word}{other}"
+        )
+        plain = verdict.level == GOOD == settings.level(joint, error.nrmse)
+        why = f"as {said[verdict]}" if verdict.reason and verdict in said else verdict.reason
+        yield row if plain or not why else laid_out(why, width, f"{row}: ")
+        said.setdefault(verdict, joint.name)
+    yield laid_out(f"rule: {settings.rule}", width)
+
+
+def fit_text(fit: Fit, verbose: bool = False, width: int | None = None) -> Iterator[str]:
+    """Yield what a terminal shows of an identification.
+
+    Args:
+        fit: The result.
+        verbose: All that the report says in words, too.
+        width: Columns of the terminal, if there is one.
+    """
+    verdict = fit.verdict
+    for line in verdict.findings:
+        yield laid_out(line, width)
+    named = [name for name, joint in verdict.joints.items() if joint.level == verdict.level]
+    of_joints = "" if verdict.level == GOOD or not named else f" ({', '.join(named)})"
+    why = contradiction(fit.warnings)
+    found = f"{verdict.words}: {why}" if why else f"{verdict.words}{of_joints}"
+    yield laid_out(f"verdict: {found}", width)
+    yield f"{fit.samples} samples, held-out errors in {fit.coordinates} coordinates"
+    yield from error_table(fit.held_out, fit.model.arm, verdict.joints, width)
+    if verdict.record:
+        yield laid_out(f"record instead: {verdict.record}", width)
+    for line in warning_lines(fit.warnings, fit.handling, verbose):
+        yield laid_out(line, width)
+    if verbose:
+        yield from (laid_out(line, width) for line in _details(fit))
+
+
+def _details(fit: Fit) -> Iterator[str]:
+    for line in fit.handling:
+        yield f"data: {line}"
+    yield f"held out: {fit.validation}"
+    kept = [choice for choice in fit.choices if choice.kept]
+    rejected = [choice for choice in fit.choices if not choice.kept]
+    added = [choice for choice in kept if choice.added]
+    yield "terms:"
+    for choice in added:
+        yield f"  {choice.term}: {choice.reason}"
+    if len(kept) > len(added):
+        yield f"  taken out again of what the search started with: {len(kept) - len(added)}"
+    if rejected:
+        yield f"  {len(rejected)} further changes were tried and do too little (all in the report)"
+    found = fit.identifiability
+    yield found.sentence
+    for statement in found.statements:
+        yield f"  {statement}"
+
+
+def evaluation_text(
+    result: Evaluation, model: TorqueModel, verbose: bool = False, width: int | None = None
+) -> Iterator[str]:
+    """Yield what a terminal shows of the evaluation of a model.
+
+    Args:
+        result: The result.
+        model: The model.
+        verbose: What was done with the recordings, too.
+        width: Columns of the terminal, if there is one.
+    """
+    why = contradiction(result.warnings)
+    if why:
+        yield laid_out(why, width)
+    yield f"{result.samples} samples, errors in {result.coordinates} coordinates"
+    verdicts = by_errors(model.arm, result.joints, result.coordinates, result.with_friction)
+    yield from error_table(result.joints, model.arm, verdicts, width)
+    if len(result.recordings) > 1:
+        for label, joints in result.recordings.items():
+            yield laid_out(f"{label}: |e|/|tau| {in_short(joints)}", width)
+    said = compared(model, result.joints, result.coordinates, result.with_friction)
+    yield laid_out(said, width)
+    if result.outside:
+        for line in result.outside if verbose else ():
+            yield laid_out(f"{line}: extrapolated there", width)
+        several = f"{len(result.outside)} times " if len(result.outside) > 1 else ""
+        shown = "" if verbose else f" ({several}; first: {result.outside[0]})"
+        yield laid_out(
+            "outside its range errors say little of a model: identify from recordings there, too"
+            + shown, width,
+        )  # fmt: skip
+    for line in warning_lines(result.warnings, result.handling, verbose):
+        yield laid_out(line, width)
+    for line in (result.detected, *result.handling) if verbose else ():
+        if line:
+            yield laid_out(f"data: {line}", width)

@@ -1,0 +1,97 @@
+"""What a terminal shows of any answer: lines laid out, and the few that a user has to act on."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+
+from dvrk_gravity.identification.hand import contradiction
+from dvrk_gravity.recording import DataWarning, brief
+from dvrk_gravity.recording.data_warning import Kind
+
+MOST_WARNINGS = 3
+"""Lines of warnings without ``--verbose``. Chosen: what is left of a screen beside a table."""
+
+_NARROW = 40  # columns that a cell needs to be read
+_HANG = " " * 4
+
+# Found and put right, or of no consequence for what to do: for the report and --verbose. A kind
+# that is not here is shown.
+_DETAIL: frozenset[Kind] = frozenset(
+    (
+        "invalid_stamps", "repeated_stamps", "read_before", "stale_samples", "read_jitter",
+        "time_jitter", "gaps", "samples_discarded", "velocity_mismatch", "effort_ripple",
+        "position_quantisation", "velocity_quantisation", "effort_quantisation", "excerpt",
+    )
+)  # fmt: skip
+_WARNING = "warning: "
+# How lines begin of what was done with data that a user has to know.
+_SHOWN = (
+    _WARNING,
+    "not recorded",
+    "held where",
+    "not judged",
+    "efforts are ",
+    "drive gains",
+    "the load does",
+)
+
+
+def columns() -> int | None:
+    """Return the width of the terminal on standard output; ``None`` where it is none.
+
+    Lines for a file or a pipe are not wrapped: whoever searches them finds each whole.
+    """
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+
+
+def laid_out(text: str, width: int | None, head: str = "") -> str:
+    """Return a line, wrapped to a width; what follows the head goes on below its beginning.
+
+    Where the head leaves little room, and the text needs more, the text has lines of its own.
+    """
+    if width is None or len(head) + len(text) <= width:
+        return head + text
+    apart = head and width - len(head) < _NARROW
+    lines = textwrap.wrap(
+        text if apart else head + text,
+        width,
+        initial_indent=_HANG if apart else "",
+        subsequent_indent=_HANG if apart or not head else " " * len(head),
+        break_on_hyphens=False,
+        break_long_words=False,
+    )
+    return "\n".join([head.rstrip(), *lines] if apart else lines)
+
+
+def warning_lines(
+    warnings: Sequence[DataWarning], said: Iterable[str] = (), verbose: bool = False
+) -> Iterator[str]:
+    """Yield what is odd about recordings: all of it, or what a user has to act on, in few lines.
+
+    That they are of another arm is said before all else (:func:`contradiction`), and not again.
+
+    Args:
+        warnings: What was found in the recordings.
+        said: What was done with them, of which some lines are for the user.
+        verbose: Yield every warning.
+    """
+    detail = [warning for warning in warnings if warning.kind in _DETAIL and not warning.unusable]
+    first = contradiction(warnings)
+    rest = [warning for warning in warnings if warning not in detail and str(warning) != first]
+    acted_on = [f"{_WARNING}{line}" for line in brief(rest)]
+    if verbose:
+        yield from acted_on
+        yield from (f"{_WARNING}{line}" for line in brief(detail))
+        return
+    lines = [*acted_on, *(line for line in said if line.startswith(_WARNING))]
+    yield from (line for line in said if line.startswith(_SHOWN) and line not in lines)
+    yield from lines[:MOST_WARNINGS]
+    left = len(lines[MOST_WARNINGS:])
+    more = left + len(brief(detail))
+    if more:
+        plural = "s" if more > 1 else ""
+        about = f"warning{plural}" if left else f"note{plural} on what was done with the data"
+        yield f"and {more} more {about}: --verbose"

@@ -1,0 +1,21 @@
+"""Compensator and watchdog of a real ECM: ros2 launch dvrk_gravity ecm.launch.py model:=…."""
+
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, ThisLaunchFileDir
+
+from launch import LaunchDescription
+
+
+def generate_launch_description() -> LaunchDescription:
+    one_arm = PathJoinSubstitution([ThisLaunchFileDir(), "arm.launch.py"])
+    given = {name: LaunchConfiguration(name) for name in ("namespace", "model")}
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("namespace", default_value="ECM"),
+            DeclareLaunchArgument("model", description="model of this very arm"),
+            IncludeLaunchDescription(
+                PythonLaunchDescriptionSource(one_arm), launch_arguments=given.items()
+            ),
+        ]
+    )

@@ -1,0 +1,267 @@
+"""What a terminal shows: a table, a few lines, reasons beside verdicts, and how long it takes."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import pytest
+from test_identify import truth
+from test_report import fit_of
+from test_wording import CLEAR, finding
+
+from dvrk_gravity import command_line
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.command_line import Progress, Stages
+from dvrk_gravity.diagnosis import Diagnosis
+from dvrk_gravity.diagnosis.findings import Alternative
+from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.identification.evaluation import Evaluation
+from dvrk_gravity.identification.result import Fit, JointError, JointVerdict, Verdict
+from dvrk_gravity.identification.verdict import by_errors
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import DataWarning
+from dvrk_gravity.report.diagnosis_in_terminal import diagnosis_text
+from dvrk_gravity.report.fit_in_terminal import evaluation_text, fit_text
+from dvrk_gravity.report.terminal import MOST_WARNINGS, laid_out, warning_lines
+
+ARM = Arm.load("mtmr")
+LEFT = TorqueModel.from_parameters({"arm": "mtml", "beta": (0.1,) * 10})
+EXTRAPOLATED = "beyond what was recorded, the torque that holds the arm still is known poorly"
+DETAIL = DataWarning("stale_samples", None, {}, "95 samples repeat the one before")
+OTHER_UNIT = DataWarning("effort_unit", None, {}, "efforts in another unit than N·m?")
+
+
+def of_two_minds() -> Fit:
+    """Return a fit with a good joint of a large error, and a usable one of a small error."""
+    errors = dict.fromkeys(JOINT_NAMES, JointError(0.02, 0.05, 0.99))
+    errors["wrist_roll"] = JointError(0.0005, 0.6, 0.4)
+    errors["outer_yaw"] = JointError(0.01, 0.013, 0.99)
+    joints = dict.fromkeys(JOINT_NAMES, JointVerdict("good", "held-out error 5 % of its torque"))
+    joints["wrist_roll"] = JointVerdict("good", "held-out error 0.5 mN·m, which moves no joint")
+    joints["outer_yaw"] = JointVerdict("usable", f"{EXTRAPOLATED} (to 31 mN·m)", "elsewhere")
+    verdict = Verdict("usable", "outer_yaw", "elsewhere", joints)
+    return replace(fit_of(None), held_out=errors, verdict=verdict)
+
+
+def row_of(lines: list[str], joint: str) -> str:
+    (row,) = [line for line in lines if line.startswith(joint)]
+    return row
+
+
+def test_beside_a_verdict_that_the_error_alone_does_not_explain_stands_its_reason():
+    lines = list(fit_text(of_two_minds()))
+    assert row_of(lines, "wrist_roll").endswith(
+        "  0.600  0.400   0.340  good: held-out error 0.5 mN·m, which moves no joint"
+    )
+    assert row_of(lines, "outer_yaw").endswith(
+        f"  0.013  0.990   0.082  usable: {EXTRAPOLATED} (to 31 mN·m)"
+    )
+    assert row_of(lines, "elbow_pitch").endswith("  0.050  0.990   0.191  good")
+    assert any(line.startswith("rule: |e|/|tau| is good up to `good to`") for line in lines)
+
+
+def test_the_verdict_on_a_recording_has_its_reason_too():
+    errors = dict.fromkeys(JOINT_NAMES, JointError(1.0, 0.05, 0.99))
+    errors["wrist_roll"] = JointError(1e-4, 0.9, 0.0)
+    errors["outer_yaw"] = JointError(1.0, 0.9, 0.0)
+    judged = by_errors(ARM, errors, "joint")
+    assert (judged["wrist_roll"].level, judged["wrist_roll"].reason) == (
+        "good", "0.1 mN·m moves no joint",
+    )  # fmt: skip
+    assert (judged["outer_yaw"].level, judged["outer_yaw"].reason) == ("do_not_compensate", "")
+    of_poses = by_errors(
+        ARM, errors | {"elbow_pitch": JointError(0.05 * ARM.effort_limit[2], 0.9, 0.0)}, "joint",
+        ["elbow_pitch"],
+    )  # fmt: skip
+    assert of_poses["elbow_pitch"].level == "usable"
+    assert "friction" in of_poses["elbow_pitch"].reason
+
+
+def test_an_identification_is_a_table_and_few_lines_and_verbose_says_the_rest():
+    fit = replace(of_two_minds(), warnings=(DETAIL, OTHER_UNIT))
+    lines = list(fit_text(fit))
+    table = 1 + len(JOINT_NAMES)
+    assert len(lines) <= table + 7
+    assert lines[0] == "verdict: usable (outer_yaw)"
+    assert "warning: efforts in another unit than N·m?" in lines
+    assert "and 1 more note on what was done with the data: --verbose" in lines
+    said = "\n".join(fit_text(fit, verbose=True))
+    for detail in ("held out: 12 blocks", "low-pass 5.65 Hz", "a and b cannot be separated",
+                   "warning: 95 samples repeat"):  # fmt: skip
+        assert detail in said
+        assert detail not in "\n".join(lines)
+
+
+def test_of_many_warnings_few_are_shown_and_the_others_counted():
+    many = [replace(OTHER_UNIT, text=f"number {k}") for k in range(MOST_WARNINGS + 2)]
+    said = ("warning: an odd sign", "not recorded: roll", "interpolated")
+    lines = list(warning_lines([*many, DETAIL], said))
+    assert lines[0] == "not recorded: roll"
+    assert len(lines) == 1 + MOST_WARNINGS + 1
+    assert lines[-1] == "and 4 more warnings: --verbose"
+    assert len(list(warning_lines([*many, DETAIL], said, verbose=True))) == len(many) + 1
+    unusable = replace(DETAIL, unusable=True)
+    assert list(warning_lines([unusable])) == [f"warning: {unusable}"]
+
+
+def diagnosis() -> Diagnosis:
+    small = Estimate(0.02, 0.01, 0.03, "N·m")
+    first = replace(
+        finding("coulomb_friction", small, CLEAR, "positive"),
+        joints=("wrist_roll",), remedy="oil it",
+        alternatives=(Alternative("presliding_hysteresis", ("wrist_roll",), "as well"),),
+    )  # fmt: skip
+    weak = replace(
+        finding("torque_scale", Estimate(1.1, 0.9, 1.3, ""), CLEAR, "factor"), joints=JOINT_NAMES
+    )
+    before, after, floor = (dict.fromkeys(JOINT_NAMES, value) for value in (0.2, 0.05, 0.01))
+    nan = dict.fromkeys(JOINT_NAMES, float("nan"))
+    after["elbow_pitch"] = 0.3
+    return Diagnosis(
+        "explained", (first, weak), (), before, after, floor, nan, "repetition", 100, 30,
+        (DETAIL, OTHER_UNIT), ("thinned out",), (), TorqueModel(ARM, ()), band=8.0,
+    )  # fmt: skip
+
+
+def test_a_diagnosis_is_a_table_with_sizes_and_says_how_good_and_what_next():
+    lines = list(diagnosis_text(diagnosis()))
+    assert lines[0] == "explained: 2 findings, 1 of them certain"
+    assert lines[2].split() == [
+        "1", "coulomb_friction", "wrist_roll", "40", "%", "yes", "moving", "up", "20.0", "±",
+        "10.0", "mN·m", "more",
+    ]  # fmt: skip
+    assert lines[3] == "    or presliding_hysteresis at wrist_roll"
+    assert "all joints" in lines[4]
+    assert " no  " in lines[4]
+    assert "outer_yaw 200 -> 50" in lines[5]
+    assert "most left: elbow_pitch 200 -> 300, 30 times" in lines[5]
+    assert "worse after: elbow_pitch" in lines[5]
+    assert lines[6] == "next: oil it"
+    assert len(lines) == 9, "a warning, and how many more"
+    said = "\n".join(diagnosis_text(diagnosis(), verbose=True))
+    for detail in ("held-out RMSE [mN·m]", "thinned out", "what to do: oil it"):
+        assert detail in said
+        assert detail not in "\n".join(lines)
+
+
+def test_lines_are_wrapped_to_a_terminal_and_to_nothing_else():
+    text = "one two three four five six"
+    assert laid_out(text, None, "head: ") == f"head: {text}"
+    assert laid_out(text, 20) == "one two three four\n    five six"
+    assert laid_out(text, 20, "head: ") == "head:\n    one two three\n    four five six"
+    wide = laid_out(" ".join([text] * 4), 100, "head: ").splitlines()
+    assert all(line.startswith("      one") or len(line) <= 100 for line in wide)
+    assert wide[1].startswith("      ")
+    for width in (80, 120):
+        for line in "\n".join(fit_text(of_two_minds(), width=width)).splitlines():
+            assert len(line) <= width
+
+
+@pytest.mark.usefixtures("four_folds", "blank_pictures")
+def test_a_recording_of_the_other_arm_has_status_1_from_every_verb_and_is_named_first(
+    tmp_path, capsys
+):
+    """Each answers in its first line, and identify writes a model that no compensator takes."""
+    recording, model = tmp_path / "right.csv", tmp_path / "left.yaml"
+    truth(1, 12.0).save(recording)
+    LEFT.save(model)
+    words = "looks like a recording of mtmr, not mtml"
+    out = tmp_path / "model.yaml"
+    for verb, options in (
+        ("identify", ["--arm", "mtml", "--out", str(out), "--terms", "coulomb_friction"]),
+        ("evaluate", ["--model", str(model)]),
+        ("diagnose", ["--model", str(model), "--out", str(tmp_path / "diagnosis")]),
+    ):
+        status = command_line.run(f"dvrk_gravity.cli.{verb}", [str(recording), *options])
+        shown = capsys.readouterr().out
+        assert status == 1, verb
+        assert words in shown.splitlines()[0], verb
+        assert shown.count(words) == 1, verb
+    assert TorqueModel.load(out).verdict == "do_not_compensate"
+    assert words in TorqueModel.load(out).reason
+    assert f'<p class="bad">{words}' in out.with_suffix(".html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("share", "claimed", "status"),
+    [(0.05, "good", 0), (0.2, "unknown", 0), (0.9, "good", 1), (0.05, "do_not_compensate", 1)],
+)
+def test_evaluate_has_the_status_of_its_answer(share, claimed, status, tmp_path, monkeypatch):
+    errors = dict.fromkeys(JOINT_NAMES, JointError(1.0, share, 0.5))
+    result = Evaluation(errors, 9, "joint", "", (), (), ())
+    monkeypatch.setattr("dvrk_gravity.identification.evaluate", lambda *_: result)
+    model = tmp_path / "model.yaml"
+    replace(TorqueModel(ARM, ()), verdict=claimed).save(model)
+    arguments = ["run.csv", "--model", str(model)]
+    monkeypatch.setattr("dvrk_gravity.recording.RecordingFile", lambda *_: None)
+    assert command_line.run("dvrk_gravity.cli.evaluate", arguments) == status
+    said = "\n".join(evaluation_text(result, TorqueModel.load(model)))
+    assert ("do not compensate with this" in said) == bool(status)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    class Clock:
+        now = 0.0
+
+    monkeypatch.setattr("dvrk_gravity.command_line.time.monotonic", lambda: Clock.now)
+    return Clock
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_progress_says_how_long_is_left_and_where_it_is_no_terminal_every_ten_seconds(
+    terminal, clock, capsys, monkeypatch
+):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
+    with Progress("excite", 100) as progress:
+        for second in range(61):
+            clock.now = float(second)
+            progress.update(round(100 * second / 60))
+    said = capsys.readouterr().err
+    lines = said.replace("\r\033[K", "\n").strip().splitlines()
+    assert "excite: 50 %, about 30 s left" in lines
+    assert said.endswith("\r\033[K" if terminal else "excite: 100 %\n")
+    # Of the pace nothing is known at first; a terminal shows that it has begun.
+    assert lines[0] == ("excite: 0 %" if terminal else "excite: 17 %, about 50 s left")
+    assert terminal or len(lines) == 6
+
+
+def test_progress_never_goes_back(clock, capsys):
+    clock.now = 0.0
+    progress = Progress("identify", 1.0)
+    shares = []
+    for second, share in enumerate([0.1, 0.5, 0.2, 0.9, 0.0, 2.0], start=1):
+        clock.now = 10.0 * second
+        progress.update(share)
+        shares.append(capsys.readouterr().err.split()[1])
+    assert shares[0] == "10"
+    assert shares[-1] == "100"
+
+
+def test_stages_that_come_again_or_not_at_all_count_up():
+    class Seen(Progress):
+        def __init__(self) -> None:
+            super().__init__("identify", 1.0)
+            self.shares: list[float] = []
+
+        def update(self, done: float) -> None:
+            super().update(done)
+            self.shares.append(self._share)
+
+    seen = Seen()
+    begins = (("read", 0.0), ("choose", 0.2), ("turn", 0.5), ("choose", 0.6), ("prove", 0.9))
+    stage = Stages(seen, begins)
+    for name, share in (("read", 0.0), ("choose", 0.5), ("choose", 1.0), ("choose", 0.5)):
+        stage(name, share)
+    assert seen.shares == pytest.approx([0.0, 0.35, 0.5, 0.5])
+    stage("turn", 0.0)
+    stage("choose", 0.5)
+    assert seen.shares[-1] == pytest.approx(0.75)
+    for _ in range(500):
+        stage("accepted: a cause")  # a step, of which nobody knows how many there are
+    assert 0.85 < seen.shares[-1] < 0.9
+    stage("prove")
+    assert seen.shares[-1] == pytest.approx(0.9)
+    assert seen.shares == sorted(seen.shares)
