@@ -13,7 +13,7 @@ from test_arms_dynamics import UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.processes import NodeProcess
+from dvrk_gravity.processes import PRIVATE, NodeProcess
 from dvrk_gravity.stated import stated_weight
 
 POSE = np.array([0.2, -0.8, 1.1, -0.4, 0.5, 0.1])
@@ -46,8 +46,10 @@ def state_of(file, effort: np.ndarray, until: str) -> tuple[str, int]:
     settings = ("output:=array", "timeout:=1.0", "max_stamp_age:=0.0")
     arguments = [part for setting in settings for part in ("-p", setting)]
     with (
-        Client("/arm") as client,
-        NodeProcess("compensator", "--params-file", str(file), *arguments, namespace="/arm"),
+        Client(f"{PRIVATE}/arm") as client,
+        NodeProcess(
+            "compensator", "--params-file", str(file), *arguments, namespace=f"{PRIVATE}/arm"
+        ),
     ):
         measured = client.node.create_publisher(JointState, "measured_js", 10)
         client.node.create_subscription(Float64MultiArray, "commands", commands.append, 10)

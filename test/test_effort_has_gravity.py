@@ -131,7 +131,7 @@ def test_what_the_arm_holds_itself_is_not_commanded(tmp_path, read):
     assert np.abs(carrying.torque(POSE, None)[1]) > 1.0, "of a payload the arm knows nothing"
 
 
-def moved(arm: Arm, part: float = 1.0) -> tuple[float, Supervisor]:
+def moved(arm: Arm, part: float = 1.0, pose: np.ndarray = POSE) -> tuple[float, Supervisor]:
     """Start a compensator on a simulated arm, and return how far a joint gets in 2 s, deg."""
     model = TorqueModel.stated(arm)
     values = model.parameters() | {
@@ -140,7 +140,7 @@ def moved(arm: Arm, part: float = 1.0) -> tuple[float, Supervisor]:
         if name.startswith("link_weight.")
     }
     plant = PlantFile.of(arm).plant()
-    plant.reset(POSE)
+    plant.reset(pose)
     simulated = SimulatedArm(plant, builtin_compensation=False, dt=STEP)
     supervisor = Supervisor(Settings.from_parameters(values))
     reader, farthest = SampleReader(arm.joint_names), 0.0
@@ -155,7 +155,7 @@ def moved(arm: Arm, part: float = 1.0) -> tuple[float, Supervisor]:
         command = supervisor.command(sample, k * STEP, stamp)
         if command is not None:
             simulated.servo_jf(command)
-        farthest = max(farthest, float(np.abs(plant.q - POSE).max()))
+        farthest = max(farthest, float(np.abs(plant.q - pose).max()))
     return float(np.degrees(farthest)), supervisor
 
 
@@ -174,6 +174,16 @@ def test_a_model_of_another_weight_than_the_masses_is_refused(tmp_path, read, pa
     assert supervisor.status is Status.FAULT
     assert f"the model holds {part:g} times what the masses in the arm's file" in supervisor.reason
     assert distance < 0.5
+
+
+@pytest.mark.parametrize("part", [-1.0, 0.0, 0.3, 3.0])
+def test_near_balance_the_weight_elsewhere_is_compared(tmp_path, part):
+    upright = np.array([0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0])
+    _, supervisor = moved(stating(tmp_path), part, upright)
+    assert supervisor.status is Status.FAULT
+    assert f"over the arm's range the model's weight is {part:g} times" in supervisor.reason
+    _, supervisor = moved(stating(tmp_path), 1.2, upright)
+    assert supervisor.status is Status.COMMANDING, supervisor.reason
 
 
 def test_a_model_of_masses_that_are_off_by_some_part_starts(tmp_path):

@@ -796,7 +796,7 @@ CHANGES = {
     "gravity off": {"gravity_enabled": False},
     "gravity turned": {"gravity_vector": [0.0, 9.81, 0.0]},
     "beta": {"beta": [1.0] * 10},
-    "friction": {"coulomb_friction.joint_positive": [0.1] * 7},
+    "friction": {"coulomb_friction.joint_positive": [0.05] * 7},
     "ramp time": {"ramp_time": 0.8},
     "slew limit on": {"slew_limit": [50.0] * 7},
 }
@@ -892,7 +892,7 @@ def test_support_that_a_change_takes_away_or_adds_is_reported_and_ramped():
         loop.configure(**options, beta=[part * value for value in BASE["beta"]])
     assert "instead of" in loop.supervisor.change
     assert settings_of(gravity_enabled=False).weightless
-    assert settings_of(beta=[0.0] * 10).weightless
+    assert not settings_of(beta=[0.0] * 10).weightless  # a mistake, no wish
 
 
 # What the default start_tolerance refuses at a start, by name of the change.
@@ -917,12 +917,80 @@ def test_a_change_that_asks_for_what_no_start_would_accept_holds_the_arm(case):
     held = {"effort": settings_of().at_rest(Q)}
     assert loop.send(**held) is None
     assert loop.status is Status.STARTING
-    answer = loop.first(**held)
-    if case == "no weight":  # the owner's wish: it fades from what holds the arm
-        np.testing.assert_allclose(answer, held["effort"], atol=1e-12)
+    assert loop.first(**held) is None
+    assert loop.status is Status.FAULT
+    if case == "no weight":  # a wish, which a person confirms: it fades from what holds the arm
+        assert "~/enable takes them" in loop.reason
+        loop.supervisor.enable()
+        np.testing.assert_allclose(loop.first(**held), held["effort"], atol=1e-12)
+        assert "gravity is left out" in loop.supervisor.change
+
+
+# Friction that is more than `start_tolerance` of a wrist joint's limit of 0.097 N·m.
+RUBS = {
+    "dry": {"coulomb_friction.joint_positive": [0.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0]},
+    "viscous": {"viscous_friction.joint": [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]},
+}
+
+
+@pytest.mark.parametrize("case", ["dry", "viscous"])
+def test_friction_that_grows_beyond_what_a_start_may_differ_by_is_confirmed_by_hand(case):
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
+    loop.configure(**AT_ONCE, **RUBS[case])
+    assert (loop.status, loop.holds) == (Status.FAULT, 1)
+    assert "of friction at wrist_pitch" in loop.reason
+    loop.supervisor.enable()
+    assert loop.first() is not None
+    loop.configure(**AT_ONCE)  # less of it moves nothing
+    assert loop.send() is not None
+
+
+@pytest.mark.parametrize("pause", ["a gap of the input", "the arm's own compensation"])
+def test_what_changes_while_the_arm_is_held_for_another_reason_is_confirmed_too(pause):
+    options = AT_ONCE | {"resume": "automatic", "disable_builtin": True}
+    loop = SupervisorInLoop(**options)
+    loop.first()
+    if pause == "a gap of the input":
+        loop.wait(0.3)
     else:
-        assert answer is None
-        assert loop.status is Status.FAULT
+        loop.builtin(*[0.1] * 7)
+    assert loop.holds == 1
+    loop.configure(**options, **BEYOND["a load that is not there"])
+    if pause != "a gap of the input":
+        loop.builtin(*[0.0] * 7)
+    assert loop.first() is None
+    assert loop.status is Status.FAULT
+    assert "parameters have changed, and measured_js has no usable effort" in loop.reason
+
+
+def test_a_change_that_what_is_measured_speaks_against_is_not_taken():
+    """Within the tolerance, by an arm that is held as before: nobody has mounted anything."""
+    loop = SupervisorInLoop(**AT_ONCE, start_tolerance=0.25)
+    loop.first()
+    loop.configure(**AT_ONCE, start_tolerance=2.0, **{"payload.mass": 0.19})
+    assert loop.status is Status.WAITING
+    assert loop.first(effort=settings_of().at_rest(Q)) is None
+    assert "agrees better with those of the last start" in loop.reason
+
+
+def test_the_own_compensation_of_an_arm_that_is_not_ours_stays_on():
+    loop = SupervisorInLoop(**AT_ONCE, disable_builtin=True, enabled=False)
+    on = np.full(7, 0.1)
+    assert not loop.supervisor.observe_builtin(on)
+    loop.supervisor.enable()
+    assert loop.supervisor.observe_builtin(on)
+
+
+def test_a_command_that_slew_limit_keeps_from_what_is_asked_for_is_a_fault():
+    slow = AT_ONCE | {"slew_limit": [1e-3] * 7}
+    loop = SupervisorInLoop(**slow)
+    loop.first()
+    way = np.linspace(Q, Q - np.array([0.0, 0.5, 1.2, 0.0, 0.0, 0.0, 0.0]), 300)
+    answers = [loop.send(position=position) for position in way]
+    assert answers[-1] is None
+    assert loop.status is Status.FAULT
+    assert "slew_limit is too small" in loop.reason
 
 
 def test_a_load_that_is_there_is_taken_over_by_a_new_start():

@@ -149,10 +149,11 @@ class Settings:
             of_model,
         )
 
-    @property
+    @cached_property
     def weightless(self) -> bool:
-        """Whether gravity is left out."""
-        return not any(term.carries_arm for term in self.model.terms)
+        """Whether gravity is left out on purpose, by its flag; weights of zero are a mistake."""
+        carried = any(term.carries_arm for term in self.model.terms)
+        return not carried and not self.model.parameters().get("gravity_enabled", False)
 
     def torque(self, q: Array, qd: Array | None) -> Array:
         """Return the (n,) torque to apply at (n,) positions and velocities, before limits, N·m.
@@ -168,9 +169,11 @@ class Settings:
         return self.limits.clip(self.torque(q, None))
 
     def asks_as(self, other: Settings) -> bool:
-        """Tell whether other settings ask an arm at rest for the same torque, wherever it is."""
+        """Tell whether other settings ask for the same torque, wherever the arm is."""
         return self is other or (
             self.model is other.model
+            and np.array_equal(self.friction_ratio, other.friction_ratio)
+            and np.array_equal(self.friction_dead_band, other.friction_dead_band)
             and np.array_equal(self.limits.joint, other.limits.joint)
             and np.array_equal(self.limits.actuator, other.limits.actuator)
         )
@@ -209,6 +212,11 @@ class Settings:
     def weight(self, q: Array) -> Array:
         """Return the (n,) efforts that hold the arm's own weight by the model, N·m."""
         return self._at_rest(q, (term for term in self.model.terms if term.WEIGHT_OF_ARM))
+
+    def holding(self, q: Array) -> Array:
+        """Return the (n,) efforts that hold the arm still, its own share of them, too, N·m."""
+        torque = self.torque(q, None)
+        return torque if self.model.arm.gravity_in_command else torque + self.weight(q)
 
     def held(self, q: Array) -> Array:
         """Return the (n,) efforts that hold the arm itself still by the model, no payload, N·m."""

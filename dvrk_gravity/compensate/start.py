@@ -95,7 +95,7 @@ class Start:
             len(self._models) >= SETTINGS.least_samples
         )
 
-    def origin(self, settings: Settings, must_compare: bool = False) -> tuple[Array, str]:
+    def origin(self, settings: Settings, tolerance: float) -> tuple[Array, str]:
         """Return the (n,) first effort, N·m, and in words where it is from.
 
         The model's torque, and of the difference to the mean effort that was measured no more than
@@ -106,11 +106,11 @@ class Start:
 
         Args:
             settings: What is to be commanded.
-            must_compare: Without measured efforts nothing is begun.
+            tolerance: Part of the effort limits by which measured and modelled effort may differ.
 
         Raises:
             StartRefusedError: The arm is where this one cannot be, measured and modelled efforts
-                differ by more than ``settings.start_tolerance``, the model holds next to nothing of
+                differ by more than ``tolerance``, the model holds next to nothing of
                 the weight, another one than the masses in the arm's file have, or the limits cut
                 what holds the arm.
         """
@@ -122,12 +122,7 @@ class Start:
         weight = settings.weight(position)
         if not settings.weightless:
             _compare_with_masses(settings, position)
-        if len(self._efforts) < SETTINGS.usable * len(self._models) or not np.any(self._efforts):
-            if must_compare:
-                raise StartRefusedError(
-                    "measured_js has no usable effort to compare changed parameters with: ~/enable "
-                    "takes them as they are"
-                )
+        if not self._measures():
             origin, source = model, "the model's torque, as measured_js has no usable effort"
         elif settings.weightless and not arm.gravity_in_command:
             origin, source = model, "the model's torque, as the arm holds its weight itself"
@@ -136,7 +131,7 @@ class Start:
             whole = model if arm.gravity_in_command else model + weight
             difference = mean - whole
             if not settings.weightless:
-                _compare(mean, whole, settings)
+                _compare(mean, whole, settings, tolerance)
                 held = _dry_friction(settings, position)
                 difference = np.minimum(np.maximum(difference, -held), held)
             origin, source = model + difference, "the measured effort"
@@ -148,6 +143,47 @@ class Start:
                 "hold, more than its effort limits leave: it would fall"
             )
         return settings.limits.clip(origin), source
+
+    def confirmed(
+        self, settings: Settings, before: Settings, tolerance: float, measurable: bool
+    ) -> tuple[Array, str]:
+        """Return :meth:`origin` where what is measured speaks for parameters that have changed.
+
+        Nobody has asked for this start: the arm was held for some reason, for the change itself
+        perhaps.
+
+        Args:
+            settings: What is to be commanded.
+            before: What the last start accepted.
+            tolerance: Part of the effort limits by which measured and modelled effort may differ.
+            measurable: What has changed acts on an arm at rest.
+
+        Raises:
+            StartRefusedError: As :meth:`origin`, or nothing is measured that speaks for the change.
+        """
+        why = ""
+        if not measurable or settings.weightless:
+            why = "nothing that is measured at rest speaks for them"
+        elif not self._measures():
+            why = "measured_js has no usable effort to compare them with"
+        else:
+            assert self._position is not None  # there is a sample
+            limit = settings.model.arm.effort_limit
+            mean = np.mean(self._efforts, axis=0) + _unread(settings, self._position)
+            was, now = (
+                np.linalg.norm((mean - each.holding(self._position)) / limit)
+                for each in (before, settings)
+            )
+            if now > was:
+                why = "what is measured agrees better with those of the last start"
+        if why:
+            raise StartRefusedError(f"parameters have changed, and {why}: ~/enable takes them")
+        return self.origin(settings, tolerance)
+
+    def _measures(self) -> bool:
+        """Tell whether efforts were measured: in half of the samples, and not all exactly zero."""
+        enough = len(self._efforts) >= SETTINGS.usable * len(self._models)
+        return enough and bool(np.any(self._efforts))
 
 
 def require_within(arm: Arm, position: Array) -> None:
@@ -200,12 +236,14 @@ def _compare_with_masses(settings: Settings, position: Array) -> None:
     unit = 1.0 / arm.effort_size if arm.read_in == ANY_UNIT else 1.0  # the unit was never stated
     weight = unit * weight
     poses = np.random.default_rng(0).uniform(*arm.range, (SETTINGS.poses, arm.n))
-    usual = stated_weight(arm, poses)
-    assert usual is not None
-    usual = unit * np.sqrt(np.mean(usual**2, axis=0))
+    drawn = stated_weight(arm, poses)
+    assert drawn is not None
+    drawn = unit * drawn
+    usual = np.sqrt(np.mean(drawn**2, axis=0))
     held = settings.held(position)
     size = float(np.sum((arm.scale * weight) ** 2))
     if size < (SETTINGS.least_weight * np.linalg.norm(arm.scale * usual)) ** 2:
+        _compare_elsewhere(arm, settings.weight(poses), drawn)
         return
     ratio = float(arm.scale * held @ (arm.scale * weight)) / size
     worst = int(np.argmax(np.abs(arm.scale * weight)))
@@ -226,16 +264,35 @@ def _compare_with_masses(settings: Settings, position: Array) -> None:
     )
 
 
-def _compare(mean: Array, model: Array, settings: Settings) -> None:
+def _compare_elsewhere(arm: Arm, by_model: Array, stated: Array) -> None:
+    """Refuse a model whose weight is another one than the stated masses' over the arm's range.
+
+    Near balance an arm shows neither; what it is moved to from there does.
+
+    Args:
+        arm: The arm.
+        by_model: (N, n) torques that hold its weight by the model, N·m.
+        stated: (N, n) the same by its masses.
+    """
+    ratio = float(np.sum(arm.scale**2 * by_model * stated) / np.sum((arm.scale * stated) ** 2))
+    if not WEIGHT.least <= ratio <= WEIGHT.most_loaded:
+        raise StartRefusedError(
+            f"over the arm's range the model's weight is {ratio:.2g} times what the masses in its "
+            "file weigh: were efforts in another unit when it was identified, or is it another "
+            "arm's? effort_unit: N·m in the model's file says that those masses are wrong"
+        )
+
+
+def _compare(mean: Array, model: Array, settings: Settings, tolerance: float) -> None:
     """Refuse to start where (n,) measured and modelled efforts are too far apart."""
     excess = np.abs(mean - model) / settings.model.arm.effort_limit
     worst = int(np.argmax(excess))
-    if not excess[worst] <= settings.start_tolerance:
+    if not excess[worst] <= tolerance:
         joint = settings.model.arm.joints[worst]
         raise StartRefusedError(
             f"{joint.name} is held with {mean[worst]:.4g} {joint.effort_unit} as "
             f"measured, with {model[worst]:.4g} by the model: a wrong unit, another arm's model, "
-            f"an arm that leans on something? Allowed are {settings.start_tolerance:g} of the "
+            f"an arm that leans on something? Allowed are {tolerance:g} of the "
             "arm's effort_limit (start_tolerance)"
         )
     limit = settings.model.arm.effort_limit

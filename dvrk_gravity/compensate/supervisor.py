@@ -13,12 +13,13 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.compensate.accepted import Accepted
 from dvrk_gravity.compensate.input_gate import InputGate
 from dvrk_gravity.compensate.limits import slew
 from dvrk_gravity.compensate.passivity import PassivityObserver
 from dvrk_gravity.compensate.ramp import Ramp
 from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, Sample
-from dvrk_gravity.compensate.settings import CHANGE, Settings
+from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.compensate.speed_guard import SpeedGuard
 from dvrk_gravity.compensate.start import Start, StartRefusedError
 
@@ -28,6 +29,9 @@ BUILTIN_HELP = (
     "the arm's own gravity compensation is on and would add to ours: publish false (std_msgs/Bool) "
     "on use_gravity_compensation, or set disable_builtin to true"
 )
+
+
+LEFT_OUT = "gravity is left out (gravity_enabled: false): what holds the arm fades out"
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,9 @@ class SupervisorSettings:
         outside: Beyond the arm's limits a position is told from here on, rad (``Arm.scale``), 5
             deg: encoders' zeros are off by less where an arm has been homed.
         cut: Less of a command that a limit takes is rounding, N·m or N.
+        compared: So often changed parameters are compared with those of the last start, s: in it a
+            joint at its fastest (``FASTEST``) goes 0.2 rad.
+        longest_lag: So long a command may be far from what is asked for, s: as the guard of speed.
     """
 
     shortest_step: float = 1e-6
@@ -51,6 +58,8 @@ class SupervisorSettings:
     interruptions: int = 2
     outside: float = 0.087
     cut: float = 1e-9
+    compared: float = 0.005
+    longest_lag: float = 0.1
 
 
 SETTINGS = SupervisorSettings()
@@ -92,8 +101,10 @@ class Supervisor:
         self.saturated: NDArray[np.bool_] = self._uncut
         self.hold_due = False
         self.origin = self.change = ""
-        self._accepted = settings  # by the last start
-        self._must_compare = False  # the next start follows a change, which nobody has confirmed
+        self._accepted = Accepted(settings)
+        self._asked = True  # a person has asked for the next start
+        self._changed = False  # since the last start was accepted
+        self._compare_at, self._lagging_since = -np.inf, np.inf
         self._interruptions = 0  # by the arm's own compensation, since we were enabled
         self._obstacles: dict[str, str] = {}
         self._gate = InputGate(settings.model.arm)
@@ -140,8 +151,9 @@ class Supervisor:
 
     def enable(self) -> None:
         """Start, or start again after a fault; commands follow with the next valid input."""
+        self._asked = True
         if self.status in (Status.DISABLED, Status.FAULT):
-            self._interruptions, self._must_compare = 0, False
+            self._interruptions = 0
             self._wait()
 
     def disable(self) -> None:
@@ -157,8 +169,9 @@ class Supervisor:
     def configure(self, settings: Settings, now: float) -> None:
         """Take other settings; the torque goes to the new one by the ramp, without a jump."""
         before, self.settings = self.settings, settings
-        if self._command is not None and not self._leaves_what_was_accepted(self._position):
-            self.change = self._support_changed()
+        self._changed = not settings.asks_as(self._accepted.settings)
+        if self._command is not None and not self._deviates(self._position, now):
+            self.change = self._accepted.change(settings, self._position)
             # What they know of the motion, a debt above all, stays: parameters may change often.
             self._passivity.limit(settings.friction_part, settings.allowance)
             self._guard.limit(settings.speed_limit)
@@ -199,13 +212,18 @@ class Supervisor:
         """Whether the arm's own gravity compensation is on."""
         return "builtin" in self._obstacles
 
-    def observe_builtin(self, effort: Array) -> None:
-        """Take a message of the arm's own gravity compensation."""
+    def observe_builtin(self, effort: Array) -> bool:
+        """Take a message of the arm's own gravity compensation; return whether to switch it off.
+
+        Only where the arm is ours, or is about to be: it may carry the arm for somebody else.
+        """
         on = bool(np.any(effort))  # NaN counts as on
-        self._interruptions += on and self.active
-        # Whoever switches it on again and again is not to be fought.
+        ours = self.active or self.begins_by_itself
+        # Whoever switches it on again and again, after a start, is not to be fought.
+        self._interruptions += on and not self.builtin_active and not self._asked
         wait = self.settings.disable_builtin and self._interruptions <= SETTINGS.interruptions
         self.obstruct("builtin", BUILTIN_HELP if on else "", wait)
+        return on and wait and ours
 
     def check_input(self, now: float) -> None:
         """Notice that valid input has stopped; to be called a few times within the timeout."""
@@ -268,16 +286,20 @@ class Supervisor:
 
     def _collect(self, start: Start, sample: Sample, now: float) -> None:
         """Begin, once there are enough samples, with the effort that holds the arm."""
-        start.add(sample, self._finite(self.settings.torque(sample.position, None)), now)
+        settings = self.settings
+        start.add(sample, self._finite(settings.torque(sample.position, None)), now)
         if not start.complete(now):
             return
         try:
-            self._command, self.origin = start.origin(self.settings, self._must_compare)
+            self._command, self.origin = self._accepted.origin(
+                start, settings, sample.position, self._asked
+            )
         except StartRefusedError as error:
             self.fail(str(error))
             return
-        self._start, self.change, self._accepted = None, "", self.settings
-        self._must_compare = False
+        self._start, self._accepted = None, Accepted(settings)
+        self._asked = self._changed = False
+        self.change = LEFT_OUT if settings.weightless else ""
         self._watch_energy()
         self._begin_ramp(self._command, sample.position, sample.velocity, now)
         self.status, self.reason = Status.RAMPING, "blending to the model's torque"
@@ -315,7 +337,7 @@ class Supervisor:
         if runaway:
             self.fail(runaway)
             return None
-        if self._leaves_what_was_accepted(sample.position):
+        if self._changed and now >= self._compare_at and self._deviates(sample.position, now):
             return None
         conservative, friction = settings.parts(sample.position, sample.velocity)
         # Of friction no more than is passive.
@@ -333,49 +355,40 @@ class Supervisor:
         step = min(max(step, SETTINGS.shortest_step), SETTINGS.longest_step)
         largest = settings.slew_limit * step
         self._command = slew(previous, within, largest, settings.limits)
+        if self._command is not within and self._lags(within, self._command, now):
+            return None
         self._position, self._velocity = sample.position, sample.velocity
         return self._command
 
-    @np.errstate(over="ignore", invalid="ignore")
-    def _leaves_what_was_accepted(self, position: Array) -> bool:
-        """Hold an arm for which changed parameters ask for what no start has compared.
-
-        A start compares the model with what holds the arm. Parameters that change afterwards are
-        compared, wherever the arm is, with those that it accepted; where they differ by more than
-        a start allows, a new one has to measure.
-        """
-        settings, accepted = self.settings, self._accepted
-        if settings.asks_as(accepted):
+    def _deviates(self, position: Array, now: float) -> bool:
+        """Hold an arm for which changed parameters ask for what no start has compared."""
+        self._compare_at = now + SETTINGS.compared
+        deviation = self._accepted.deviation(self.settings, position)
+        if deviation is None:
             return False
-        arm = settings.model.arm
-        before, after = accepted.at_rest(position), settings.at_rest(position)
-        excess = np.abs(after - before) / arm.effort_limit
-        worst = int(np.argmax(excess))
-        # A tolerance that is raised is for the next start to use.
-        if excess[worst] <= min(accepted.start_tolerance, settings.start_tolerance):
-            return False
-        joint = arm.joints[worst]
-        self._must_compare = True
-        self._stop(
-            Status.WAITING,
-            f"changed parameters ask {joint.name} for {after[worst]:.3g} {joint.effort_unit} where "
-            f"those of the last start ask for {before[worst]:.3g}, more than start_tolerance "
-            "apart: the arm is held, and what holds it is measured anew",
-        )
+        if deviation.measurable:
+            more = "the arm is held, and what holds it is measured anew"
+            self._stop(Status.WAITING, f"{deviation.reason}: {more}")
+        else:
+            self.fail(f"{deviation.reason}: ~/enable takes it as it is")
         return True
 
-    def _support_changed(self) -> str:
-        """Return in words what parameters have changed of what holds the arm where it is."""
-        arm = self.settings.model.arm
-        old, new = (each.at_rest(self._position) for each in (self._accepted, self.settings))
-        difference = np.abs(new - old) / arm.effort_limit
-        joint = int(np.argmax(difference))
-        if not difference[joint] > CHANGE.considerable:
-            return ""
-        return (
-            f"{arm.joint_names[joint]} is held with {new[joint]:.3g} {arm.effort_units[joint]} "
-            f"instead of {old[joint]:.3g} since parameters have been changed"
+    def _lags(self, asked: Array, command: Array, now: float) -> bool:
+        """Hold an arm whose command ``slew_limit`` keeps from what is asked for too long."""
+        lag = np.abs(asked - command) / self.settings.model.arm.effort_limit
+        worst = int(np.argmax(lag))
+        if lag[worst] <= self.settings.start_tolerance:
+            self._lagging_since = np.inf
+            return False
+        self._lagging_since = min(self._lagging_since, now)
+        if now - self._lagging_since < SETTINGS.longest_lag:
+            return False
+        joint = self.settings.model.arm.joints[worst]
+        self.fail(
+            f"{joint.name} is commanded {command[worst]:.3g} {joint.effort_unit} where "
+            f"{asked[worst]:.3g} are asked for: slew_limit is too small for how the arm moves"
         )
+        return True
 
     def _wait(self) -> None:
         self._start = None

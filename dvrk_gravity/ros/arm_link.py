@@ -149,6 +149,10 @@ class ArmLink:
             "measured_js": self._presence.two_measure(),
         }
 
+    def commanded_by_others(self) -> bool:
+        """Tell whether somebody else has commanded the arm a moment ago."""
+        return self.others.heard_lately() or self.rivals.heard_lately()
+
     def listened(self) -> bool:
         """Tell whether others have had the time to be heard."""
         return self.rivals.listened(self.is_there())

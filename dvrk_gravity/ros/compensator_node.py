@@ -138,8 +138,9 @@ class Compensator(PromptNode):
         return clock.now().nanoseconds if simulated else time.time_ns()
 
     def _on_builtin(self, message: JointState) -> None:
-        self._supervisor.observe_builtin(np.asarray(message.effort))
-        if self._supervisor.builtin_active and self._supervisor.settings.disable_builtin:
+        off = self._supervisor.observe_builtin(np.asarray(message.effort))
+        # Not before others have had the time to be heard, whom it may carry the arm for.
+        if off and self.prompt is not None and not self._arm.commanded_by_others():
             self._builtin_switch.publish(Bool(data=False))
             self.get_logger().warning(
                 "switching the arm's own gravity compensation off", throttle_duration_sec=5.0
@@ -253,6 +254,9 @@ class Compensator(PromptNode):
 
     def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Check a change together with everything that it does not change."""
+        # A request may hold many: meanwhile no message is taken, and the arm is held for it.
+        self._supervisor.check_input(time.monotonic())
+        self._settle()
         try:
             for change in changes:
                 entry = self._schema.get(change.name)
@@ -306,7 +310,7 @@ class Compensator(PromptNode):
             self.get_logger().info(text)
         if supervisor.active and before is not None and before[0] is Status.STARTING:
             self.get_logger().info(f"starting from {supervisor.origin}")
-        elif supervisor.status is Status.RAMPING and supervisor.change:
+        if supervisor.status is Status.RAMPING and supervisor.change:
             self.get_logger().warning(supervisor.change)
 
     def _tell_once(self, text: str) -> None:
