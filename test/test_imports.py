@@ -15,7 +15,7 @@ from conftest import REPOSITORY, syntax
 
 PACKAGE = REPOSITORY / "dvrk_gravity"
 # Other names than on the index of packages.
-DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml"}
+DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "backports": "backports.zstd"}
 # Comes with the dVRK's own software, and is done without where that is not.
 OPTIONAL = {"crtk_msgs"}
 

@@ -48,7 +48,7 @@ def excerpt(source: Recording | RecordingFile, longest: float, stretch: float) -
     start, end = 0.0, 0.0
     findings, head = Findings(), None
     for block in blocks(source.parts(), CHECKED):
-        findings.add(Piece(block, 0, len(block)), block.invalid, block.repeated)
+        findings.add(Piece(block, 0, len(block)), block.found)
         assert block.time is not None
         if head is None:
             head, start = block, float(block.time[0])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -13,17 +12,25 @@ from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import text_file
-from dvrk_gravity.recording.bag import SUFFIXES
+from dvrk_gravity.recording.bag import SUFFIXES, is_bag
 from dvrk_gravity.recording.bag_writer import write_bag
 from dvrk_gravity.recording.csv_file import iterate_csv, write_csv
+from dvrk_gravity.recording.csv_header import Columns
 from dvrk_gravity.recording.joint_states import iterate_bag
-from dvrk_gravity.recording.samples import CHUNK, Array, Coordinates, Samples, Storage, TimeBase
-
-SamplesT = TypeVar("SamplesT", bound=Samples)
+from dvrk_gravity.recording.samples import (
+    CHUNK,
+    Array,
+    Coordinates,
+    Samples,
+    SamplesT,
+    Storage,
+    TimeBase,
+)
 
 A_PATH = "the path of a .csv file or a rosbag2"
+CSV_SUFFIXES = (".csv", ".txt", ".tsv")
 # Names that would promise something else than the folder of a bag.
-FOREIGN_SUFFIXES = (".json", ".yaml", ".yml", ".txt", ".bag")
+FOREIGN_SUFFIXES = (".json", ".yaml", ".yml", ".txt", ".tsv")
 
 
 def read(
@@ -33,6 +40,7 @@ def read(
     time_base: TimeBase = "stamp",
     chunk: int = CHUNK,
     arm: Arm | None = None,
+    columns: Columns | None = None,
 ) -> Iterator[Samples]:
     """Yield what a file holds in consecutive parts of at most ``chunk`` samples.
 
@@ -47,11 +55,15 @@ def read(
         raise RecordingError(path, "no such file or folder")
     if not text_file.is_file(path):
         raise RecordingError(path, "is a pipe or device, expected a file or a folder")
-    if path.is_dir() or path.suffix in SUFFIXES:
-        return _in_torque(iterate_bag(path, topic, coordinates, time_base, chunk, arm), arm)
-    if path.suffix.lower() == ".csv":
-        return _in_torque(iterate_csv(path, coordinates, chunk, arm), arm)
-    raise RecordingError(path, "expected a .csv file, a rosbag2 folder, or a .db3 or .mcap file")
+    if is_bag(path):
+        parts = iterate_bag(path, topic, coordinates, time_base, chunk, arm)
+    elif path.suffix.lower() in CSV_SUFFIXES:
+        parts = iterate_csv(path, coordinates, chunk, arm, columns, time_base)
+    else:
+        raise RecordingError(
+            path, f"expected a .csv file, a rosbag2 folder, or a {', '.join(SUFFIXES)} file"
+        )
+    return _in_torque(parts, arm)
 
 
 def _in_torque(parts: Iterator[Samples], arm: Arm | None) -> Iterator[Samples]:
@@ -101,15 +113,17 @@ def join(parts: Sequence[SamplesT]) -> SamplesT:
 
     position = column("position")
     assert position is not None
-    return replace(
-        parts[0],
-        time=column("time"),
-        position=position,
-        velocity=column("velocity"),
-        effort=column("effort"),
-        direction=column("direction"),
-        invalid=sum(part.invalid for part in parts),
-        repeated=sum(part.repeated for part in parts),
+    return (
+        replace(
+            parts[0],
+            time=column("time"),
+            position=position,
+            velocity=column("velocity"),
+            effort=column("effort"),
+            direction=column("direction"),
+        )
+        .counted()
+        .with_found(parts)
     )
 
 
@@ -125,7 +139,7 @@ def save_recording(
     )
     if Path(path).suffix.lower() == ".csv":
         write_csv(parts, path)
-    elif Path(path).suffix in (*SUFFIXES, *FOREIGN_SUFFIXES):
+    elif Path(path).name.endswith((*SUFFIXES, *FOREIGN_SUFFIXES)):
         raise RecordingError(path, "expected a .csv file or the name of a new rosbag2 folder")
     else:
         write_bag(parts, path, storage, topic)
