@@ -25,6 +25,7 @@ from dvrk_gravity.recording.samples import (
     Samples,
     Storage,
     TimeBase,
+    join,
     not_recorded,
 )
 
@@ -179,9 +180,7 @@ class Recording(Samples):
         """
         of = None if arm is None else Arm.of(arm)
         return cls.checked(
-            files.join(
-                list(files.read(path, topic, coordinates, time_base, arm=of, columns=columns))
-            )
+            join(list(files.read(path, topic, coordinates, time_base, arm=of, columns=columns)))
         )
 
     def save(
@@ -231,6 +230,7 @@ class Recording(Samples):
     def of(self, arm: Arm) -> Recording:
         """Return what an arm's joints did, in its order; other joints are left out.
 
+        So are such as have no effort where others have one.
         Efforts that are not yet an arm's are taken to N·m by its drive gains.
 
         Raises:
@@ -239,7 +239,12 @@ class Recording(Samples):
         if self.arm is arm:
             return self
         self.require_held(arm)
-        joints = tuple(joint for joint in arm.joint_names if joint in self.joints)
+        without = not_recorded(self.effort)
+        recorded = [
+            joint for joint, missing in zip(self.joints, without.tolist(), strict=True)
+            if not missing
+        ] if without.any() and not without.all() else self.joints  # fmt: skip
+        joints = tuple(joint for joint in arm.joint_names if joint in recorded)
         if not joints:
             raise RecordingError(
                 self.source,

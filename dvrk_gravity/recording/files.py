@@ -17,12 +17,12 @@ from dvrk_gravity.recording.bag_writer import write_bag
 from dvrk_gravity.recording.csv_file import iterate_csv, write_csv
 from dvrk_gravity.recording.csv_header import Columns
 from dvrk_gravity.recording.joint_states import iterate_bag
+from dvrk_gravity.recording.repair import repaired
 from dvrk_gravity.recording.samples import (
     CHUNK,
     Array,
     Coordinates,
     Samples,
-    SamplesT,
     Storage,
     TimeBase,
 )
@@ -31,6 +31,11 @@ A_PATH = "the path of a .csv file or a rosbag2"
 CSV_SUFFIXES = (".csv", ".txt", ".tsv")
 # Names that would promise something else than the folder of a bag.
 FOREIGN_SUFFIXES = (".json", ".yaml", ".yml", ".txt", ".tsv")
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a path is that of a recording, by its name."""
+    return is_bag(path) or path.suffix.lower() in CSV_SUFFIXES
 
 
 def read(
@@ -63,7 +68,7 @@ def read(
         raise RecordingError(
             path, f"expected a .csv file, a rosbag2 folder, or a {', '.join(SUFFIXES)} file"
         )
-    return _in_torque(parts, arm)
+    return repaired(_in_torque(parts, arm))
 
 
 def _in_torque(parts: Iterator[Samples], arm: Arm | None) -> Iterator[Samples]:
@@ -96,35 +101,6 @@ def converted(
     result = effort * factor
     result.flags.writeable = False
     return result
-
-
-def join(parts: Sequence[SamplesT]) -> SamplesT:
-    """Return consecutive parts of one recording as one."""
-    if len(parts) == 1:
-        return parts[0]
-
-    def column(name: str) -> Array | None:
-        values = [getattr(part, name) for part in parts]
-        if values[0] is None:
-            return None
-        result = np.concatenate(values)
-        result.flags.writeable = False
-        return result
-
-    position = column("position")
-    assert position is not None
-    return (
-        replace(
-            parts[0],
-            time=column("time"),
-            position=position,
-            velocity=column("velocity"),
-            effort=column("effort"),
-            direction=column("direction"),
-        )
-        .counted()
-        .with_found(parts)
-    )
 
 
 def save_recording(

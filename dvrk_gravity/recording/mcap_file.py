@@ -136,7 +136,9 @@ class McapFile(BagFile):
             msgtype = ros2_type(self._schemas.get(schema, ""))
             self.channels[number] = Channel(topic, msgtype, encoding)
 
-    def _chunk(self, record: _McapRecord, wanted: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+    def _chunk(
+        self, record: _McapRecord, wanted: Collection[int]
+    ) -> Iterator[tuple[int, int, bytes]]:
         """Yield the messages of a chunk, sorted by their time of reception."""
         head = self._read(record, _CHUNK_HEAD.size + _LONGEST_NAME + 8)
         if len(head) < _CHUNK_HEAD.size:

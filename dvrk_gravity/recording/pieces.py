@@ -18,8 +18,8 @@ from dvrk_gravity.recording.checks import (
 )
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
-from dvrk_gravity.recording.files import join
 from dvrk_gravity.recording.notes import Note
+from dvrk_gravity.recording.samples import join
 
 # Found once is found; of the other kinds, most of the time must show it.
 ONCE: tuple[Kind, ...] = ("gaps", "effort_saturation", "effort_frozen")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
-from dvrk_gravity.recording.files import join
+from dvrk_gravity.recording.samples import join
 from dvrk_gravity.recording.stream import RecordingFile
 
 Prints = NDArray[np.uint64]

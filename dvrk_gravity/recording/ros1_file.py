@@ -137,7 +137,9 @@ class Ros1File(BagFile):
         channel = Channel(topic, ros2_type(msgtype), "ros1")
         self.channels[record.number(b"conn")] = channel
 
-    def _chunk(self, record: _BagRecord, wanted: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+    def _chunk(
+        self, record: _BagRecord, wanted: Collection[int]
+    ) -> Iterator[tuple[int, int, bytes]]:
         size = record.number(b"size")
         if max(size, record.length) > LARGEST_CHUNK:
             self.left_out[too_large(max(size, record.length))] += 1

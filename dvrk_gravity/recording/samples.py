@@ -143,3 +143,32 @@ def check_joints(source: str, names: Collection[str], arm: Arm | None) -> None:
         raise RecordingError(
             source, f"has the joints of arm {other}, expected those of {arm.name} alone"
         )
+
+
+def join(parts: Sequence[SamplesT]) -> SamplesT:
+    """Return consecutive parts of one recording as one."""
+    if len(parts) == 1:
+        return parts[0]
+
+    def column(name: str) -> Array | None:
+        values = [getattr(part, name) for part in parts]
+        if values[0] is None:
+            return None
+        result = np.concatenate(values)
+        result.flags.writeable = False
+        return result
+
+    position = column("position")
+    assert position is not None
+    return (
+        replace(
+            parts[0],
+            time=column("time"),
+            position=position,
+            velocity=column("velocity"),
+            effort=column("effort"),
+            direction=column("direction"),
+        )
+        .counted()
+        .with_found(parts)
+    )

@@ -17,7 +17,7 @@ from dvrk_gravity.recording.csv_header import Columns
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.files import A_PATH
 from dvrk_gravity.recording.pieces import blocks
-from dvrk_gravity.recording.samples import CHUNK, Coordinates, TimeBase
+from dvrk_gravity.recording.samples import CHUNK, Coordinates, TimeBase, join
 
 HEAD = 10_000  # samples by which what is the same for all of a file is told
 
@@ -111,7 +111,7 @@ class RecordingFile:
 
     def load(self) -> Recording:
         """Return the whole."""
-        return files.join(list(self.parts()))
+        return join(list(self.parts()))
 
 
 def _without(
