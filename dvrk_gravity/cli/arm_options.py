@@ -44,7 +44,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--columns", metavar="NAME=TARGET,...",
-        help="what columns of a CSV are that are not recognised: t=time[ms],q1=elbow.position[deg]; "
+        help="what columns of a CSV are, if not recognised: t=time[ms],q1=elbow.position[deg]; "
         "or a .yaml file with NAME: TARGET",
     )  # fmt: skip
 
