@@ -123,14 +123,9 @@ def _unwrapped(samples: Samples, settings: RepairSettings) -> tuple[Samples, Arr
         FASTEST * (interval + float(np.median(interval))) + UNTIMED_STEP, settings.turn
     )
     found = (turns != 0.0) & turning & (np.abs(rest) <= most)
-    up = turns < 0.0  # it went on upwards, from the upper end of its range to the lower one
-    start, stop = samples.position[:-1], samples.position[1:]
-    upper, lower = np.where(up, start, stop), np.where(up, stop, start)
-    at_ends = np.zeros_like(found)
-    for end in (np.pi, TURN):
-        at_ends |= (np.abs(upper - end) <= settings.turn) & (
-            np.abs(lower - end + TURN) <= settings.turn
-        )
+    # Files wrap at half a turn, or at a whole one; what was unwrapped before is turns away.
+    ends = np.abs((samples.position + np.pi / 2.0) % np.pi - np.pi / 2.0) <= settings.turn
+    at_ends = ends[:-1] & ends[1:]
     found &= at_ends
     if samples.velocity is not None:
         expected = 0.5 * (samples.velocity[1:] + samples.velocity[:-1]) * interval

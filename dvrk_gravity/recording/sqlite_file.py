@@ -29,6 +29,7 @@ class SqliteFile(BagFile):
         """Open the file and list its topics."""
         super().__init__()
         self._folder: str | None = None
+        self._name = path.name
         beside = [path.with_name(path.name + end) for end in _BESIDE]
         if any(file.is_file() and file.stat().st_size for file in beside):
             # Read with them, in a copy: SQLite would write the changes into the original.
@@ -81,4 +82,7 @@ class SqliteFile(BagFile):
                 else:
                     yield number, received, data
         except sqlite3.Error as error:
-            self.broken = f"is damaged from there on ({error})"
+            self.broken = (
+                f"is damaged ({error}; `sqlite3 {self._name} .recover | sqlite3 new.db3` may "
+                "recover what is there)"
+            )

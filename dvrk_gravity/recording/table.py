@@ -248,4 +248,8 @@ class Assembly:
         found = merged(note for samples in empty for note in samples.found)
         total = sum(note.count for note in found)
         why = "; ".join(note.warning(total).text for note in found)
-        return RecordingError(self.source, f"holds no usable samples{f': {why}' if why else ''}")
+        unstamped = any(note.kind == "invalid_stamps" for note in found)
+        way_out = self.way_out if unstamped else ""
+        return RecordingError(
+            self.source, f"holds no usable samples{f': {why}' if why else ''}{way_out}"
+        )
