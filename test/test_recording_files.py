@@ -112,8 +112,7 @@ def test_bag_samples_are_matched_by_name_and_gripper_and_invalid_ones_left_out(t
         joint_state(4),
     ]
     write_messages(tmp_path / "bag", messages, storage)
-    with pytest.raises(RecordingError, match="message 1 holds other joints or fields"):
-        Recording.load(tmp_path / "bag")
+    assert Recording.load(tmp_path / "bag").notes[0].count == 1  # with a gripper, unlike most
     loaded = Recording.load(tmp_path / "bag", arm=ARM)
     assert loaded.joints == JOINT_NAMES
     assert loaded.position[1].tolist() == [0, 1, 2, 3, 4, 5, 6]
@@ -154,11 +153,11 @@ def test_parts_of_a_bag_join_without_seams(tmp_path, chunk):
 
 
 def test_receive_time_may_be_the_time_base(tmp_path):
-    messages = [(START + 10 * k, joint_state(3 - k)[1]) for k in range(3)]
+    messages = [(START + 10 * k, joint_state(300 - k)[1]) for k in range(300)]
     write_messages(tmp_path / "bag", messages)
     loaded = Recording.load(tmp_path / "bag", time_base="receive")
-    assert (loaded.time * 1e9).tolist() == [0.0, 10.0, 20.0]
-    with pytest.raises(RecordingError, match=r"stamp of message 1: time goes back by 0\.001 s"):
+    assert (loaded.time[:3] * 1e9).tolist() == [0.0, 10.0, 20.0]
+    with pytest.raises(RecordingError, match=r"299 of 300 .* out of the order of time"):
         Recording.load(tmp_path / "bag")
 
 
@@ -371,7 +370,11 @@ def test_arrays_are_read_only_and_the_callers_stay_writable():
     ("changes", "error", "text"),
     [
         ({"velocity": np.zeros((4, 7))}, ShapeError, r"velocity has shape \(4, 7\)"),
-        ({"effort": np.full((5, 7), np.nan)}, RecordingError, "sample 0: outer_yaw.effort is nan"),
+        (
+            {"effort": np.diag([np.nan] * 7)[:5]},
+            RecordingError,
+            "sample 0: outer_yaw.effort is nan",
+        ),
         ({"time": np.array([0, 1, 1, 2, 3.0])}, RecordingError, "sample 2: time 1 s after 1 s"),
         ({"time": np.array([0, 1, 2, 3, np.inf])}, RecordingError, "sample 4: time is inf"),
         ({"time": np.arange(4.0)}, ShapeError, r"time has shape \(4,\)"),

@@ -129,7 +129,7 @@ def test_an_arm_s_joint_without_efforts_is_as_if_not_recorded(tmp_path):
 def test_messages_of_another_publisher_on_the_topic_are_left_out(tmp_path):
     sent = messages(CLEAN)
     others = [joint_state(5 * k + 2, ("finger",)) for k in range(1200)]
-    mixed = [one for pair in zip(others, sent, strict=True) for one in pair]
+    mixed = [message for pair in zip(others, sent, strict=True) for message in pair]
     found = loaded(tmp_path, mixed)
     np.testing.assert_array_equal(found.position, CLEAN.position)
     assert ("other_messages", None, 1200) in kinds(found)

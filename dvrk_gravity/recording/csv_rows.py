@@ -26,8 +26,8 @@ _MOST_COMMENTS = 200  # lines before the header
 _DELIMITERS = (",", ";", "\t", " ")
 # Part of the rows that may be no rows. Chosen: a file cut off or appended to has few of them.
 _UNREADABLE, _ENOUGH = 0.1, 1000
-# A time in these units since 1970, by its size: from 1973 on, and no two can be mistaken.
-_SINCE_1970 = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
+# s since 1970 of the years 2000 to 2100: times of that size in another unit are no such times.
+_SINCE_1970 = (9.4e8, 4.1e9)
 
 
 @dataclass
@@ -63,18 +63,16 @@ class RowReader:
         header = self._header()
         notes = header.notes
         lines = self._numbered()
-        rows = 0
         while part := list(islice(lines, chunk)):
             numbers, rows_of = [number for number, _ in part], [line for _, line in part]
             part.clear()  # what is read next takes its place
             table = self._table(header, numbers, rows_of, notes)
             rows_of.clear()
             notes = ()
-            rows += len(table)
             yield table
         if self._problem is not None and self._unreadable > _UNREADABLE * self._read:
             raise self._problem
-        if not rows:
+        if not self._read:
             raise RecordingError(self.source, "has a header but no rows")
 
     def _numbered(self) -> Iterator[tuple[int, str]]:
@@ -295,8 +293,10 @@ class RowReader:
 
 def _factor(times: Array) -> float:
     """Return what takes times of no said unit to seconds: those since 1970 are known by size."""
-    size = float(np.median(np.abs(times))) if len(times) else 0.0
-    return next((factor for least, factor in _SINCE_1970 if least <= size < 100.0 * least), 1.0)
+    first, last = _SINCE_1970
+    size = float(np.min(times)) if len(times) else 0.0
+    factors = (1e-3, 1e-6, 1e-9)
+    return next((factor for factor in factors if first < size * factor < last), 1.0)
 
 
 def _delimiter(head: str, first: str) -> str:

@@ -37,6 +37,8 @@ class RepairSettings:
             Chosen: it may have been speeding up.
         turn: rad, that a step may be off a turn. Chosen: a joint at 25 rad/s, read at 50 Hz.
         effort: Times what the motor can. As ``PossibleSettings.effort_margin``.
+        most: Part of the samples that may be no readings. Chosen: more is a fault of the recording,
+            which the checks refuse.
     """
 
     away: float = 0.1
@@ -44,6 +46,7 @@ class RepairSettings:
     faster: float = 2.0
     turn: float = 0.5
     effort: float = 10.0
+    most: float = 0.1
 
     @property
     def around(self) -> float:
@@ -176,9 +179,12 @@ def _impossible(samples: Samples, settings: RepairSettings, starts: bool, ends: 
     track = _Track(samples.rows(fresh), settings, starts, ends)
     following = np.append(fresh, len(samples))
     for joint in np.flatnonzero(track.beyond.any(axis=0)).tolist():
-        for text, first, stop in track.of(joint):
-            rows = np.arange(fresh[first], following[stop])
-            found.append((text, samples.joints[joint], rows))
+        own = [
+            (text, samples.joints[joint], np.arange(fresh[first], following[stop]))
+            for text, first, stop in track.of(joint)
+        ]
+        if sum(len(rows) for _, _, rows in own) <= settings.most * len(samples):
+            found += own
     return found
 
 
@@ -192,6 +198,8 @@ def _beyond_motors(samples: Samples, settings: RepairSettings) -> list[Left]:
     beyond = np.abs(samples.effort) > most
     found = []
     for joint in np.flatnonzero(beyond.any(axis=0)).tolist():
+        if np.mean(beyond[:, joint]) > settings.most:
+            continue
         edges = np.flatnonzero(np.diff(beyond[:, joint], prepend=False, append=False))
         for first, stop in edges.reshape(-1, 2).tolist():
             if samples.time[stop - 1] - samples.time[first] <= settings.away:

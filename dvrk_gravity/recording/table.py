@@ -23,6 +23,8 @@ Mask = NDArray[np.bool_]
 # Times stand still where fewer than this part of more than so many rows have one of their own.
 # Chosen: between a clock of whole seconds at 100 Hz, and readings at 100 Hz published at 1 kHz.
 _MOVING, _FROZEN = 0.02, 10
+# Part of the rows that may be out of the order of time. Chosen: a quarter of a file is no moment.
+_WILD = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +93,7 @@ class Assembly:
     _times: int = 0
     _repeated: int = 0  # of the last rows
     _standing: int = 0  # of all
+    _wild: int = 0
     _joints: Mask | None = None  # of a table's, that are read
     _absent: dict[str, Mask] = field(default_factory=dict)  # of these, by quantity
 
@@ -139,6 +142,7 @@ class Assembly:
                 f"there, expected increasing times{self.way_out}",
             )
         wilds = int(wild[:cut].sum())
+        self._wild += wilds
         kept = kept[:cut]
         self._repeated = cut - wilds - int(kept.sum())
         self._standing += self._repeated
@@ -230,12 +234,18 @@ class Assembly:
         return tuple(Note("not_recorded", text, name) for name in named)
 
     def _require_progress(self) -> None:
-        """Refuse a file whose times stand still.
+        """Refuse a file whose times stand still, or are in no order.
 
         Raises:
             RecordingError: They do.
         """
         total = self._times + self._standing
+        if self._wild > _WILD * (total + self._wild):
+            raise RecordingError(
+                self.source,
+                f"{self._wild} of {total + self._wild} {self.row}s are out of the order of time, "
+                f"expected increasing times{self.way_out}",
+            )
         if total > _FROZEN and self._times < _MOVING * total:
             raise RecordingError(
                 self.source,

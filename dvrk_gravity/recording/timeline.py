@@ -54,7 +54,7 @@ def increasing(
             if at < decided:
                 return wild, wild, at
             break
-        if ahead <= late:
+        if ahead < late:
             wild[used[len(used) - ahead :]] = True
             del used[len(used) - ahead :]
         else:
