@@ -194,6 +194,13 @@ def test_other_names_are_mapped_by_columns(tmp_path, kind):
     assert found.velocity is None
 
 
+def test_a_joint_s_name_may_hold_what_parts_other_names(tmp_path):
+    path = written(tmp_path / "a.csv", ["t", "A1", "wrist 2.position [deg]"], [T, T, 180.0 * T])
+    found = Recording.load(path, columns={"A1": "wrist-1.position[deg]"})
+    assert found.joints == ("wrist-1", "wrist 2")
+    np.testing.assert_allclose(found.position, np.pi * np.stack([T / 180.0, T], axis=1))
+
+
 def test_every_verb_takes_columns(tmp_path, capsys):
     path = str(written(tmp_path / "a.csv", MINE, MINE_COLUMNS))
     given = ["--columns", ",".join(f"{name}={target}" for name, target in MAP.items())]

@@ -82,19 +82,21 @@ def recognised(text: str, known: Collection[str] = ()) -> ColumnName | None:
     """
     if text.lower() in _INDEXES:
         return ColumnName("nothing")
-    if text in ("time", "direction"):
-        return ColumnName("time" if text == "time" else "direction", native=True)
-    joint, _, quantity = text.rpartition(".")
-    if joint and quantity in ("position", "velocity", "effort", "direction"):
-        path, _, own = joint.rpartition("/")
-        of: Quantity = quantity  # type: ignore[assignment]
-        name, prefix = (joint, "") if joint in known else (own, path)
-        return ColumnName(of, name, prefix=prefix, command=_told(path), native=not prefix)
     unit = ""
     if found := _UNIT.search(text):
         unit, text = found[1], text[: found.start()]
     elif found := _SUFFIX.match(text.lower()):
         text, unit = found[1], found[2]
+    if text in ("time", "direction"):
+        return ColumnName("time" if text == "time" else "direction", unit=unit, native=True)
+    joint, _, quantity = text.rpartition(".")
+    if joint and quantity in ("position", "velocity", "effort", "direction"):
+        path, _, own = joint.rpartition("/")
+        of: Quantity = quantity  # type: ignore[assignment]
+        name, prefix = (joint, "") if joint in known else (own, path)
+        return ColumnName(
+            of, name, unit=unit, prefix=prefix, command=_told(path), native=not prefix
+        )
     time = _time(text)
     if time is not None:
         return ColumnName("time", unit=unit, prefix=time[0], part=time[1])

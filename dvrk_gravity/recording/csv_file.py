@@ -17,7 +17,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.csv_header import Columns, read_columns
+from dvrk_gravity.recording.csv_columns import Columns, read_columns
 from dvrk_gravity.recording.csv_rows import RowReader
 from dvrk_gravity.recording.samples import CHUNK, QUANTITIES, Array, Coordinates, Samples, TimeBase
 from dvrk_gravity.recording.table import Assembly
@@ -40,7 +40,7 @@ def iterate_csv(
         coordinates: What its columns are.
         chunk: Rows read at a time.
         arm: Whose joints are read; ``None``: those that the header names.
-        columns: What columns are, see :func:`~dvrk_gravity.recording.csv_header.read_columns`.
+        columns: What columns are, see :func:`~dvrk_gravity.recording.csv_columns.read_columns`.
         time_base: Which of two times is read, where a file has a header's stamp, too.
 
     Raises:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.csv_header import WAY_OUT, Header, HeaderReader
+from dvrk_gravity.recording.csv_columns import WAY_OUT, Header
+from dvrk_gravity.recording.csv_header import HeaderReader
 from dvrk_gravity.recording.notes import Note
 from dvrk_gravity.recording.samples import LARGEST, Array, TimeBase
 from dvrk_gravity.recording.table import RowTable

@@ -15,7 +15,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.held import STAYS
 from dvrk_gravity.errors import ArgumentError, RecordingError, ShapeError
 from dvrk_gravity.recording import files
-from dvrk_gravity.recording.csv_header import Columns
+from dvrk_gravity.recording.csv_columns import Columns
 from dvrk_gravity.recording.samples import (
     CHUNK,
     LARGEST,

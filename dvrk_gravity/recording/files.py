@@ -14,8 +14,8 @@ from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import text_file
 from dvrk_gravity.recording.bag import SUFFIXES, is_bag
 from dvrk_gravity.recording.bag_writer import write_bag
+from dvrk_gravity.recording.csv_columns import Columns
 from dvrk_gravity.recording.csv_file import iterate_csv, write_csv
-from dvrk_gravity.recording.csv_header import Columns
 from dvrk_gravity.recording.joint_states import iterate_bag
 from dvrk_gravity.recording.repair import repaired
 from dvrk_gravity.recording.samples import (

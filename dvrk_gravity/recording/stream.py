@@ -13,7 +13,7 @@ from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.recording import files
-from dvrk_gravity.recording.csv_header import Columns
+from dvrk_gravity.recording.csv_columns import Columns
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.files import A_PATH
 from dvrk_gravity.recording.pieces import blocks
