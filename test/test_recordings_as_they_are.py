@@ -17,7 +17,15 @@ from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.command_line import run
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.recording import BagReader, BagWriter, Recording, RecordingFile, check, prepare
+from dvrk_gravity.recording import (
+    BagReader,
+    BagWriter,
+    Recording,
+    RecordingFile,
+    check,
+    prepare,
+    read_trajectory,
+)
 from dvrk_gravity.recording.bag import JOINT_STATE
 from dvrk_gravity.recording.cdr import encode_joint_state
 
@@ -77,6 +85,10 @@ def test_a_joint_s_missing_velocity_is_differentiated_and_the_others_are_kept(tm
     (segment,) = ready.segments
     exact = prepare(CLEAN).segments[0].recording.velocity
     np.testing.assert_allclose(segment.recording.velocity, exact, atol=5e-3)
+    streamed, clean = (read_trajectory(given.parts(500)) for given in (found, CLEAN))
+    np.testing.assert_allclose(
+        streamed.stretches[0].velocity, clean.stretches[0].velocity, atol=2e-2
+    )
     found.save(tmp_path / "a.csv")
     same(found.of(ARM), Recording.load(tmp_path / "a.csv", arm=ARM))
 
@@ -158,6 +170,12 @@ def test_of_two_arms_in_a_bag_the_one_that_is_named_is_read_and_said(tmp_path, t
     assert found.position[0, 0] == 1.0
     assert f"read {topics[1]}, the one of arm mtmr, and not {topics[0]}" in said(found)
     assert Recording.load(tmp_path / "bag", arm="mtmr", topic=topics[0]).position[0, 0] == 0.0
+
+
+def test_what_draws_all_arms_together_is_not_an_arm_s_readings(tmp_path):
+    two_arms(tmp_path / "bag", ("/joint_states", "/MTMR/measured_js"))
+    found = Recording.load(tmp_path / "bag", arm="mtmr")
+    assert (found.position[0, 0], found.notes) == (1.0, ())
 
 
 def test_of_two_topics_the_one_with_the_arm_s_joints_is_read(tmp_path):

@@ -30,6 +30,9 @@ _KINDS: tuple[tuple[bytes, Callable[[Path], BagFile]], ...] = (
     (mcap_file.MAGIC, mcap_file.McapFile),
     (ros1_file.MAGIC, ros1_file.Ros1File),
 )
+# What arms' readings are called, the most certain first: by the dVRK, by it before version 2, by
+# ROS's own drivers (and, for all arms together, by what draws them).
+_READINGS = ("measured_js", "state_joint_current", "joint_states")
 _NUMBER = re.compile(r"_(\d+)$")  # of a part of a bag that was split
 _DISK_SHARE = 0.5  # of what is free, that unpacking a file may take
 
@@ -216,10 +219,16 @@ class BagReader:
         found = [name for name, kind in self.topics.items() if kind == JOINT_STATE]
         if not found:
             raise RecordingError(self.path, f"no {JOINT_STATE} topic, topics in the bag: {known}")
-        measured = [name for name in found if _measures(name)]
-        if len(found) == 1 or len(measured) == 1:
-            return (measured or found)[0]
-        among = measured or found
+        among = found
+        for last in _READINGS:
+            # The dVRK publishes the gripper under the same last name.
+            measured = [name for name in found if name.split("/")[-1] == last
+                        and "gripper" not in name.split("/")]  # fmt: skip
+            if measured:
+                among = measured
+                break
+        if len(among) == 1:
+            return among[0]
         named = [name for name in among if arm and _is_under(name, arm)]
         if len(named) != 1 and joints:
             named = [name for name in named or among if set(joints) & self._names(name)]
@@ -332,16 +341,6 @@ def _place(path: Path) -> tuple[str, int]:
     stem = path.name.partition(".")[0]
     number = _NUMBER.search(stem)
     return (stem[: number.start()], int(number[1])) if number else (stem, -1)
-
-
-def _measures(topic: str) -> bool:
-    """Tell whether a topic's name is one of an arm's readings."""
-    # The dVRK publishes the gripper under the same last name; before version 2 it called readings
-    # state_joint_current. ROS's own drivers publish joint_states.
-    parts = topic.split("/")
-    return parts[-1] in ("measured_js", "state_joint_current", "joint_states") and (
-        "gripper" not in parts
-    )
 
 
 def _is_under(topic: str, arm: str) -> bool:

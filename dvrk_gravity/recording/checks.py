@@ -134,7 +134,8 @@ def _time(recording: Recording) -> list[DataWarning]:
                     "time_unit",
                     None,
                     {"interval": typical},
-                    f"{typical:g} s between samples: expected seconds, not {unit}",
+                    f"{typical:g} s between samples: expected seconds, not {unit} (of a CSV file: "
+                    f"--columns 'time=time[{unit}]')",
                     unusable=True,
                 )
             )
