@@ -52,6 +52,8 @@ setup(
         "pin>=3.3",
         "pyyaml>=6.0",
         "rosbags>=0.10",
+        "lz4>=4.0",
+        "backports.zstd>=1.0",
         "matplotlib>=3.6",
         "jinja2>=3.0",
     ],

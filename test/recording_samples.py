@@ -71,5 +71,5 @@ def same(a, b, start=False):
     for name in ("time", "position", "velocity", "effort", "direction"):
         left, right = getattr(a, name), getattr(b, name)
         assert (left is None) == (right is None), name
-        assert left is None or np.array_equal(left, right), name
+        assert left is None or np.array_equal(left, right, equal_nan=True), name
     assert not start or a.start_ns == b.start_ns

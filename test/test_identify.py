@@ -361,10 +361,12 @@ def bad(kind: str, path) -> None:
         write(replace(good, position=np.zeros_like(good.position),
                       velocity=np.zeros_like(good.position)), path)  # fmt: skip
     elif kind == "nan":
-        lines = (write(good, path), path.read_text().splitlines())[1]
-        cells = lines[50].split(",")
-        cells[3] = "nan"
-        path.write_text("\n".join([*lines[:50], ",".join(cells), *lines[51:]]) + "\n")
+        write(good, path)
+        lines = path.read_text().splitlines()
+        rows = [line.split(",") for line in lines[1:]]
+        path.write_text(
+            "\n".join([lines[0], *(",".join([*row[:3], "nan", *row[4:]]) for row in rows)])
+        )
     elif kind == "degrees":
         write(replace(good, position=np.degrees(good.position)), path)
     elif kind == "no effort":
@@ -379,7 +381,7 @@ def bad(kind: str, path) -> None:
         ("empty", "empty"),
         ("joint missing", "wrist_roll"),
         ("still", "no joint moves"),
-        ("nan", "nan"),
+        ("nan", "elbow_pitch"),
         ("degrees", "expected rad"),
         ("no effort", "no effort"),
         ("short", "samples in a row"),

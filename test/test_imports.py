@@ -15,7 +15,7 @@ from conftest import REPOSITORY, syntax
 
 PACKAGE = REPOSITORY / "dvrk_gravity"
 # Other names than on the index of packages.
-DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml"}
+DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "backports": "backports.zstd"}
 # Done without where they are not installed: the dVRK's own messages, and what expands xacro.
 OPTIONAL = {"crtk_msgs", "xacrodoc"}
 

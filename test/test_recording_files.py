@@ -112,8 +112,7 @@ def test_bag_samples_are_matched_by_name_and_gripper_and_invalid_ones_left_out(t
         joint_state(4),
     ]
     write_messages(tmp_path / "bag", messages, storage)
-    with pytest.raises(RecordingError, match="message 1 holds other joints or fields"):
-        Recording.load(tmp_path / "bag")
+    assert Recording.load(tmp_path / "bag").notes[0].count == 1  # with a gripper, unlike most
     loaded = Recording.load(tmp_path / "bag", arm=ARM)
     assert loaded.joints == JOINT_NAMES
     assert loaded.position[1].tolist() == [0, 1, 2, 3, 4, 5, 6]
@@ -154,11 +153,11 @@ def test_parts_of_a_bag_join_without_seams(tmp_path, chunk):
 
 
 def test_receive_time_may_be_the_time_base(tmp_path):
-    messages = [(START + 10 * k, joint_state(3 - k)[1]) for k in range(3)]
+    messages = [(START + 10 * k, joint_state(300 - k)[1]) for k in range(300)]
     write_messages(tmp_path / "bag", messages)
     loaded = Recording.load(tmp_path / "bag", time_base="receive")
-    assert (loaded.time * 1e9).tolist() == [0.0, 10.0, 20.0]
-    with pytest.raises(RecordingError, match=r"stamp of message 1: time goes back by 0\.001 s"):
+    assert (loaded.time[:3] * 1e9).tolist() == [0.0, 10.0, 20.0]
+    with pytest.raises(RecordingError, match=r"299 of 300 .* out of the order of time"):
         Recording.load(tmp_path / "bag")
 
 
@@ -371,7 +370,11 @@ def test_arrays_are_read_only_and_the_callers_stay_writable():
     ("changes", "error", "text"),
     [
         ({"velocity": np.zeros((4, 7))}, ShapeError, r"velocity has shape \(4, 7\)"),
-        ({"effort": np.full((5, 7), np.nan)}, RecordingError, "sample 0: outer_yaw.effort is nan"),
+        (
+            {"effort": np.diag([np.nan] * 7)[:5]},
+            RecordingError,
+            "sample 0: outer_yaw.effort is nan",
+        ),
         ({"time": np.array([0, 1, 1, 2, 3.0])}, RecordingError, "sample 2: time 1 s after 1 s"),
         ({"time": np.array([0, 1, 2, 3, np.inf])}, RecordingError, "sample 4: time is inf"),
         ({"time": np.arange(4.0)}, ShapeError, r"time has shape \(4,\)"),
@@ -410,7 +413,7 @@ def test_a_recording_names_its_own_joints_and_an_arm_takes_its_own_from_it(tmp_p
 
 
 def test_long_recordings_stream_through_in_little_memory(tmp_path):
-    """Once 10 s at 1 kHz went through, 40 s take no more; whole, those are 6 MB of numbers."""
+    """Once 20 s at 1 kHz went through, 80 s take no more; whole, those are 13 MB of numbers."""
     script = """
         import resource, sys
         from recording_samples import *
@@ -425,8 +428,8 @@ def test_long_recordings_stream_through_in_little_memory(tmp_path):
             save_recording(iterate_recording(name + ".csv"), name + "m", "mcap", TOPIC)
             assert sum(len(part) for part in iterate_recording(name + "m")) == count * 10_000
             return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        few = there_and_back(sys.argv[1] + "/few", 1)
-        print(there_and_back(sys.argv[1] + "/many", 4) - few)
+        few = there_and_back(sys.argv[1] + "/few", 2)
+        print(there_and_back(sys.argv[1] + "/many", 8) - few)
     """
     env = {"PYTHONPATH": ":".join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-c", textwrap.dedent(script), tmp_path]

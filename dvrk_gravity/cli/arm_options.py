@@ -6,7 +6,7 @@ import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files.resources import shipped
@@ -40,6 +40,29 @@ def add_verbose(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--verbose", action="store_true", help="print all that was found, not only what to act on"
     )
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Declare how recordings are read: ``--topic``, ``--time-base`` and ``--columns``."""
+    parser.add_argument("--topic", help="JointState topic of bags, if it is not found")
+    parser.add_argument(
+        "--time-base", choices=("stamp", "receive"), default="stamp",
+        help="time of samples: the header's stamp (default), or when a bag received them",
+    )  # fmt: skip
+    parser.add_argument(
+        "--columns", metavar="NAME=TARGET,...",
+        help="what columns of a CSV are, if not recognised: t=time[ms],q1=elbow.position[deg]; "
+        "or a .yaml file with NAME: TARGET",
+    )  # fmt: skip
+
+
+def reading(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments by which a recording is read as a command line says."""
+    return {
+        "topic": arguments.topic,
+        "time_base": arguments.time_base,
+        "columns": arguments.columns,
+    }
 
 
 def with_drive_gains(arm: Arm, arguments: argparse.Namespace) -> Arm:

@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arguments import is_urdf
+from dvrk_gravity.cli import arm_options
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import outputs
-from dvrk_gravity.recording import Recording, iterate_recording, save_recording
+from dvrk_gravity.recording import (
+    Note,
+    Recording,
+    check_counts,
+    is_bag,
+    is_recording,
+    iterate_recording,
+    save_recording,
+)
 
 NAME = "convert"
 EXAMPLE = "python -m dvrk_gravity convert sweep.csv sweep_bag --topic /MTMR/measured_js"
 
-RECORDING_SUFFIXES = (".csv", ".db3", ".mcap")
 _YAML = (".yaml", ".yml")
 DEFAULT_TOPIC = "/measured_js"
 
@@ -53,17 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "console's .json",
     )
     parser.add_argument(
-        "--topic", help=f"JointState topic of the bag (default: found; written: {DEFAULT_TOPIC})"
-    )
-    parser.add_argument(
         "--storage", choices=("sqlite3", "mcap"), default="sqlite3", help="of a written bag"
     )
-    parser.add_argument(
-        "--time-base",
-        choices=("stamp", "receive"),
-        default="stamp",
-        help="time of a bag's samples: header stamp (default) or reception",
-    )
+    arm_options.add_reading(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -80,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _converter(path: Path, target: Path) -> Callable[[argparse.Namespace], int]:
-    if path.is_dir() or path.suffix.lower() in RECORDING_SUFFIXES:
+    if is_recording(path):
         return _convert_recording
     of_arm = path.suffix.lower() in _YAML and target.suffix.lower() in _YAML
     if of_arm or is_urdf(path):
@@ -97,7 +98,7 @@ def _converter(path: Path, target: Path) -> Callable[[argparse.Namespace], int]:
         )
     raise RecordingError(
         path,
-        "expected a recording (a .csv file, a rosbag2 folder, a .db3 or .mcap file), "
+        "expected a recording (a .csv file, a rosbag2 folder, a .db3, .mcap or .bag file), "
         "a console's .json, a model's .yaml or an arm's .urdf",
     )
 
@@ -106,22 +107,28 @@ def _convert_recording(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         raise ConfigError("--json", str(arguments.json), "--check or a model beside it")
     outputs.check({}, [arguments.input], {"OUT": arguments.output})
-    samples, left_out = 0, 0
+    samples = 0
     joints: tuple[str, ...] = ()
+    notes: list[Note] = []
 
     def counted() -> Iterator[Recording]:
-        nonlocal samples, left_out, joints
-        topic = None if arguments.input.suffix.lower() == ".csv" else arguments.topic
-        for part in iterate_recording(arguments.input, topic, time_base=arguments.time_base):
+        nonlocal samples, joints
+        given = arm_options.reading(arguments)
+        if not is_bag(arguments.input):
+            given["topic"] = None  # of the bag that is written
+        for part in iterate_recording(arguments.input, **given):
             samples += len(part)
-            left_out += part.invalid + part.repeated
+            notes.extend(part.found)
             joints = part.joints
             yield part
 
     topic = arguments.topic or DEFAULT_TOPIC
     save_recording(counted(), arguments.output, arguments.storage, topic)
-    note = f", {left_out} invalid or repeated ones left out" if left_out else ""
-    print(f"{arguments.output}: {samples} samples of {', '.join(joints)}{note}")
+    for warning in check_counts(samples, notes):
+        print(f"data: {warning}", file=sys.stderr)
+    left_out = sum(note.count for note in notes)
+    rest = f", {left_out} left out" if left_out else ""
+    print(f"{arguments.output}: {samples} samples of {', '.join(joints)}{rest}")
     return 0
 
 

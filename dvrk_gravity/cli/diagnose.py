@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "model fits that better in)",
     )  # fmt: skip
     add_at(parser)
-    parser.add_argument("--topic", help="JointState topic of a bag, if it has several")
+    arm_options.add_reading(parser)
     parser.add_argument("--json", action="store_true", help="print findings.json, nothing else")
     arm_options.add_verbose(parser)
 
@@ -86,11 +86,11 @@ def run(args: argparse.Namespace) -> int:
     from dvrk_gravity.report.diagnosis_in_terminal import diagnosis_text
     from dvrk_gravity.report.terminal import columns
 
-    given = [] if args.model is None else [args.model, uncertainty_file(args.model)]
-    given += [] if args.arm is None else [Arm.file(args.arm)]
-    given += [] if args.reference is None else [args.reference]
+    read = [] if args.model is None else [args.model, uncertainty_file(args.model)]
+    read += [] if args.arm is None else [Arm.file(args.arm)]
+    read += [] if args.reference is None else [args.reference]
     beside = uncertainty_file(Path(EXTENDED)).name
-    out = outputs.check_folder("--out", args.out, [*WRITTEN, beside], [*args.recordings, *given])
+    out = outputs.check_folder("--out", args.out, [*WRITTEN, beside], [*args.recordings, *read])
     model = None if args.model is None else TorqueModel.load(args.model)
     arm = None if args.arm is None else Arm.load(args.arm)
     arm = arm_for(model, arm, args.reference is not None)
@@ -102,9 +102,8 @@ def run(args: argparse.Namespace) -> int:
     still = still_joints(args.at, arm)
     files = [*args.recordings, *([] if args.reference is None else [args.reference])]
     coordinates = _coordinates(args, arm)
-    recordings = [
-        RecordingFile(path, args.topic, coordinates=coordinates, arm=arm) for path in files
-    ]
+    given = arm_options.reading(args)
+    recordings = [RecordingFile(path, coordinates=coordinates, arm=arm, **given) for path in files]
     require_unrecorded(args.at, recordings)
     reference = None if args.reference is None else recordings.pop()
     try:
@@ -147,7 +146,7 @@ def _coordinates(args: argparse.Namespace, arm: Arm) -> Coordinates:
     given: Coordinates | None = args.coordinates
     if given is not None or args.reference is None:
         return given or "joint"
-    reference = RecordingFile(args.reference, args.topic, arm=arm)
+    reference = RecordingFile(args.reference, arm=arm, **arm_options.reading(args))
     complete = set(arm.joint_names) <= set(reference.head.joints)
     if not complete or reference.head.time is None or reference.head.effort is None:
         return "joint"

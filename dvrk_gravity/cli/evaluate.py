@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--coordinates", choices=("joint", "actuator"),
                         help="of the recordings (default: where the model fits)")  # fmt: skip
     arm_options.add_drive_gains(parser)
-    parser.add_argument("--topic", help="topic of bags, if they have several with JointStates")
+    arm_options.add_reading(parser)
     arm_options.add_verbose(parser)
 
 
@@ -50,7 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
     model = arm_options.of_model(TorqueModel.load(arguments.model), arguments)
-    recordings = [RecordingFile(path, arguments.topic) for path in arguments.recordings]
+    given = arm_options.reading(arguments)
+    recordings = [RecordingFile(path, arm=model.arm, **given) for path in arguments.recordings]
     try:
         result = evaluate(model, recordings, arguments.coordinates)
     except ConfigError as error:

@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="link that carries it (default: the last joint's)")  # fmt: skip
     parser.add_argument("--payload-centre", metavar="X,Y,Z",
                         help="its centre of mass in the link's frame, m, if known")  # fmt: skip
-    parser.add_argument("--topic", help="topic of bags, if they have several with JointStates")
+    arm_options.add_reading(parser)
     arm_options.add_verbose(parser)
 
 
@@ -110,9 +110,10 @@ def run(arguments: argparse.Namespace) -> int:
     carried = _known_payload(arguments)
     coordinates = _coordinates(arguments.coordinates)
     still = still_joints(arguments.at, arm)
-    recordings = [RecordingFile(path, arguments.topic, arm=arm) for path in arguments.recordings]
+    given = arm_options.reading(arguments)
+    recordings = [RecordingFile(path, arm=arm, **given) for path in arguments.recordings]
     require_unrecorded(arguments.at, recordings)
-    validate = [RecordingFile(path, arguments.topic, arm=arm) for path in arguments.validate]
+    validate = [RecordingFile(path, arm=arm, **given) for path in arguments.validate]
     with command_line.Progress(NAME, 1.0) as progress:
         fit = identify(
             recordings,

@@ -110,10 +110,10 @@ def replay(
 
     model = TorqueModel.load(model_file)
     arm_options.require_parameters(model, model_file)
-    expected = _expected(bag, topic, model)
     with BagReader(bag) as reader:
-        name = reader.joint_state_topic(topic)
+        name = reader.joint_state_topic(topic, model.arm.name, model.arm.joint_names)
         messages = [(received, data) for _, received, data in reader.raw(name)]
+    expected = _expected(bag, name, model)
     start = time.monotonic()
     with private_domain():
         sent, answers = _play(messages, model_file, model.arm, len(expected), recorded)
@@ -130,7 +130,7 @@ def replay(
     return Result(len(messages), len(expected), len(answers), comparable, difference, seconds, unit)
 
 
-def _expected(bag: Path, topic: str | None, model: TorqueModel) -> list[Sample]:
+def _expected(bag: Path, topic: str, model: TorqueModel) -> list[Sample]:
     """Return the samples that the node should answer: all but those it is to drop.
 
     Raises:

@@ -1,19 +1,40 @@
-"""Reading rosbag2 recordings (sqlite3, mcap) without ROS."""
+"""Reading bags without ROS: rosbag2 (sqlite3, mcap) and ROS 1, whole or as a crash leaves them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import ExitStack
 from functools import cache
-from pathlib import Path
+from itertools import islice
+from pathlib import Path, PurePath
 from types import TracebackType
 from typing import Any
 
-from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import text_file, yaml_file
+from dvrk_gravity.recording import mcap_file, ros1_file, sqlite_file, unpack
+from dvrk_gravity.recording.bag_file import BagFile, BagFileError
+from dvrk_gravity.recording.cdr import CdrError, from_ros1
+from dvrk_gravity.recording.notes import Note
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-SUFFIXES = (".db3", ".mcap")
-URI_MARKS = "?#%"  # the library opens sqlite3 files by URI and does not quote these
+# Of rosbag2; a ROS 1 bag, and what its recorder leaves if it is killed.
+ROSBAG2_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+SUFFIXES = (*ROSBAG2_SUFFIXES, ".bag", ".bag.active")
+METADATA = "metadata.yaml"
+_KINDS: tuple[tuple[bytes, Callable[[Path], BagFile]], ...] = (
+    (sqlite_file.MAGIC, sqlite_file.SqliteFile),
+    (mcap_file.MAGIC, mcap_file.McapFile),
+    (ros1_file.MAGIC, ros1_file.Ros1File),
+)
+# What arms' readings are called, the most certain first: by the dVRK, by it before version 2, by
+# ROS's own drivers (and, for all arms together, by what draws them).
+_READINGS = ("measured_js", "state_joint_current", "joint_states")
+_NUMBER = re.compile(r"_(\d+)$")  # of a part of a bag that was split
+_DISK_SHARE = 0.5  # of what is free, that unpacking a file may take
 
 
 @cache
@@ -24,48 +45,64 @@ def typestore() -> Any:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
+def is_bag(path: Path) -> bool:
+    """Tell whether a path is that of a bag, by its name: a folder, or a file of one."""
+    return path.is_dir() or path.name.lower().endswith(SUFFIXES)
+
+
 class BagReader:
-    """A rosbag2 folder or a bare ``.db3`` / ``.mcap`` file, open for reading (context manager).
+    """A bag, open for reading (context manager): a rosbag2's folder, or a file of any bag.
+
+    What can be read of a damaged one is read.
 
     Attributes:
         path: Folder or file.
         topics: Message type of every topic.
+        notes: What was not as it should be; complete when all messages were read.
 
     Raises:
-        RecordingError: On entering and reading, for whatever is wrong with the files.
+        RecordingError: On entering and reading, if nothing can be read.
     """
 
     def __init__(self, path: str | Path) -> None:
         """Store the path; nothing is opened before ``with``."""
         self.path = Path(path)
         self.topics: dict[str, str] = {}
+        self.notes: list[Note] = []
+        self._files: list[tuple[str, BagFile]] = []
+        self._stack = ExitStack()
 
     def __enter__(self) -> BagReader:
-        """Open the bag and list its topics."""
-        from rosbags.rosbag2 import Reader
-
+        """Open the files and list their topics."""
         if not self.path.exists():
             raise RecordingError(self.path, "no such file or folder")
-        for path in (self.path, *(p for p in self._inside() if p.suffix in SUFFIXES)):
-            if not text_file.is_file(path):
-                raise RecordingError(path, "is a pipe or device, expected a file of a rosbag2")
-        if self.path.is_dir() and not (self.path / "metadata.yaml").exists():
-            inside = [p.name for p in self._inside() if p.suffix in SUFFIXES]
-            hint = f"; try the file {inside[0]} in it" if inside else ""
-            raise RecordingError(
-                self.path, f"has no metadata.yaml, expected the folder of a rosbag2{hint}"
-            )
+        names = self._named() if self.path.is_dir() else [self.path]
+        problems = []
         try:
-            if self.path.is_dir():
-                yaml_file.load(self.path / "metadata.yaml")  # the library's reader has no limits
-            self._reader = Reader(self.path)
-            self._reader.open()
-            self.topics = {c.topic: c.msgtype for c in self._reader.connections}
-            if not all(isinstance(text, str) for pair in self.topics.items() for text in pair):
-                raise TypeError("a topic's name or type is no text")
-        except Exception as error:
-            # The library's parsers raise whatever damaged bytes lead them to.
-            raise self._broken(error) from error
+            for path in names:
+                try:
+                    file = self._open(path)
+                except RecordingError:
+                    raise
+                # Damaged bytes lead parsers to whatever error.
+                except Exception as error:
+                    problems.append(f"{path.name}: {_line(error)}")
+                    continue
+                self._stack.callback(file.close)
+                self._files.append((path.name, file))
+        except BaseException:
+            self._stack.close()
+            raise
+        if not self._files:
+            self._stack.close()
+            raise self._unreadable("; ".join(problems) or "no file of it is there")
+        for problem in problems:
+            self._note(f"not read: {problem}")
+        for _, file in self._files:
+            for channel in file.channels.values():
+                encoded = channel.encoding in ("cdr", "ros1")
+                kind = channel.msgtype if encoded else f"{channel.msgtype} as {channel.encoding}"
+                self.topics[channel.topic] = kind
         return self
 
     def __exit__(
@@ -75,21 +112,99 @@ class BagReader:
         trace: TracebackType | None,
     ) -> None:
         """Close the files."""
-        self._reader.close()
+        self._stack.close()
 
-    def _inside(self) -> list[Path]:
-        return sorted(self.path.iterdir()) if self.path.is_dir() else []
+    def _note(self, text: str) -> None:
+        self.notes.append(Note("cut_off", text))
 
-    def _broken(self, error: Exception) -> RecordingError:
-        text = " ".join(str(error).split()) or type(error).__name__
-        if any(mark in str(self.path) for mark in URI_MARKS):
-            text += f" (sqlite3 bags cannot be opened under a path with any of {URI_MARKS})"
+    def _unreadable(self, why: str) -> RecordingError:
         return RecordingError(
-            self.path, f"cannot be read as a rosbag2 (cut off or damaged?): {text[:300]}"
+            self.path, f"cannot be read as a bag (cut off or damaged?): {why[:300]}"
         )
 
-    def joint_state_topic(self, topic: str | None = None) -> str:
-        """Return the JointState topic: the named one, the only one, or the only measured_js.
+    def _named(self) -> list[Path]:
+        """Return the files of a folder: those that its metadata names, or all."""
+        inside = {
+            path.name: path
+            for path in sorted(self.path.iterdir(), key=_place)
+            if path.name.lower().endswith(ROSBAG2_SUFFIXES)
+        }
+        metadata = self.path / METADATA
+        for path in (*inside.values(), *([metadata] if metadata.exists() else [])):
+            if not text_file.is_file(path):
+                raise RecordingError(path, "is a pipe or device, expected a file of a rosbag2")
+        try:
+            content = yaml_file.load(metadata)["rosbag2_bagfile_information"]
+            named = [PurePath(name).name for name in content["relative_file_paths"]]
+        except (ConfigError, KeyError, TypeError):
+            return self._all(list(inside.values()), metadata.exists())
+        for name in named:
+            if name not in inside:
+                self._note(f"{name} is missing, a part that {METADATA} names")
+        return [inside[name] for name in named if name in inside]
+
+    def _all(self, inside: list[Path], described: bool) -> list[Path]:
+        """Return all files of a folder without a description that can be read.
+
+        Raises:
+            RecordingError: They are none, or of several bags.
+        """
+        if not inside:
+            raise RecordingError(
+                self.path,
+                f"has no {METADATA} and no .db3 or .mcap file, expected the folder of a rosbag2; "
+                "of a ROS 1 bag, give the .bag file",
+            )
+        bags = {_place(path)[0] for path in inside}
+        if len(bags) > 1:
+            names = ", ".join(path.name for path in inside)
+            raise RecordingError(
+                self.path, f"has no {METADATA}, and files of several bags: {names}; give one file"
+            )
+        what = f"a {METADATA} that cannot be read" if described else f"no {METADATA}"
+        self._note(f"has {what} (its recorder was not ended?): read {len(inside)} file(s) in order")
+        return inside
+
+    def _open(self, path: Path) -> BagFile:
+        """Open one file.
+
+        Raises:
+            BagFileError: It is no bag's.
+        """
+        if not text_file.is_file(path):
+            raise RecordingError(path, "is a pipe or device, expected a file of a bag")
+        with path.open("rb") as file:
+            head = file.read(max(len(magic) for magic, _ in _KINDS))
+        if head.startswith(unpack.ZSTD_MAGIC):
+            path = self._unpacked(path)
+            with path.open("rb") as file:
+                head = file.read(len(head))
+        for magic, kind in _KINDS:
+            if head.startswith(magic):
+                return kind(path)
+        raise BagFileError("is empty" if not head else "begins like no file of a bag")
+
+    def _unpacked(self, path: Path) -> Path:
+        """Return a file that was compressed as a whole, unpacked for as long as it is open."""
+        folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="dvrk_gravity-"))
+        most = int(_DISK_SHARE * shutil.disk_usage(folder).free)
+        target = Path(folder, path.stem)
+        if not unpack.unpack_file(path, target, most):
+            self._note(f"{path.name} is compressed, and breaks off")
+        return target
+
+    def joint_state_topic(
+        self, topic: str | None = None, arm: str = "", joints: Collection[str] = ()
+    ) -> str:
+        """Return the JointState topic: the named one, the only one, or that of an arm's readings.
+
+        Of several, it is the only one under the arm's name (``/MTMR/measured_js`` of mtmr), or the
+        only one that names its joints.
+
+        Args:
+            topic: The topic, if it is said.
+            arm: Name of the arm, if it is known.
+            joints: Names of its joints.
 
         Raises:
             RecordingError: If there is none, or several and no reason to prefer one.
@@ -104,46 +219,90 @@ class BagReader:
         found = [name for name, kind in self.topics.items() if kind == JOINT_STATE]
         if not found:
             raise RecordingError(self.path, f"no {JOINT_STATE} topic, topics in the bag: {known}")
-        # The dVRK publishes the gripper under the same last name.
-        measured = [
-            name
-            for name in found
-            if name.split("/")[-1] == "measured_js" and "gripper" not in name.split("/")
-        ]
-        if len(found) > 1 and len(measured) != 1:
+        among = found
+        for last in _READINGS:
+            # The dVRK publishes the gripper under the same last name.
+            measured = [name for name in found if name.split("/")[-1] == last
+                        and "gripper" not in name.split("/")]  # fmt: skip
+            if measured:
+                among = measured
+                break
+        if len(among) == 1:
+            return among[0]
+        named = [name for name in among if arm and _is_under(name, arm)]
+        if len(named) != 1 and joints:
+            named = [name for name in named or among if set(joints) & self._names(name)]
+        if len(named) != 1:
             raise RecordingError(
                 self.path,
-                f"several JointState topics ({', '.join(found)}), expected one to be named",
+                f"several JointState topics ({', '.join(found)}), expected one to be named "
+                "(--topic)",
             )
-        return measured[0] if len(found) > 1 else found[0]
+        others = ", ".join(name for name in among if name != named[0])
+        self.notes.append(Note("topic", f"read {named[0]}, the one of arm {arm}, and not {others}"))
+        return named[0]
+
+    def _names(self, topic: str) -> set[str]:
+        """Return the joints that the first messages of a topic name."""
+        names: set[str] = set()
+        notes = list(self.notes)
+        for _, _, data in islice(self.raw(topic), 20):
+            try:
+                names.update(self.message(topic, data).name)
+            except RecordingError:
+                continue
+        self.notes = notes
+        return names
 
     def raw(self, *topics: str) -> Iterator[tuple[str, int, bytes]]:
-        """Yield topic, receive time (ns) and CDR bytes of some topics' messages, in time order.
+        """Yield topic, receive time (ns) and bytes of some topics' messages, as they were written.
+
+        Bytes are CDR; JointStates of ROS 1 are brought into that.
 
         Raises:
-            RecordingError: If a topic is absent or the file breaks off.
+            RecordingError: If a topic is absent, or nothing of a damaged file can be read.
         """
         for topic in topics:
             if topic not in self.topics:
                 known = ", ".join(self.topics) or "none"
                 raise RecordingError(self.path, f"no topic {topic!r}, topics in the bag: {known}")
-        wanted = [c for c in self._reader.connections if c.topic in topics]
-        messages = self._reader.messages(wanted)
-        while True:
-            try:
-                connection, receive_ns, data = next(messages)
-            except StopIteration:
-                return
-            except Exception as error:
-                raise self._broken(error) from error
-            # A sqlite3 column holds whatever was put there.
-            if not isinstance(data, bytes) or not isinstance(receive_ns, int):
-                raise RecordingError(
-                    self.path,
-                    f"a message of {connection.topic} holds {type(data).__name__} received at "
-                    f"{receive_ns!r:.40}, expected bytes received at a whole number of ns",
-                )
-            yield connection.topic, receive_ns, data
+        count = 0
+        for name, file in self._files:
+            wanted = [key for key, channel in file.channels.items() if channel.topic in topics]
+            for key, received, data in _guarded(file, wanted):
+                channel = file.channels[key]
+                # A sqlite3 column holds whatever was put there.
+                if not isinstance(data, bytes) or not isinstance(received, int):
+                    raise RecordingError(
+                        self.path,
+                        f"a message of {channel.topic} holds {type(data).__name__} received at "
+                        f"{received!r:.40}, expected bytes received at a whole number of ns",
+                    )
+                try:
+                    data = unpack.message(data)
+                except unpack.UnpackError as error:
+                    file.left_out[f"message that {error}"] += 1
+                    continue
+                if channel.encoding == "ros1" and channel.msgtype == JOINT_STATE:
+                    try:
+                        data = from_ros1(data)
+                    except CdrError as error:
+                        file.left_out[f"message that is not a JointState: {error}"] += 1
+                        continue
+                count += 1
+                yield channel.topic, received, data
+            self._say(name, file, count)
+        if not count and any(note.kind == "cut_off" for note in self.notes):
+            raise self._unreadable("; ".join(note.text for note in self.notes))
+
+    def _say(self, name: str, file: BagFile, count: int) -> None:
+        """Note what was found in a file by the time that it was read."""
+        if file.broken:
+            self._note(f"{name} {file.broken}: {count} messages read until there")
+        for what, times in file.left_out.items():
+            self._note(f"{name}: left out {times} × {what}")
+        file.broken = ""
+        file.left_out.clear()
 
     def message(self, topic: str, data: bytes) -> Any:
         """Return CDR bytes of one of the topic's messages as a ``rosbags`` message object.
@@ -157,3 +316,36 @@ class BagReader:
             raise RecordingError(
                 self.path, f"a message of {topic} is not a {self.topics[topic]}: {error}"
             ) from error
+
+
+def _guarded(file: BagFile, wanted: Sequence[Any]) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield messages up to where damaged bytes lead the parser to an error."""
+    messages = file.messages(wanted)
+    while True:
+        try:
+            found = next(messages)
+        except StopIteration:
+            return
+        except Exception as error:
+            file.broken = f"is damaged from there on ({_line(error)})"
+            return
+        yield found
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _place(path: Path) -> tuple[str, int]:
+    """Return the name of a file without the number of a part, and that number."""
+    stem = path.name.partition(".")[0]
+    number = _NUMBER.search(stem)
+    return (stem[: number.start()], int(number[1])) if number else (stem, -1)
+
+
+def _is_under(topic: str, arm: str) -> bool:
+    """Tell whether a topic lies in an arm's namespace: /MTMR, or a numbered one, /PSM1."""
+    return any(
+        part.lower().rstrip("0123456789") == arm.lower() or part.lower() == arm.lower()
+        for part in topic.split("/")
+    )

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.bag import JOINT_STATE, URI_MARKS, typestore
+from dvrk_gravity.recording.bag import JOINT_STATE, typestore
 from dvrk_gravity.recording.cdr import CdrError, encode_joint_state
 from dvrk_gravity.recording.samples import Samples, Storage
 
+URI_MARKS = "?#%"  # the library opens sqlite3 files by URI and does not quote these
 COMMIT_INTERVAL = 1.0  # s; what a killed process loses at most of a sqlite3 bag
 # A stamp of 0 marks invalid data, so a recording without an absolute time starts at 1 s.
 DEFAULT_START_NS = 1_000_000_000

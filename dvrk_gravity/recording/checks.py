@@ -12,6 +12,7 @@ from dvrk_gravity.recording.data_warning import DataWarning, Kind
 from dvrk_gravity.recording.frozen import frozen
 from dvrk_gravity.recording.grid import TimingSettings
 from dvrk_gravity.recording.impossible import beyond_the_arm, driven_motors, jumps
+from dvrk_gravity.recording.notes import Note, merged
 from dvrk_gravity.recording.signal_checks import (
     position_unit,
     quantisation,
@@ -57,7 +58,7 @@ def check(
     signals = check_signals(recording, effort_limits)
     if any(finding.kind in UNITS for finding in signals):
         return signals
-    counts = check_counts(len(recording), recording.invalid, recording.repeated)
+    counts = check_counts(len(recording), recording.found)
     motion = check_motion(recording, np.ptp(recording.position, axis=0))
     return in_order([*counts, *motion, *signals])
 
@@ -86,23 +87,11 @@ def check_signals(
     return tuple(findings)
 
 
-def check_counts(samples: int, invalid: int, repeated: int) -> list[DataWarning]:
-    """Return findings about samples that were left out in reading."""
-    total = samples + invalid + repeated
-    counted: tuple[tuple[Kind, int, str], ...] = (
-        ("invalid_stamps", invalid, "with stamp 0 (marked invalid)"),
-        ("repeated_stamps", repeated, "with the time of the sample before"),
-    )
-    return [
-        DataWarning(
-            kind,
-            None,
-            {"samples": count, "share": count / total},
-            f"{count} of {total} samples {what}, left out",
-        )
-        for kind, count, what in counted
-        if count
-    ]
+def check_counts(samples: int, notes: Iterable[Note]) -> list[DataWarning]:
+    """Return findings about what reading left out of a file of which samples are left."""
+    notes = merged(notes)
+    total = samples + sum(note.count for note in notes)
+    return [note.warning(total) for note in notes]
 
 
 def check_motion(recording: Recording, ranges: Array) -> list[DataWarning]:
@@ -145,7 +134,8 @@ def _time(recording: Recording) -> list[DataWarning]:
                     "time_unit",
                     None,
                     {"interval": typical},
-                    f"{typical:g} s between samples: expected seconds, not {unit}",
+                    f"{typical:g} s between samples: expected seconds, not {unit} (of a CSV file: "
+                    f"--columns 'time=time[{unit}]')",
                     unusable=True,
                 )
             )

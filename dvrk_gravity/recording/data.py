@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arguments import floats, path_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.held import STAYS
 from dvrk_gravity.errors import ArgumentError, RecordingError, ShapeError
 from dvrk_gravity.recording import files
+from dvrk_gravity.recording.csv_columns import Columns
 from dvrk_gravity.recording.samples import (
     CHUNK,
     LARGEST,
@@ -25,6 +25,8 @@ from dvrk_gravity.recording.samples import (
     Samples,
     Storage,
     TimeBase,
+    join,
+    not_recorded,
 )
 
 
@@ -55,7 +57,8 @@ class Recording(Samples):
     Raises:
         ShapeError: If an array does not fit ``position``.
         RecordingError: If there is no sample or joint, a joint is twice, or not the arm's or out of
-            its order, a value is not finite or beyond 1e12, time does not increase, or a direction
+            its order, a value is not finite (but NaN throughout, of a joint without velocities or
+            efforts) or beyond 1e12, time does not increase, or a direction
             is not +1 or -1.
     """
 
@@ -106,6 +109,8 @@ class Recording(Samples):
 
     def _require_finite(self, name: str, array: Array) -> None:
         usable = np.abs(array) < LARGEST
+        if name in ("velocity", "effort"):
+            usable |= not_recorded(array)
         if not usable.all():
             row, column = np.argwhere(~usable)[0]
             raise RecordingError(
@@ -152,18 +157,22 @@ class Recording(Samples):
         coordinates: Coordinates = "joint",
         time_base: TimeBase = "stamp",
         arm: Arm | str | Path | None = None,
+        columns: Columns | None = None,
     ) -> Recording:
         """Read a whole recording.
 
         Args:
-            path: Folder of a rosbag2 (sqlite3 or mcap), one of its ``.db3`` or ``.mcap`` files, or
-                a ``.csv`` with a header ``time``, ``<joint>.position``, ``<joint>.velocity``,
-                ``<joint>.effort``, ``direction`` or ``<joint>.direction``.
+            path: Folder of a rosbag2 (sqlite3 or mcap), one of its ``.db3`` or ``.mcap`` files, a
+                ROS 1 ``.bag``, or a ``.csv`` with a header ``time``, ``<joint>.position``,
+                ``<joint>.velocity``, ``<joint>.effort``, ``direction`` or ``<joint>.direction``, or
+                such as many programs write it.
             topic: JointState topic of a bag; found if there is one candidate.
             coordinates: What the file's columns are; files do not tell.
             time_base: For bags: the header's stamp, or the time at which the bag received it.
             arm: Whose joints are read, in its order, or its name or file; ``None``: those that the
                 recording names, in its.
+            columns: What columns of a CSV file are, where their names do not say it: ``{"q1":
+                "elbow.position"}``, or as ``--columns`` takes them.
 
         Raises:
             RecordingError: If the file cannot be used; the text says where and why.
@@ -171,7 +180,7 @@ class Recording(Samples):
         """
         of = None if arm is None else Arm.of(arm)
         return cls.checked(
-            files.join(list(files.read(path, topic, coordinates, time_base, arm=of)))
+            join(list(files.read(path, topic, coordinates, time_base, arm=of, columns=columns)))
         )
 
     def save(
@@ -206,13 +215,6 @@ class Recording(Samples):
         """What tells joints, quantities, and whether there is a time: the whole, in memory."""
         return self
 
-    @property
-    def rate(self) -> float | None:
-        """Sampling rate from the median interval, Hz; ``None`` for static poses or one sample."""
-        if self.time is None or len(self) < 2:
-            return None
-        return float(1.0 / np.median(np.diff(self.time)))
-
     def joint(self, name: str) -> int:
         """Return the column of a joint.
 
@@ -228,6 +230,7 @@ class Recording(Samples):
     def of(self, arm: Arm) -> Recording:
         """Return what an arm's joints did, in its order; other joints are left out.
 
+        So are such as have no effort where others have one.
         Efforts that are not yet an arm's are taken to N·m by its drive gains.
 
         Raises:
@@ -236,7 +239,12 @@ class Recording(Samples):
         if self.arm is arm:
             return self
         self.require_held(arm)
-        joints = tuple(joint for joint in arm.joint_names if joint in self.joints)
+        without = not_recorded(self.effort)
+        recorded = [
+            joint for joint, missing in zip(self.joints, without.tolist(), strict=True)
+            if not missing
+        ] if without.any() and not without.all() else self.joints  # fmt: skip
+        joints = tuple(joint for joint in arm.joint_names if joint in recorded)
         if not joints:
             raise RecordingError(
                 self.source,
@@ -281,28 +289,6 @@ class Recording(Samples):
                     "model's arm holds it",
                 )
 
-    @property
-    def scale(self) -> Array:
-        """(n,) rad or m that count as much as a rad; see ``Arm.scale``."""
-        if self.arm is None:
-            return np.ones(len(self.joints))
-        return self.arm.scale[[self.arm.joint_names.index(joint) for joint in self.joints]]
-
-    def rows(self, selection: slice | Sequence[int] | NDArray[np.bool_ | np.integer]) -> Recording:
-        """Return the samples that a slice, index array or mask of length N selects."""
-
-        def pick(array: Array | None) -> Array | None:
-            return None if array is None else array[selection]
-
-        return replace(
-            self,
-            time=pick(self.time),
-            position=self.position[selection],
-            velocity=pick(self.velocity),
-            effort=pick(self.effort),
-            direction=pick(self.direction),
-        )
-
     def without(self, left_out: Sequence[tuple[int, int]]) -> Recording:
         """Return it without some spans of its rows, each from one row to before another."""
         keep = np.ones(len(self), dtype=bool)
@@ -314,7 +300,7 @@ class Recording(Samples):
         """Yield consecutive parts; samples that were left out are counted with the first."""
         for first in range(0, len(self), size):
             part = self.rows(slice(first, first + size))
-            yield replace(part, invalid=0, repeated=0) if first else part
+            yield part.counted() if first else part
 
     def between(self, start: float, stop: float) -> Recording:
         """Return the samples with ``start <= time < stop``, s.

@@ -9,8 +9,8 @@ import numpy as np
 
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
-from dvrk_gravity.recording.files import join
 from dvrk_gravity.recording.pieces import Findings, Piece, blocks
+from dvrk_gravity.recording.samples import join
 from dvrk_gravity.recording.stream import RecordingFile
 
 MOST_SAMPLES = 600_000  # of a recording that is held in memory whole: ten minutes at 1 kHz
@@ -48,7 +48,7 @@ def excerpt(source: Recording | RecordingFile, longest: float, stretch: float) -
     start, end = 0.0, 0.0
     findings, head = Findings(), None
     for block in blocks(source.parts(), CHECKED):
-        findings.add(Piece(block, 0, len(block)), block.invalid, block.repeated)
+        findings.add(Piece(block, 0, len(block)), block.found)
         assert block.time is not None
         if head is None:
             head, start = block, float(block.time[0])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -13,18 +12,31 @@ from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import text_file
-from dvrk_gravity.recording.bag import SUFFIXES
+from dvrk_gravity.recording.bag import SUFFIXES, is_bag
 from dvrk_gravity.recording.bag_writer import write_bag
+from dvrk_gravity.recording.csv_columns import Columns
 from dvrk_gravity.recording.csv_file import iterate_csv, write_csv
 from dvrk_gravity.recording.joint_states import iterate_bag
-from dvrk_gravity.recording.samples import CHUNK, Array, Coordinates, Samples, Storage, TimeBase
+from dvrk_gravity.recording.repair import repaired
+from dvrk_gravity.recording.samples import (
+    CHUNK,
+    Array,
+    Coordinates,
+    Samples,
+    Storage,
+    TimeBase,
+)
 from dvrk_gravity.stated import stated_weight
 
-SamplesT = TypeVar("SamplesT", bound=Samples)
-
 A_PATH = "the path of a .csv file or a rosbag2"
+CSV_SUFFIXES = (".csv", ".txt", ".tsv")
 # Names that would promise something else than the folder of a bag.
-FOREIGN_SUFFIXES = (".json", ".yaml", ".yml", ".txt", ".bag")
+FOREIGN_SUFFIXES = (".json", ".yaml", ".yml", ".txt", ".tsv")
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a path is that of a recording, by its name."""
+    return is_bag(path) or path.suffix.lower() in CSV_SUFFIXES
 
 
 def read(
@@ -34,6 +46,7 @@ def read(
     time_base: TimeBase = "stamp",
     chunk: int = CHUNK,
     arm: Arm | None = None,
+    columns: Columns | None = None,
 ) -> Iterator[Samples]:
     """Yield what a file holds in consecutive parts of at most ``chunk`` samples.
 
@@ -48,11 +61,15 @@ def read(
         raise RecordingError(path, "no such file or folder")
     if not text_file.is_file(path):
         raise RecordingError(path, "is a pipe or device, expected a file or a folder")
-    if path.is_dir() or path.suffix in SUFFIXES:
-        return _in_torque(iterate_bag(path, topic, coordinates, time_base, chunk, arm), arm)
-    if path.suffix.lower() == ".csv":
-        return _in_torque(iterate_csv(path, coordinates, chunk, arm), arm)
-    raise RecordingError(path, "expected a .csv file, a rosbag2 folder, or a .db3 or .mcap file")
+    if is_bag(path):
+        parts = iterate_bag(path, topic, coordinates, time_base, chunk, arm)
+    elif path.suffix.lower() in CSV_SUFFIXES:
+        parts = iterate_csv(path, coordinates, chunk, arm, columns, time_base)
+    else:
+        raise RecordingError(
+            path, f"expected a .csv file, a rosbag2 folder, or a {', '.join(SUFFIXES)} file"
+        )
+    return repaired(_in_torque(parts, arm))
 
 
 def _in_torque(parts: Iterator[Samples], arm: Arm | None) -> Iterator[Samples]:
@@ -109,33 +126,6 @@ def _unread(position: Array, joints: Sequence[str], arm: Arm | None) -> Array | 
     return stated_weight(arm, position)
 
 
-def join(parts: Sequence[SamplesT]) -> SamplesT:
-    """Return consecutive parts of one recording as one."""
-    if len(parts) == 1:
-        return parts[0]
-
-    def column(name: str) -> Array | None:
-        values = [getattr(part, name) for part in parts]
-        if values[0] is None:
-            return None
-        result = np.concatenate(values)
-        result.flags.writeable = False
-        return result
-
-    position = column("position")
-    assert position is not None
-    return replace(
-        parts[0],
-        time=column("time"),
-        position=position,
-        velocity=column("velocity"),
-        effort=column("effort"),
-        direction=column("direction"),
-        invalid=sum(part.invalid for part in parts),
-        repeated=sum(part.repeated for part in parts),
-    )
-
-
 def save_recording(
     parts: Iterable[Samples], path: str | Path, storage: Storage, topic: str
 ) -> None:
@@ -149,7 +139,7 @@ def save_recording(
     )
     if Path(path).suffix.lower() == ".csv":
         write_csv(parts, path)
-    elif Path(path).suffix in (*SUFFIXES, *FOREIGN_SUFFIXES):
+    elif Path(path).name.endswith((*SUFFIXES, *FOREIGN_SUFFIXES)):
         raise RecordingError(path, "expected a .csv file or the name of a new rosbag2 folder")
     else:
         write_bag(parts, path, storage, topic)

@@ -8,11 +8,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.filters import LowPass, derivative
 from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.sample_times import retimed
-from dvrk_gravity.recording.samples import QUANTITIES
+from dvrk_gravity.recording.samples import (
+    QUANTITIES,
+    Array,
+    Samples,
+    SamplesT,
+    not_recorded,
+)
 
 
 @dataclass(frozen=True)
@@ -34,14 +39,14 @@ class TimingSettings:
     moving: float = 1e-6
 
 
-def speed(recording: Recording) -> Array:
+def speed(recording: Samples) -> Array:
     """Return a rough velocity ``(N, n)``, rad/s, from low-passed positions and nominal rate."""
     rate = recording.rate
     assert rate is not None
     return derivative(LowPass(rate / 20.0, rate)(recording.position), rate)
 
 
-def stale(recording: Recording) -> NDArray[np.bool_]:
+def stale(recording: Samples) -> NDArray[np.bool_]:
     """Return ``(N,)``: samples that repeat the one before, although the arm moves.
 
     At rest identical samples are what an arm should give. While a joint travels by more than two
@@ -55,7 +60,8 @@ def stale(recording: Recording) -> NDArray[np.bool_]:
     for name in QUANTITIES:
         values = getattr(recording, name)
         if values is not None:
-            same &= np.all(values[1:] == values[:-1], axis=1)
+            own = ~not_recorded(values)
+            same &= np.all(values[1:, own] == values[:-1, own], axis=1)
     if not same.any():
         return result
     steps = np.array([2.0 * quantum(column) for column in recording.position.T])
@@ -80,7 +86,7 @@ def longest_bridged(rate: float, band: float) -> float:
     return max(TimingSettings().gap / rate, 1.0 / (2.0 * np.pi * band))
 
 
-def split_at_gaps(recording: Recording, longest: float | None = None) -> tuple[Recording, ...]:
+def split_at_gaps(recording: SamplesT, longest: float | None = None) -> tuple[SamplesT, ...]:
     """Return the parts between long intervals.
 
     Args:
@@ -97,7 +103,7 @@ def split_at_gaps(recording: Recording, longest: float | None = None) -> tuple[R
     return tuple(recording.rows(slice(a, b)) for a, b in pairwise(edges))
 
 
-def resample(recording: Recording, rate: float, origin: float | None = None) -> Recording:
+def resample(recording: SamplesT, rate: float, origin: float | None = None) -> SamplesT:
     """Return the recording on a uniform grid from its first to its last sample.
 
     Samples that were taken off their stamps are put back first, see :func:`retimed`. A recording
@@ -126,7 +132,10 @@ def resample(recording: Recording, rate: float, origin: float | None = None) -> 
     grid = np.clip(begin + np.arange(count) / rate, time[0], time[-1])
 
     def onto_grid(values: Array) -> Array:
-        return np.asarray(Akima1DInterpolator(time, values, axis=0)(grid))
+        own = ~not_recorded(values)
+        result = np.full((len(grid), values.shape[1]), np.nan)
+        result[:, own] = Akima1DInterpolator(time, values[:, own], axis=0)(grid)
+        return result
 
     direction = recording.direction
     if direction is not None:

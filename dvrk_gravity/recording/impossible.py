@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.description import FASTEST, UNTIMED_STEP
-from dvrk_gravity.recording.data import Array, Recording
+from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.grid import stale
 from dvrk_gravity.recording.signal_checks import position_unit
+from dvrk_gravity.recording.steps import largest, reachable
 
 
 @dataclass(frozen=True)
@@ -28,16 +27,11 @@ class PossibleSettings:
             have 0.2 to 1.0 of it the other way round (the recordings of docs/psm.md,
             docs/own_arm.md and docs/identification.md). Chosen; among neighbours' weights and
             springs the sum of one joint need not be that of its friction.
-        sudden: rad/s^2, by which a joint may be faster than a moment before. Chosen: it is at
-            FASTEST in 25 ms, within five samples at 200 Hz.
-        moment: s, on either side, whose speed tells how fast a joint moves. Chosen.
     """
 
     position_margin: float = 2.5
     effort_margin: float = 10.0
     driven: float = 0.2
-    sudden: float = 1000.0
-    moment: float = 0.1
 
 
 def beyond_the_arm(recording: Recording) -> list[DataWarning]:
@@ -45,7 +39,7 @@ def beyond_the_arm(recording: Recording) -> list[DataWarning]:
     arm = recording.arm
     if arm is None:
         return []
-    (reach, strength), settings = _largest(arm), PossibleSettings()
+    (reach, strength), settings = largest(arm), PossibleSettings()
     findings = []
     for column, name in enumerate(recording.joints):
         joint = arm.joints[arm.joint_names.index(name)]
@@ -76,37 +70,14 @@ def beyond_the_arm(recording: Recording) -> list[DataWarning]:
     return findings
 
 
-def _largest(arm: Arm) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the largest position and effort by joint, in joint or actuator coordinates."""
-    part = arm.joint_to_actuator[:, :, None]
-    # Zero times a joint that has no end is nothing, too.
-    each = part * np.where(part == 0.0, 0.0, np.stack([arm.lower, arm.upper], axis=-1))
-    motor = np.abs([each.min(axis=2).sum(axis=1), each.max(axis=2).sum(axis=1)]).max(axis=0)
-    position = np.maximum(motor, np.maximum(np.abs(arm.lower), np.abs(arm.upper)))
-    effort = np.maximum(arm.effort_limit, arm.actuator_effort_limit)
-    effort[[not joint.effort_stated for joint in arm.joints]] = np.inf
-    return (
-        dict(zip(arm.joint_names, position.tolist(), strict=True)),
-        dict(zip(arm.joint_names, effort.tolist(), strict=True)),
-    )
-
-
 def jumps(recording: Recording) -> list[DataWarning]:
     """Return findings about positions that no joint can have gone between two samples."""
     # What stale samples hide comes at once, and others may be an interval off their stamps.
     fresh = recording.rows(~stale(recording))
     assert fresh.time is not None
     findings = []
-    interval = np.diff(fresh.time)
-    way = np.diff(fresh.position, axis=0)
-    late = float(np.median(interval)) if len(interval) else 0.0
-    if late <= 0.0:  # one sample, or stamps of which most repeat others
-        return []
-    within = interval[:, None] + late
-    speeding = PossibleSettings().sudden * within**2 * recording.scale
-    going_on = _speed_around(np.abs(way), late) * (_renewed_after(way, fresh.time) + late)
-    reach = np.minimum(going_on + speeding, FASTEST * within * recording.scale)
-    reach += UNTIMED_STEP * recording.scale
+    interval, way = np.diff(fresh.time), np.diff(fresh.position, axis=0)
+    reach = reachable(fresh)
     for joint in np.flatnonzero((np.abs(way) > reach).any(axis=0)).tolist():
         rows = np.flatnonzero(np.abs(way[:, joint]) > reach[:, joint])
         name, row = recording.joints[joint], int(rows[0])
@@ -132,29 +103,6 @@ def jumps(recording: Recording) -> list[DataWarning]:
             )
         )  # fmt: skip
     return findings
-
-
-def _speed_around(way: Array, interval: float) -> Array:
-    """Return (N, n) speeds just before and after each of (N, n) ways between two samples.
-
-    The way itself is left out, for it may be a jump; a reading that jumps there and back is not.
-    """
-    side = max(1, round(PossibleSettings().moment / interval))
-    total = np.cumsum(np.vstack([np.zeros(way.shape[1]), way]), axis=0)
-    rows = np.arange(len(way))
-    first, stop = np.maximum(rows - side, 0), np.minimum(rows + 1 + side, len(way))
-    others = np.maximum(stop - first - 1, 1)[:, None] * interval
-    return np.asarray((total[stop] - total[first] - way) / others)
-
-
-def _renewed_after(way: Array, time: Array) -> Array:
-    """Return (N, n) times, s, since each joint's position was another one than before (N, n) ways.
-
-    What is not read anew with every sample goes all its way when it is.
-    """
-    read = np.where(way != 0.0, time[1:, None], time[0])
-    last = np.maximum.accumulate(read, axis=0)
-    return np.asarray(time[1:, None] - np.vstack([np.full(way.shape[1], time[0]), last[:-1]]))
 
 
 def driven_motors(recording: Recording) -> list[DataWarning]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +15,8 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import BagReader
-from dvrk_gravity.recording.cdr import CdrError, JointStateLayout
+from dvrk_gravity.recording.cdr import STAMP, CdrError, JointStateLayout
+from dvrk_gravity.recording.notes import Note
 from dvrk_gravity.recording.samples import (
     CHUNK,
     QUANTITIES,
@@ -23,10 +26,11 @@ from dvrk_gravity.recording.samples import (
     TimeBase,
     check_joints,
 )
-from dvrk_gravity.recording.timeline import Timeline, with_counts
+from dvrk_gravity.recording.table import Assembly, RowTable
 
 # Layouts tried on all of a chunk's messages; a stranger stream than that is decoded singly.
 SHARED_LAYOUTS = 8
+NO_STAMP = bytes(8)  # what the dVRK marks invalid data by, and what drivers send that never stamp
 
 
 class JointStateSample(NamedTuple):
@@ -49,17 +53,18 @@ class _Batch(NamedTuple):
     values: tuple[Array, ...]
 
 
-def _decode(source: str, first: int, raws: list[bytes]) -> list[_Batch]:
-    """Decode a chunk; ``first`` is the number of its first message, for errors."""
+def _decode(raws: list[bytes]) -> tuple[list[_Batch], dict[int, str]]:
+    """Decode a chunk; return also what is wrong with messages that are none, by their index."""
     batches: list[_Batch] = []
+    wrong: dict[int, str] = {}
     pending = np.arange(len(raws))
     while len(pending):
         try:
             layout = JointStateLayout.parse(raws[pending[0]])
         except CdrError as error:
-            raise RecordingError(
-                source, f"message {first + pending[0]} is not a JointState: {error}"
-            ) from error
+            wrong[int(pending[0])] = str(error)
+            pending = pending[1:]
+            continue
         if len(batches) < SHARED_LAYOUTS:
             match = layout.match([raws[i] for i in pending])
         else:
@@ -68,7 +73,7 @@ def _decode(source: str, first: int, raws: list[bytes]) -> list[_Batch]:
         stamps, values = layout.decode([raws[i] for i in index])
         batches.append(_Batch(index, layout.names, stamps, values))
         pending = pending[~match]
-    return batches
+    return batches, wrong
 
 
 def read_joint_states(
@@ -84,7 +89,10 @@ def read_joint_states(
         first = 0
         while part := list(islice(messages, chunk)):
             samples: list[Any] = [None] * len(part)
-            for batch in _decode(str(path), first, [data for _, _, data in part]):
+            batches, wrong = _decode([data for _, _, data in part])
+            for i, why in sorted(wrong.items()):
+                raise RecordingError(path, f"message {first + i} is not a JointState: {why}")
+            for batch in batches:
                 stamps = batch.stamps.tolist()
                 for row, i in enumerate(batch.indices):
                     samples[i] = JointStateSample(
@@ -92,34 +100,6 @@ def read_joint_states(
                     )
             first += len(part)
             yield from samples
-
-
-def _columns(
-    source: str, number: int, batch: _Batch, known: tuple[str, ...]
-) -> tuple[tuple[str, ...], list[int]]:
-    """Return the known joints of a message in their order, and where they are in it.
-
-    Where none are known, they are those that the message names.
-    """
-    names = batch.names
-    joints = tuple(joint for joint in known or names if joint in names)
-    if not joints:
-        expected = f"some of: {', '.join(known)}" if known else "names of joints"
-        raise RecordingError(
-            source,
-            f"message {number} names joints {', '.join(names)[:200] or '(none)'}, "
-            f"expected {expected}",
-        )
-    for joint in joints:
-        if names.count(joint) > 1:
-            raise RecordingError(source, f"message {number} names {joint} twice")
-    for quantity, values in zip(QUANTITIES, batch.values, strict=True):
-        count = values.shape[1]
-        if count != len(names) and (count or quantity == "position"):
-            raise RecordingError(
-                source, f"message {number} has {count} {quantity} values for {len(names)} names"
-            )
-    return joints, [names.index(joint) for joint in joints]
 
 
 def iterate_bag(
@@ -130,70 +110,75 @@ def iterate_bag(
     chunk: int = CHUNK,
     arm: Arm | None = None,
 ) -> Iterator[Samples]:
-    """Yield a bag's JointStates as recordings of at most ``chunk`` samples.
+    """Yield a bag's JointStates as samples, about ``chunk`` at a time.
 
     Joints are matched by name, in any order; names that are not the arm's (a gripper) are left
-    out. Without an arm, they are those of the first message. Times are relative to the first
-    sample. Messages with stamp 0 are left out and counted
-    (``invalid``), and so are those with the time of the message before (``repeated``).
+    out. Without an arm, they are those of most of the first messages. Times are relative to the
+    first sample. Messages with stamp 0 are left out and counted (``invalid``), so are those with
+    the time of the message before (``repeated``), and what ``notes`` tell.
 
     Raises:
-        RecordingError: If the bag cannot be read, or joints, lengths or times do not fit together.
+        RecordingError: If nothing of the bag can be read, or its times cannot be used.
     """
-    return with_counts(_iterate(Path(path), topic, coordinates, time_base, chunk, arm))
+    path = Path(path)
+    way_out = "; or --time-base receive: the times at which the bag received them"
+    assembly = Assembly(
+        str(path), f"{time_base} of message", coordinates, arm,
+        way_out if time_base == "stamp" else "",
+    )  # fmt: skip
+    return assembly.samples(_tables(path, topic, time_base, chunk, arm))
 
 
-def _iterate(
-    path: Path,
-    topic: str | None,
-    coordinates: Coordinates,
-    time_base: TimeBase,
-    chunk: int,
-    arm: Arm | None,
-) -> Iterator[tuple[Samples | None, int, int]]:
-    source = str(path)
-    table = _Table(source, arm)
-    timeline = Timeline()
-    first = 0
+def _tables(
+    path: Path, topic: str | None, time_base: TimeBase, chunk: int, arm: Arm | None
+) -> Iterator[RowTable]:
+    messages_of = _Messages(str(path), arm)
+    first, invalid, table = 0, 0, None
     with BagReader(path) as bag:
-        messages = bag.raw(bag.joint_state_topic(topic))
+        joints = arm.joint_names if arm else ()
+        name = bag.joint_state_topic(topic, arm.name if arm else "", joints)
+        # A driver that never stamps: then 0 does not mark what is invalid.
+        stamped = time_base == "stamp" or any(
+            data[STAMP] != NO_STAMP for _, _, data in bag.raw(name)
+        )
+        messages = bag.raw(name)
         while part := list(islice(messages, chunk)):
-            stamps, arrays = table.read(first, [data for _, _, data in part])
-            valid = stamps != 0
-            numbers = (first + np.flatnonzero(valid)).tolist()
+            read = messages_of.read(first, [data for _, _, data in part])
             first += len(part)
+            valid = read.used & ((read.stamps != 0) | (not stamped))
+            left_out = int(read.used.sum()) - int(valid.sum())
+            stamps = read.stamps
             if time_base == "receive":
                 stamps = np.array([receive_ns for _, receive_ns, _ in part], np.int64)
-            later, time = timeline.advance(
-                stamps[valid], numbers, f"{source}: {time_base} of message"
-            )
-            invalid, repeated = len(part) - len(later), len(later) - len(time)
-            if not len(time):
-                yield None, invalid, repeated
+            numbers = np.arange(first - len(part), first)
+            part.clear()  # what is read next takes its place
+            if not messages_of.joints:
+                invalid += left_out
                 continue
-            fields = {quantity: values[valid][later] for quantity, values in arrays.items()}
-            for array in (*fields.values(), time):
-                array.flags.writeable = False
-            samples = Samples(
-                table.joints,
-                time,
-                coordinates=coordinates,
-                source=source,
-                start_ns=timeline.start_ns or 0,
-                arm=arm,
-                **fields,
-            )
-            yield samples, invalid, repeated
-    if timeline.start_ns is None:
-        counted = f" but {first} with stamp 0 (invalid)" if first else ""
-        raise RecordingError(source, f"holds no JointState messages{counted}")
+            table = RowTable(messages_of.joints, stamps, numbers, read.values, 0, read.notes)
+            yield replace(table.rows(valid), invalid=invalid + left_out)
+            invalid, table = 0, table.rows(np.arange(0))
+            del read
+        found = tuple(bag.notes)
+    if table is None:
+        raise messages_of.nothing(first)
+    yield replace(table, invalid=invalid, notes=found)
 
 
-class _Table:
-    """Puts the numbers of JointStates into arrays of the arm's joints, or of the first message's.
+class _Read(NamedTuple):
+    """What was read of N messages: stamps (N,) ns, arrays (N, n), which are used, notes."""
+
+    stamps: NDArray[np.int64]
+    values: dict[str, Array]
+    used: NDArray[np.bool_]
+    notes: tuple[Note, ...]
+
+
+class _Messages:
+    """Puts the numbers of JointStates into arrays of the arm's joints, or of most messages'.
 
     Attributes:
-        joints: Known joints of the messages, in the arm's order; empty before the first message.
+        joints: Known joints of the messages, in the arm's order; empty before the first of use.
     """
 
     def __init__(self, source: str, arm: Arm | None) -> None:
@@ -202,32 +187,87 @@ class _Table:
         self._known = arm.joint_names if arm else ()
         self._source = source
         self._quantities: tuple[str, ...] = ()
+        self._all: frozenset[str] = frozenset()  # names of the messages that are used
+        self._problem = ""
 
-    def read(self, first: int, raws: list[bytes]) -> tuple[NDArray[np.int64], dict[str, Array]]:
-        """Return stamps ``(N,)`` ns and arrays ``(N, n)`` of the quantities that are sent.
+    def read(self, first: int, raws: list[bytes]) -> _Read:
+        """Return what some messages hold; ``first`` is the number of the first one, for errors.
 
         Raises:
-            RecordingError: If a message does not fit the ones before.
+            RecordingError: If the joints are a larger arm's.
         """
-        stamps = np.empty(len(raws), np.int64)
-        arrays: dict[str, Array] = {}
-        for batch in _decode(self._source, first, raws):
-            number = first + int(batch.indices[0])
-            joints, columns = _columns(self._source, number, batch, self._known or self.joints)
-            sent = {q: v for q, v in zip(QUANTITIES, batch.values, strict=True) if v.shape[1]}
-            if not self.joints:
-                check_joints(self._source, batch.names, self._arm)
-                self.joints, self._quantities = joints, tuple(sent)
-            elif (joints, tuple(sent)) != (self.joints, self._quantities) or (
-                not self._known and len(batch.names) != len(joints)
-            ):
-                raise RecordingError(
-                    self._source,
-                    f"message {number} holds other joints or fields than the ones before: "
-                    f"{', '.join(joints)}",
-                )
-            for quantity, values in sent.items():
-                target = arrays.setdefault(quantity, np.empty((len(raws), len(joints))))
-                target[batch.indices] = values[:, columns]
+        stamps = np.zeros(len(raws), np.int64)
+        used = np.zeros(len(raws), dtype=bool)
+        batches, wrong = _decode(raws)
+        for index, why in wrong.items():
+            self._problem = self._problem or f"message {first + index} is not a JointState: {why}"
+        damaged, others = len(wrong), 0
+        found: list[tuple[_Batch, tuple[str, ...], tuple[str, ...]]] = []
+        for batch in batches:
+            why = _misfit(batch, self._known)
+            sent = tuple(q for q, v in zip(QUANTITIES, batch.values, strict=True) if v.shape[1])
+            joints = tuple(joint for joint in self._known or batch.names if joint in batch.names)
+            if why:
+                self._problem = self._problem or f"message {first + int(batch.indices[0])} {why}"
+                damaged += len(batch.indices) if joints else 0
+                others += 0 if joints else len(batch.indices)
+            else:
+                found.append((batch, joints, sent))
+        if not self.joints and found:
+            self._choose(found)
+        values = {q: np.zeros((len(raws), len(self.joints))) for q in self._quantities}
+        for batch, joints, sent in found:
+            same = joints == self.joints or (not self._known and set(batch.names) == self._all)
+            if not same or sent != self._quantities:
+                others += len(batch.indices)
+                continue
+            columns = [batch.names.index(joint) for joint in self.joints]
+            for quantity, numbers in zip(QUANTITIES, batch.values, strict=True):
+                if quantity in values:
+                    values[quantity][batch.indices] = numbers[:, columns]
             stamps[batch.indices] = batch.stamps
-        return stamps, arrays
+            used[batch.indices] = True
+        return _Read(stamps, values, used, _notes(damaged, others))
+
+    def _choose(self, found: list[tuple[_Batch, tuple[str, ...], tuple[str, ...]]]) -> None:
+        """Choose the joints and fields that most of the first messages have."""
+        counts: Counter[tuple[frozenset[str], tuple[str, ...]]] = Counter()
+        for batch, joints, sent in found:
+            counts[frozenset(joints), sent] += len(batch.indices)
+        (names, self._quantities), _ = counts.most_common(1)[0]
+        batch, self.joints = next((b, j) for b, j, _ in found if frozenset(j) == names)
+        self._all = names
+        check_joints(self._source, batch.names, self._arm)
+
+    def nothing(self, messages: int) -> RecordingError:
+        """Return what to say of a topic without a message of use."""
+        if self._problem:
+            return RecordingError(self._source, self._problem)
+        return RecordingError(self._source, "holds no JointState messages")
+
+
+def _misfit(batch: _Batch, known: tuple[str, ...]) -> str:
+    """Return why messages cannot be used, if so."""
+    names = batch.names
+    joints = tuple(joint for joint in known or names if joint in names)
+    if not joints:
+        expected = f"some of: {', '.join(known)}" if known else "names of joints"
+        return f"names joints {', '.join(names)[:200] or '(none)'}, expected {expected}"
+    for joint in joints:
+        if names.count(joint) > 1:
+            return f"names {joint} twice"
+    for quantity, values in zip(QUANTITIES, batch.values, strict=True):
+        count = values.shape[1]
+        if count != len(names) and (count or quantity == "position"):
+            return f"has {count} {quantity} values for {len(names)} names"
+    return ""
+
+
+def _notes(damaged: int, others: int) -> tuple[Note, ...]:
+    found = []
+    if damaged:
+        found.append(Note("unreadable", "of messages that are no such JointStates", count=damaged))
+    if others:
+        text = "of messages of other joints or fields than most"
+        found.append(Note("other_messages", text, count=others))
+    return tuple(found)

@@ -18,7 +18,8 @@ from dvrk_gravity.recording.checks import (
 )
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
-from dvrk_gravity.recording.files import join
+from dvrk_gravity.recording.notes import Note
+from dvrk_gravity.recording.samples import join
 
 # Found once is found; of the other kinds, most of the time must show it.
 ONCE: tuple[Kind, ...] = ("gaps", "effort_saturation", "effort_frozen")
@@ -61,7 +62,7 @@ def blocks(parts: Iterable[Recording], size: int) -> Iterator[Recording]:
             whole = join(held)
             yield whole.rows(slice(0, size))
             # Left-out samples were counted with the block.
-            held = [replace(whole.rows(slice(size, None)), invalid=0, repeated=0)]
+            held = [whole.rows(slice(size, None)).counted()]
             count -= size
     if held:
         yield join(held)
@@ -92,10 +93,10 @@ class Findings:
         self._samples: list[int] = []
         self._found: list[tuple[DataWarning, ...]] = []
         self._ranges: list[np.ndarray] = []
-        self._left_out = np.zeros(2, dtype=int)
+        self._notes: list[Note] = []
 
-    def add(self, piece: Piece, invalid: int, repeated: int) -> None:
-        """Check a piece, of which ``invalid`` and ``repeated`` samples were left out in reading.
+    def add(self, piece: Piece, notes: Iterable[Note]) -> None:
+        """Check a piece, of which reading found what some notes say.
 
         Raises:
             RecordingError: If a finding makes the recording unusable.
@@ -109,7 +110,7 @@ class Findings:
         self._samples.append(piece.stop - piece.first)
         self._found.append(found)
         self._ranges.append(np.array([block.position.min(axis=0), block.position.max(axis=0)]))
-        self._left_out += invalid, repeated
+        self._notes += notes
 
     def merged(self, recording: Recording) -> tuple[DataWarning, ...]:
         """Return the findings of the whole; ``recording`` is any part of it.
@@ -120,14 +121,13 @@ class Findings:
         ranges = np.array(self._ranges)
         whole = ranges[:, 1].max(axis=0) - ranges[:, 0].min(axis=0)
         samples = np.array(self._samples)
-        invalid, repeated = self._left_out.tolist()
         motion = check_motion(recording, whole)
         for warning in motion:
             if warning.unusable:
                 raise RecordingError(recording.source, str(warning))
         moved = ranges[:, 1] - ranges[:, 0] > CheckSettings().still * recording.scale
         most = PieceSettings().most
-        found = [*check_counts(int(samples.sum()), invalid, repeated), *motion]
+        found = [*check_counts(int(samples.sum()), self._notes), *motion]
         for (kind, joint), holders in self._by_kind().items():
             counts = moved[:, recording.joint(joint)] if joint else moved.any(axis=1)
             weight = samples * (counts if counts.any() else 1)

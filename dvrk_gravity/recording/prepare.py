@@ -16,6 +16,7 @@ from dvrk_gravity.recording.filters import ORDER, LowPass, derivative
 from dvrk_gravity.recording.gaps import Gaps
 from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
 from dvrk_gravity.recording.quantization import quantum
+from dvrk_gravity.recording.samples import not_recorded
 from dvrk_gravity.recording.velocity import compare_velocity
 
 DEFAULT_CUTOFF = 5.65  # Hz; the published evaluations of these arms use it
@@ -154,6 +155,8 @@ def derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> t
     if any(warning.kind == "read_jitter" and warning.numbers["corrected"] for warning in warnings):
         return recording.joints
     worse = {warning.joint for warning in warnings if warning.kind == "velocity_mismatch"}
+    absent = zip(recording.joints, not_recorded(recording.velocity).tolist(), strict=True)
+    worse |= {joint for joint, missing in absent if missing}
     # A filter's delay is no fault of the recording, but would pass for one of the effort.
     fits = zip(recording.joints, compare_velocity(recording), strict=True)
     return tuple(joint for joint, fit in fits if joint in worse or (fit and fit.late))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
-from dvrk_gravity.recording.files import join
+from dvrk_gravity.recording.samples import join
 from dvrk_gravity.recording.stream import RecordingFile
 
 Prints = NDArray[np.uint64]
@@ -80,7 +80,7 @@ class ReadBefore:
         held: Recording | None = None
         run, rate = 1, None
         active: set[int] = set()
-        counts = np.zeros(2, dtype=int)
+        skipped: list[Recording] = []
         for part, last in _with_last(parts):
             if held is None:
                 self._source, rate = part.source, part.rate
@@ -103,15 +103,13 @@ class ReadBefore:
                 again, active = self._runs(begin, decided, run, active)
             row = self.samples - len(block)
             self.left_out += [(row + a, row + b) for a, b in _spans(again)]
-            counts += block.invalid, block.repeated
-            if not again.all():
-                invalid, repeated = counts.tolist()
-                yield replace(
-                    block.rows(np.flatnonzero(~again)), invalid=invalid, repeated=repeated
-                )
-                counts[:] = 0
+            if again.all():
+                skipped.append(block.rows(slice(0, 1)))
+            else:
+                yield block.rows(np.flatnonzero(~again)).with_found(skipped)
+                skipped = []
             if decided < len(block):
-                held = replace(block.rows(slice(decided, None)), invalid=0, repeated=0)
+                held = block.rows(slice(decided, None)).counted()
         if rate is not None:
             self.remaining = (self.samples - self.number) / rate
 

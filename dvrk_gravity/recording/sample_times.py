@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.recording.data import Array, Recording
 from dvrk_gravity.recording.filters import LowPass
 from dvrk_gravity.recording.quantization import quantum
+from dvrk_gravity.recording.samples import Array, SamplesT
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class RetimingSettings:
     never: float = 0.04
 
 
-def retimed(recording: Recording) -> Recording:
+def retimed(recording: SamplesT) -> SamplesT:
     """Return the recording with its samples at the times at which they were taken.
 
     It is returned as it is without velocities, if it is too short, and where no jitter

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.shipped import larger_arm
 from dvrk_gravity.errors import RecordingError
+from dvrk_gravity.recording.data_warning import Kind
+from dvrk_gravity.recording.notes import Note, merged
 
 Coordinates = Literal["joint", "actuator"]
 TimeBase = Literal["stamp", "receive"]
@@ -19,7 +21,7 @@ Storage = Literal["sqlite3", "mcap"]
 Array = NDArray[np.float64]
 
 QUANTITIES = ("position", "velocity", "effort")
-CHUNK = 10_000  # samples read at a time
+CHUNK = 4_000  # samples read at a time
 LARGEST = 1e12  # no reading of a robot; keeps squares and sums finite
 
 
@@ -33,8 +35,10 @@ class Samples:
         time: ``(N,)`` s, strictly increasing, relative to ``start_ns`` (so the first sample
             of a file is at 0; a slice keeps its own times). ``None``: static poses.
         position: ``(N, n)`` rad or m.
-        velocity: ``(N, n)`` rad/s or m/s, or ``None`` where not recorded.
-        effort: ``(N, n)`` N·m or N that the actuators apply, or ``None`` where not recorded.
+        velocity: ``(N, n)`` rad/s or m/s, or ``None`` where not recorded; NaN throughout of a joint
+            of which it was not.
+        effort: ``(N, n)`` N·m or N that the actuators apply, or ``None`` where not recorded; NaN
+            throughout of a joint of which it was not.
         direction: ``(N, n)``, +1 or -1: how a static pose was approached, or ``None``.
         coordinates: ``"joint"`` (what measured_js publishes) or ``"actuator"`` (motors).
         source: File or folder that it came from.
@@ -43,6 +47,7 @@ class Samples:
             dVRK marks invalid data.
         repeated: Number of samples left out because they carried the stamp of the sample before.
         arm: Whose joints these are; ``None`` where it is not known: then nothing tells units apart.
+        notes: What else reading found and left out.
     """
 
     joints: tuple[str, ...]
@@ -57,10 +62,74 @@ class Samples:
     invalid: int = 0
     repeated: int = 0
     arm: Arm | None = None
+    notes: tuple[Note, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of samples N."""
         return self.position.shape[0]
+
+    @property
+    def rate(self) -> float | None:
+        """Sampling rate from the median interval, Hz; ``None`` for static poses or one sample."""
+        if self.time is None or len(self) < 2:
+            return None
+        return float(1.0 / np.median(np.diff(self.time)))
+
+    @property
+    def scale(self) -> Array:
+        """(n,) rad or m that count as much as a rad; see ``Arm.scale``."""
+        if self.arm is None:
+            return np.ones(len(self.joints))
+        return self.arm.scale[[self.arm.joint_names.index(joint) for joint in self.joints]]
+
+    def rows(self, selection: slice | Sequence[int] | NDArray[np.bool_ | np.integer]) -> Self:
+        """Return the samples that a slice, index array or mask of length N selects."""
+
+        def pick(array: Array | None) -> Array | None:
+            return None if array is None else array[selection]
+
+        return replace(
+            self,
+            time=pick(self.time),
+            position=self.position[selection],
+            velocity=pick(self.velocity),
+            effort=pick(self.effort),
+            direction=pick(self.direction),
+        )
+
+    @property
+    def found(self) -> tuple[Note, ...]:
+        """All that reading found."""
+        counted: tuple[tuple[Kind, int, str], ...] = (
+            ("invalid_stamps", self.invalid, "with stamp 0 (marked invalid)"),
+            ("repeated_stamps", self.repeated, "with the time of the sample before"),
+        )
+        notes = (Note(kind, text, count=count) for kind, count, text in counted if count)
+        return (*notes, *self.notes)
+
+    def with_found(self, others: Iterable[Samples]) -> Self:
+        """Return the same samples with what reading found in others, too."""
+        parts: tuple[Samples, ...] = (*others, self)
+        return replace(
+            self,
+            invalid=sum(part.invalid for part in parts),
+            repeated=sum(part.repeated for part in parts),
+            notes=merged(note for part in parts for note in part.notes),
+        )
+
+    def counted(self) -> Self:
+        """Return the same samples without what was left out in reading, which is counted once."""
+        return replace(self, invalid=0, repeated=0, notes=())
+
+
+SamplesT = TypeVar("SamplesT", bound=Samples)
+
+
+def not_recorded(values: Array | None) -> NDArray[np.bool_]:
+    """Return (n,): the columns of (N, n) values that were not recorded, NaN throughout."""
+    if values is None or not np.isnan(values[:1]).any():
+        return np.zeros(0 if values is None else values.shape[1], dtype=bool)
+    return np.asarray(np.isnan(values).all(axis=0))
 
 
 def check_joints(source: str, names: Collection[str], arm: Arm | None) -> None:
@@ -74,3 +143,32 @@ def check_joints(source: str, names: Collection[str], arm: Arm | None) -> None:
         raise RecordingError(
             source, f"has the joints of arm {other}, expected those of {arm.name} alone"
         )
+
+
+def join(parts: Sequence[SamplesT]) -> SamplesT:
+    """Return consecutive parts of one recording as one."""
+    if len(parts) == 1:
+        return parts[0]
+
+    def column(name: str) -> Array | None:
+        values = [getattr(part, name) for part in parts]
+        if values[0] is None:
+            return None
+        result = np.concatenate(values)
+        result.flags.writeable = False
+        return result
+
+    position = column("position")
+    assert position is not None
+    return (
+        replace(
+            parts[0],
+            time=column("time"),
+            position=position,
+            velocity=column("velocity"),
+            effort=column("effort"),
+            direction=column("direction"),
+        )
+        .counted()
+        .with_found(parts)
+    )

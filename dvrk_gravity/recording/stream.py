@@ -13,9 +13,13 @@ from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.recording import files
+from dvrk_gravity.recording.csv_columns import Columns
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.files import A_PATH
-from dvrk_gravity.recording.samples import CHUNK, Coordinates, TimeBase
+from dvrk_gravity.recording.pieces import blocks
+from dvrk_gravity.recording.samples import CHUNK, Coordinates, TimeBase, join
+
+HEAD = 10_000  # samples by which what is the same for all of a file is told
 
 
 def iterate_recording(
@@ -25,6 +29,7 @@ def iterate_recording(
     time_base: TimeBase = "stamp",
     chunk: int = CHUNK,
     arm: Arm | None = None,
+    columns: Columns | None = None,
 ) -> Iterator[Recording]:
     """Yield a recording in consecutive parts of at most ``chunk`` samples.
 
@@ -34,7 +39,8 @@ def iterate_recording(
     Raises:
         RecordingError: When the part that cannot be used is reached.
     """
-    return map(Recording.checked, files.read(path, topic, coordinates, time_base, chunk, arm))
+    parts = files.read(path, topic, coordinates, time_base, chunk, arm, columns)
+    return map(Recording.checked, parts)
 
 
 class RecordingFile:
@@ -54,15 +60,16 @@ class RecordingFile:
         time_base: TimeBase = "stamp",
         coordinates: Coordinates = "joint",
         arm: Arm | None = None,
+        columns: Columns | None = None,
     ) -> None:
         """Read the first part; arguments are those of ``Recording.load``."""
         self._path, self._topic, self._time_base = path, topic, time_base
-        self._coordinates, self._arm = coordinates, arm
+        self._coordinates, self._arm, self._columns = coordinates, arm, columns
         self._left_out: tuple[tuple[tuple[int, int], ...], ...] = ()  # each of what was left
         if arm is not None and arm.held:  # which the arm's own joints do not tell
-            whole = iterate_recording(path, topic, coordinates, time_base)
+            whole = iterate_recording(path, topic, coordinates, time_base, columns=columns)
             next(whole).require_held(arm)
-        self.head = next(self.parts())
+        self.head = next(blocks(self.parts(), HEAD))
 
     def __repr__(self) -> str:
         """Say which file it is."""
@@ -73,7 +80,7 @@ class RecordingFile:
         if self._arm is arm:
             return self
         given = self._path, self._topic, self._time_base, self._coordinates
-        result = RecordingFile(*given, arm)
+        result = RecordingFile(*given, arm, self._columns)
         for left_out in self._left_out:
             result = result.without(left_out)
         return result
@@ -86,7 +93,7 @@ class RecordingFile:
         """
         result = copy(self)
         result._left_out = (*self._left_out, tuple(left_out))
-        first = next(result.parts(), None)
+        first = next(blocks(result.parts(), HEAD), None)
         if first is None:
             raise RecordingError(self.head.source, "holds no samples")
         result.head = first
@@ -95,15 +102,16 @@ class RecordingFile:
     def parts(self) -> Iterator[Recording]:
         """Yield consecutive parts."""
         parts = iterate_recording(
-            self._path, self._topic, self._coordinates, self._time_base, arm=self._arm
-        )
+            self._path, self._topic, self._coordinates, self._time_base,
+            arm=self._arm, columns=self._columns,
+        )  # fmt: skip
         for left_out in self._left_out:
             parts = _without(parts, left_out)
         return parts
 
     def load(self) -> Recording:
         """Return the whole."""
-        return files.join(list(self.parts()))
+        return join(list(self.parts()))
 
 
 def _without(

@@ -1,78 +1,74 @@
-"""Stamps of a recording that is read part by part: increasing times, and what was left out."""
+"""Stamps that should increase: which of them to use where some repeat, go back, or jump ahead."""
 
 from __future__ import annotations
-
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.samples import Array, Samples
+# Samples in a row that may be out of order: 0.1 s at 1 kHz. Chosen: more is another recording
+# appended, or a clock that was set, and which part is right would have to be guessed.
+MOST = 100
+# Samples whose stamps are judged together with those that follow them.
+HELD = MOST + 1
+
+Mask = NDArray[np.bool_]
 
 
-class Timeline:
-    """Makes times relative to the first stamp, and leaves repeated stamps out.
+def increasing(
+    stamps: NDArray[np.int64], previous: int | None, decided: int
+) -> tuple[Mask, Mask, int | None]:
+    """Return which of consecutive stamps increase, when as few as possible are left out.
 
-    Attributes:
-        start_ns: First stamp, ns, or ``None`` before there was one.
+    Where time goes back, either the stamps before were ahead for a moment, or those after are late
+    for one: the shorter run of the two is out of order.
+
+    Args:
+        stamps: ``(N,)`` ns.
+        previous: Stamp of the sample before them, which is used; ``None``: they are the first.
+        decided: Only of so many of them is it asked; the others show how it goes on.
+
+    Returns:
+        ``(N,)`` masks of those that are later than all used before, and of those out of order; the
+        others repeat the one before. The number of the first one of a run that is too long to be
+        left out, ``None`` if there is none.
     """
-
-    def __init__(self) -> None:
-        """Begin before the first stamp."""
-        self.start_ns: int | None = None
-        self._previous = 0
-
-    def advance(
-        self, stamps: NDArray[np.int64], numbers: Sequence[int], where: str
-    ) -> tuple[NDArray[np.bool_], Array]:
-        """Take the stamps of the next part.
-
-        Args:
-            stamps: ``(N,)`` ns.
-            numbers: Line or message numbers of the N, for errors.
-            where: What goes before such a number in an error.
-
-        Returns:
-            Which of the N are later than the one before, and their times, s after ``start_ns``.
-
-        Raises:
-            RecordingError: If a stamp is earlier than the one before.
-        """
-        if not len(stamps):
-            return np.zeros(0, dtype=bool), np.zeros(0)
-        if self.start_ns is None:
-            self.start_ns = int(stamps[0])
-            self._previous = self.start_ns - 1
-        steps = np.diff(stamps, prepend=self._previous)
-        back = np.flatnonzero(steps < 0)
-        if len(back):
-            raise RecordingError(
-                f"{where} {numbers[int(back[0])]}",
-                f"time goes back by {-steps[back[0]] / 1e9:g} s, expected increasing times",
-            )
-        self._previous = int(stamps[-1])
-        later = steps > 0
-        return later, (stamps[later] - self.start_ns) / 1e9
-
-
-def with_counts(parts: Iterable[tuple[Samples | None, int, int]]) -> Iterator[Samples]:
-    """Yield the recordings among ``parts`` with their counts of invalid and repeated samples.
-
-    What parts without a recording left out is counted with the next one, or at the end with the
-    last, which is why every recording is held back until the next.
-    """
-    held: Samples | None = None
-    invalid = repeated = 0
-    for recording, part_invalid, part_repeated in parts:
-        invalid += part_invalid
-        repeated += part_repeated
-        if recording is None:
+    steps = np.diff(stamps, prepend=stamps[0] - 1 if previous is None else previous)
+    if (steps >= 0).all():
+        return steps > 0, np.zeros(len(stamps), dtype=bool), None
+    wild = np.zeros(len(stamps), dtype=bool)
+    values = stamps.tolist()
+    used: list[int] = []
+    at = 0
+    while at < len(values):
+        value = values[at]
+        last = values[used[-1]] if used else previous
+        if last is None or value >= last:
+            used.append(at)
+            at += 1
             continue
-        if held is not None:
-            yield held
-        held = replace(recording, invalid=invalid, repeated=repeated)
-        invalid = repeated = 0
-    if held is not None:
-        yield replace(held, invalid=held.invalid + invalid, repeated=held.repeated + repeated)
+        ahead = _ahead(values, used, value) if previous is None or value >= previous else MOST + 1
+        late = 0
+        while late <= MOST and at + late < len(values) and values[at + late] <= last:
+            late += 1
+        if min(ahead, late) > MOST:
+            if at < decided:
+                return wild, wild, at
+            break
+        if ahead < late:
+            wild[used[len(used) - ahead :]] = True
+            del used[len(used) - ahead :]
+        else:
+            wild[at : at + late] = True
+            at += late
+    kept = np.zeros(len(stamps), dtype=bool)
+    first = stamps[used[:1]] - 1 if previous is None else [previous]
+    kept[used] = np.diff(stamps[used], prepend=first) > 0
+    return kept, wild, None
+
+
+def _ahead(values: list[int], used: list[int], value: int) -> int:
+    """Return how many of the last used stamps are later than a value, or one more than may be."""
+    count = 0
+    while count <= MOST and count < len(used) and values[used[-1 - count]] > value:
+        count += 1
+    return count

@@ -20,6 +20,7 @@ from dvrk_gravity.recording.filters import LowPass, derivative
 from dvrk_gravity.recording.frozen import FrozenSpan, clipped_efforts, frozen_efforts
 from dvrk_gravity.recording.gaps import Gaps
 from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
+from dvrk_gravity.recording.notes import Note
 from dvrk_gravity.recording.pieces import Findings, Piece, blocks, with_margins
 from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF, SHORTEST, derived_joints, low_pass
 from dvrk_gravity.recording.sample_times import RetimingSettings
@@ -114,17 +115,17 @@ def read_trajectory(
         raise RecordingError(first.source, "holds one sample, expected a trajectory")
     low, wide = _filters(first, rate, cutoff)
     findings, work = Findings(), _Work(low, wide)
-    left_out: list[tuple[int, int]] = []
+    notes: list[tuple[Note, ...]] = []
 
     def counted() -> Iterator[Recording]:
         for block in chain((first,), stream):
-            left_out.append((block.invalid, block.repeated))
+            notes.append(block.found)
             yield block
 
     slow = LowPass(RetimingSettings().slowest, rate)
     margin = max(MARGIN * low.edge, JITTER_MARGIN * slow.edge)
     for index, padded in enumerate(with_margins(counted(), int(np.ceil(margin)))):
-        findings.add(padded, *left_out[index])
+        findings.add(padded, notes[index])
         work.add(padded)
     warnings = findings.merged(first)
     derived = derived_joints(first, warnings)

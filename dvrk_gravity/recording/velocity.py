@@ -97,7 +97,7 @@ def compare_velocity(recording: Recording) -> tuple[VelocityFit | None, ...]:
         recording: With time.
 
     Returns:
-        A fit for every joint; ``None`` where there is no column, too short a recording, or a
+        A fit for every joint; ``None`` where none was recorded, too short a recording, or a
         joint whose motion does not rise above its encoder's steps.
     """
     nothing: tuple[None, ...] = (None,) * len(recording.joints)
@@ -122,7 +122,7 @@ def compare_velocity(recording: Recording) -> tuple[VelocityFit | None, ...]:
         x, y, a = derived[:, j], column[:, j], acceleration[:, j]
         spread = float(np.std(x))
         noise = velocity_error(quantum(longest.position[:, j]), low.cutoff, nominal)
-        if spread <= max(settings.noise * noise, settings.slowest):
+        if spread <= max(settings.noise * noise, settings.slowest) or np.isnan(y[0]):
             fits.append(None)
             continue
         slope = float(x @ y / (x @ x))

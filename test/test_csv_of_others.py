@@ -1,0 +1,294 @@
+"""CSV files are read as the programs of the field write them, or refused with the way out."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recording_samples import ARM, wave
+
+from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.command_line import run
+from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.recording import Recording, check
+
+CLEAN = wave(400)
+EPOCH = 1_700_000_000
+N = range(7)
+FIELDS = ("position", "velocity", "effort")
+
+
+def text(value):
+    return value if isinstance(value, str) else repr(float(value))
+
+
+def written(path, names, columns, delimiter=",", head="", comma=False):
+    """Write a file with a header of some names and rows of some columns."""
+    lines = [delimiter.join(names)] if names else []
+    for row in zip(*columns, strict=True):
+        line = delimiter.join(map(text, row))
+        lines.append(line.replace(".", ",") if comma else line)
+    path.write_text(head + "\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def values(*quantities, factors=(1.0, 1.0, 1.0)):
+    """Return the columns of some quantities, joint by joint."""
+    return [
+        factor * getattr(CLEAN, quantity)[:, k]
+        for quantity, factor in zip(quantities, factors, strict=False)
+        for k in N
+    ]
+
+
+def named(pattern, words=FIELDS):
+    """Return names of columns by a pattern of joint, number and word."""
+    return [pattern.format(joint=JOINT_NAMES[k], k=k, k1=k + 1, word=word)
+            for word in words for k in N]  # fmt: skip
+
+
+ALL = values(*FIELDS)
+DEGREES = values(*FIELDS, factors=(180 / np.pi, 180 / np.pi, 1000.0))
+T = CLEAN.time
+DATES = [f"2023-11-14T22:13:{20 + t:09.6f}+00:00" for t in T]
+LONG = [np.full(400, 2.0), np.arange(400.0)]
+
+# names, columns, and how they are written
+FORMS = {
+    "PlotJuggler, ROS 2": (
+        ["__time", "/MTMR/measured_js/header/stamp/sec", "/MTMR/measured_js/header/stamp/nanosec",
+         *named("/MTMR/measured_js/{joint}/{word}"), *named("/MTMR/setpoint_js/{joint}/{word}")],
+        [T + EPOCH + 0.01, [str(EPOCH + int(t)) for t in T],
+         [str(round((t % 1.0) * 1e9)) for t in T], *ALL, *[-c for c in ALL]], {},
+    ),
+    "PlotJuggler, ROS 1": (
+        ["__time", "/j/header/seq", "/j/header/stamp", *named("/j/{joint}/{word}")],
+        [T, LONG[1], T + EPOCH, *ALL], {},
+    ),
+    "PlotJuggler, by number": (
+        ["__time", *named("/joint_states/{word}[{k}]")], [T, *ALL], {}),
+    "pandas, with its index": (["", "time", *named("{joint}.{word}")], [LONG[1], T, *ALL], {}),
+    "pandas, dates as index": (["", *named("{joint}.{word}")], [DATES, *ALL], {}),
+    "q, qd, tau": (
+        ["t", *named("{word}{k1}", ("q", "qd", "tau"))], [T, *ALL], {}),
+    "pos, vel, eff": (
+        ["timestamp", *named("{joint}.{word}", ("pos", "vel", "eff"))], [T, *ALL], {}),
+    "underscores": (["time", *named("{joint}_{word}")], [T, *ALL], {}),
+    "rostopic echo -p": (
+        ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id",
+         *[f"field.name{k}" for k in N], *named("field.{word}{k}")],
+        [(T + 9.0) * 1e9 + EPOCH * 1e9, LONG[1], (T + EPOCH) * 1e9, [""] * 400,
+         *[[name] * 400 for name in JOINT_NAMES], *ALL], {},
+    ),
+    "ros2 topic echo --csv": (
+        None,
+        [[str(EPOCH + int(t)) for t in T], [str(round((t % 1.0) * 1e9)) for t in T], [""] * 400,
+         *[[name] * 400 for name in JOINT_NAMES], *ALL], {},
+    ),
+    "UR's recorder": (
+        ["timestamp", *named("actual_{word}_{k}", ("q", "qd", "current")),
+         *named("target_{word}_{k}", ("q", "qd", "moment"))],
+        [T, *ALL, *[-c for c in ALL]], {"delimiter": " "},
+    ),
+    "libfranka": (
+        ["duration", "success_rate", *named("state.{word}[{k}]", ("q", "q_d", "dq", "tau_J")),
+         *named("cmd.{word}[{k}]", ("q", "dq_c"))],
+        [T, LONG[0], *values("position"), *[c + 1 for c in values("position")],
+         *values("velocity", "effort"), *ALL[:14]], {},
+    ),
+    "cisst's collector": (
+        ["# Ticks", "measured_js-timestamp", *named("measured_js.{word}[{k}]",
+                                                    ("Position", "Velocity", "Effort"))],
+        [LONG[1], T, *ALL], {"head": "# Component name : MTMR\n# Data format : Text (CSV)\n#\n"},
+    ),
+    "semicolons and decimal commas": (
+        ["time", *named("{joint}.{word}")], [T, *ALL], {"delimiter": ";", "comma": True}),
+    "tabs": (["time", *named("{joint}.{word}")], [T, *ALL], {"delimiter": "\t"}),
+    "a byte order mark": (["\ufefftime", *named("{joint}.{word}")], [T, *ALL], {}),
+    "units": (
+        ["time [ms]", *[f"{name} {unit}" for name, unit in zip(
+            named("{joint}.{word}"), 7 * ["[deg]"] + 7 * ["[deg/s]"] + 7 * ["(mNm)"],
+            strict=True)]],
+        [1000 * T, *DEGREES], {},
+    ),
+    "ns since 1970": (
+        ["time", *named("{joint}.{word}")], [(T + EPOCH) * 1e9, *ALL], {}),
+    "ms since 1970": (
+        ["time_ms", *named("{joint}.{word}")], [(T + EPOCH) * 1e3, *ALL], {}),
+    "dates": (["time", *named("{joint}.{word}")], [DATES, *ALL], {}),
+    "a column twice": (
+        ["time", *named("{joint}.{word}"), "time"], [T, *ALL, T], {}),
+    "columns of other things": (
+        ["time", *named("{joint}.{word}"), "temperature", "comment"],
+        [T, *ALL, LONG[0], ["fine"] * 400], {},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_what_the_programs_of_the_field_write_is_read(tmp_path, form):
+    names, columns, how = FORMS[form]
+    found = Recording.load(written(tmp_path / "a.csv", names, columns, **how), arm=ARM)
+    assert found.joints == JOINT_NAMES
+    assert len(found) == 400
+    np.testing.assert_allclose(found.time, CLEAN.time, atol=1e-6)
+    for quantity in FIELDS:
+        np.testing.assert_allclose(
+            getattr(found, quantity), getattr(CLEAN, quantity), rtol=1e-12, atol=1e-15
+        )
+
+
+def test_what_was_taken_for_what_is_said_once(tmp_path):
+    names, columns, how = FORMS["UR's recorder"]
+    found = Recording.load(written(tmp_path / "a.csv", names, columns, **how), arm=ARM)
+    (note,) = [str(warning) for warning in check(found) if warning.kind == "columns"]
+    assert note.startswith("columns read: timestamp as time, actual_q_0 as outer_yaw.position, ")
+    assert "columns not read: target_q_0, " in note
+    names, columns, _ = FORMS["columns of other things"]
+    found = Recording.load(written(tmp_path / "b.csv", names, columns), arm=ARM)
+    assert found.notes[0].text == "columns not read: temperature, comment"
+
+
+def test_of_the_times_in_a_file_the_one_that_is_asked_for_is_read(tmp_path):
+    names, columns, _ = FORMS["rostopic echo -p"]
+    path = written(tmp_path / "a.csv", names, columns)
+    assert abs(Recording.load(path, arm=ARM).start_ns - EPOCH * 10**9) < 1000
+    received = Recording.load(path, arm=ARM, time_base="receive")
+    assert abs(received.start_ns - (EPOCH + 9) * 10**9) < 1000
+
+
+def test_rows_of_several_topics_are_those_of_the_arm_s(tmp_path):
+    names = ["__time", *named("/MTMR/measured_js/{joint}/{word}"), "/force/x"]
+    path = tmp_path / "a.csv"
+    lines = [",".join(names)]
+    for k in range(400):
+        row = [getattr(CLEAN, q)[k, j] for q in FIELDS for j in N]
+        lines.append(",".join(map(repr, map(float, [T[k], *row]))) + ",")
+        lines.append(f"{T[k] + 0.001}" + 21 * "," + ",1.5")
+    path.write_text("\n".join(lines))
+    found = Recording.load(path, arm=ARM)
+    np.testing.assert_array_equal(found.position, CLEAN.position)
+    assert all(note.kind == "columns" for note in found.notes)
+
+
+MINE = ["Zeit", *[f"A{k}" for k in N], *[f"M{k}" for k in N]]
+MINE_COLUMNS = [1000 * T, *values("position", factors=[180 / np.pi]), *values("effort")]
+MAP = {"Zeit": "time[ms]"} | {f"A{k}": f"{JOINT_NAMES[k]}.position[deg]" for k in N} | {
+    f"M{k}": f"{JOINT_NAMES[k]}.effort" for k in N
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["mapping", "text", "file", "no header"])
+def test_other_names_are_mapped_by_columns(tmp_path, kind):
+    path = written(tmp_path / "a.csv", None if kind == "no header" else MINE, MINE_COLUMNS)
+    given = MAP
+    if kind == "no header":
+        given = {str(k + 1): target for k, target in enumerate(MAP.values())}
+    if kind != "mapping":
+        given = ",".join(f"{name}={target}" for name, target in given.items())
+    if kind == "file":
+        (tmp_path / "map.yaml").write_text("\n".join(f"{n}: {t}" for n, t in MAP.items()))
+        given = tmp_path / "map.yaml"
+    found = Recording.load(path, arm=ARM, columns=given)
+    np.testing.assert_allclose(found.position, CLEAN.position, rtol=1e-12)
+    np.testing.assert_allclose(found.time, CLEAN.time, atol=1e-9)
+    assert found.velocity is None
+
+
+def test_a_joint_s_name_may_hold_what_parts_other_names(tmp_path):
+    path = written(tmp_path / "a.csv", ["t", "A1", "wrist 2.position [deg]"], [T, T, 180.0 * T])
+    found = Recording.load(path, columns={"A1": "wrist-1.position[deg]"})
+    assert found.joints == ("wrist-1", "wrist 2")
+    np.testing.assert_allclose(found.position, np.pi * np.stack([T / 180.0, T], axis=1))
+
+
+def test_every_verb_takes_columns(tmp_path, capsys):
+    path = str(written(tmp_path / "a.csv", MINE, MINE_COLUMNS))
+    given = ["--columns", ",".join(f"{name}={target}" for name, target in MAP.items())]
+    model = ["--model", str(Path(__file__).parents[1] / "config/mtmr_28002.yaml")]
+    assert run("dvrk_gravity.cli.evaluate", [path, *model, *given]) == 0
+    assert run("dvrk_gravity.cli.convert", [path, str(tmp_path / "bag"), *given]) == 0
+    assert Recording.load(tmp_path / "bag").joints == JOINT_NAMES
+    capsys.readouterr()
+    for verb, words in (("identify", ["--arm", "mtmr"]), ("diagnose", model), ("evaluate", model)):
+        out = [] if verb == "evaluate" else ["--out", str(tmp_path / "x.yaml")]
+        assert run(f"dvrk_gravity.cli.{verb}", [path, *words, *out]) == 2
+        assert "--columns" in capsys.readouterr().err
+
+
+def row(*cells):
+    return ",".join(cells) + "\n"
+
+
+REFUSED = {
+    "Foxglove's plot": (
+        "elapsed time,receive time,header.stamp,topic,value\n0,1,1,/a.b,2\n",
+        "looks like the data of a Foxglove plot, one value a row",
+    ),
+    "no header": ("0,1,2\n1,2,3\n", "line 1: has no header, expected names of columns; or --col"),
+    "two fields echoed": (
+        "1,5,,a,b,0.1,0.2,0.3,0.4\n",
+        "looks like `ros2 topic echo --csv`, of which two fields",
+    ),
+    "another number of joints": (
+        row("t", "q1", "q2") + "0,1,2\n",
+        "columns such as 'q1' do not name their joints: 2 of them, expected 7 of arm mtmr; or",
+    ),
+    "a time of another name": (
+        row("Zeit", "outer_yaw.position") + "0,1\n",
+        "no column is known as time, and it may be one of Zeit: --columns NAME=time",
+    ),
+    "two efforts": (
+        row("t", *named("{word}_{k}", ("q", "actual_current", "actual_moment"))) + 22 * "0," + "\n",
+        "columns 'actual_current_0' and 'actual_moment_0' could both be the effort of a joint",
+    ),
+    "a column twice, not the same": (
+        row("time", "time", "outer_yaw.position") + "0,0,1\n1,2,1\n",
+        "line 3: column 'time' appears twice with different values",
+    ),
+    "an unknown unit": (
+        row("time", "outer_yaw.position [counts]") + "0,1\n",
+        "is in counts, expected one of rad, ",
+    ),
+    "time in relative ns": (
+        row("time", "outer_yaw.position") + "".join(f"{k * 50_000_000_000},1\n" for k in range(9)),
+        "time is 4e+11, expected seconds; or --columns 'time=time[ms]'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_would_have_to_be_guessed_is_refused_with_the_way_out(tmp_path, case):
+    content, expected = REFUSED[case]
+    (tmp_path / "a.csv").write_text(content)
+    with pytest.raises(RecordingError) as caught:
+        Recording.load(tmp_path / "a.csv", arm=ARM)
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ("q1", "NAME=time,NAME=<joint>.position"),
+        ("q1=elbow", "a target: time, direction or <joint>.position"),
+        ("nothing=time", "no column 'nothing'"),
+        ({"time": "q1"}, "a target"),
+    ],
+)
+def test_columns_that_are_none_are_refused(tmp_path, given, expected):
+    path = written(tmp_path / "a.csv", ["time", *named("{joint}.{word}")], [T, *ALL])
+    with pytest.raises((ConfigError, RecordingError), match=expected):
+        Recording.load(path, columns=given)
+
+
+@pytest.mark.parametrize("bad", ["5,1,x", "5,1", "5,1,2,3", "--- restarted ---", "5;1;2"])
+def test_a_few_rows_that_are_none_are_left_out_and_the_first_is_named(tmp_path, bad):
+    rows = [f"{k},1,{k}" for k in range(9000)]
+    rows[5000] = rows[7000] = bad
+    (tmp_path / "a.csv").write_text("time,outer_yaw.position,outer_yaw.effort\n" + "\n".join(rows))
+    found = Recording.load(tmp_path / "a.csv")
+    assert len(found) == 8998
+    (note,) = found.notes
+    assert (note.kind, note.count) == ("unreadable", 2)
+    assert "the first one: " in note.text
+    assert "line 5002: " in note.text
