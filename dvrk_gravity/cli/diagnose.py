@@ -16,7 +16,6 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
 if TYPE_CHECKING:
-    from dvrk_gravity.arms import Arm
     from dvrk_gravity.diagnosis import Diagnosis
     from dvrk_gravity.diagnosis.findings import Finding
     from dvrk_gravity.recording.data import Coordinates
@@ -52,8 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--coordinates", choices=("joint", "actuator"),
-        help="what the recordings' columns are (default: joint; with --reference, what a plain "
-        "model fits that better in)",
+        help="what the recordings' columns are (default: what a plain model fits them better in, "
+        "of both alike with --reference; what is not joint coordinates is a finding)",
     )  # fmt: skip
     add_at(parser)
     parser.add_argument("--topic", help="JointState topic of a bag, if it has several")
@@ -85,10 +84,8 @@ def run(args: argparse.Namespace) -> int:
         arm = model.arm
     still = still_joints(args.at, arm)
     files = [*args.recordings, *([] if args.reference is None else [args.reference])]
-    coordinates = _coordinates(args, arm)
-    recordings = [
-        RecordingFile(path, args.topic, coordinates=coordinates, arm=arm) for path in files
-    ]
+    read_as: Coordinates = args.coordinates or "joint"
+    recordings = [RecordingFile(path, args.topic, coordinates=read_as, arm=arm) for path in files]
     require_unrecorded(args.at, recordings)
     reference = None if args.reference is None else recordings.pop()
     shown = sys.stderr.isatty()
@@ -99,8 +96,9 @@ def run(args: argparse.Namespace) -> int:
 
     try:
         diagnosis = diagnose(
-            recordings, model, progress, simulated=True, still=still, reference=reference,
-            arm=arm, known_payload=args.known_payload,
+            recordings, model, progress, simulated=True, still=still,
+            coordinates=args.coordinates, reference=reference, arm=arm,
+            known_payload=args.known_payload,
         )  # fmt: skip
     except ConfigError as error:
         of_model = args.model is not None and not error.field.startswith("--")
@@ -120,27 +118,6 @@ def run(args: argparse.Namespace) -> int:
         print(f"warning: {line}", file=sys.stderr)
     print(diagnosis.to_json() if args.json else _summary(diagnosis, out))
     return 0
-
-
-def _coordinates(args: argparse.Namespace, arm: Arm) -> Coordinates:
-    """Return what the recordings' columns are.
-
-    A model tells whether a recording is read wrongly; a reference that is misread alike does not.
-    """
-    from dvrk_gravity.identification.coordinates import detect_coordinates
-    from dvrk_gravity.recording import RecordingFile
-
-    given: Coordinates | None = args.coordinates
-    if given is not None or args.reference is None:
-        return given or "joint"
-    reference = RecordingFile(args.reference, args.topic, arm=arm)
-    complete = set(arm.joint_names) <= set(reference.head.joints)
-    if not complete or reference.head.time is None or reference.head.effort is None:
-        return "joint"
-    coordinates, why = detect_coordinates(reference, arm)
-    if why:
-        print(f"data: {why}", file=sys.stderr)
-    return coordinates
 
 
 def _summary(diagnosis: Diagnosis, out: Path) -> str:

@@ -81,6 +81,7 @@ _CONTRADICTED = (
 )
 _DIFFERENT = "the recordings differ about it"
 _BESIDE_DIFFERENT = "found beside the average of what the recordings differ about"
+_WORSE = "what was found does not explain all: after it the error is larger at"
 _EXTRAPOLATED = "what the model says there is extrapolated, and counts as uncertain"
 
 
@@ -138,7 +139,8 @@ def assemble(
         readings = error_beside(wrong[0].motion), held_out.error(of_file)
     # Of three joints that are exchanged one exchange alone puts nothing right: all are told by
     # what they do together.
-    findings = [reading_finding(reading, *readings, held_out) for reading in wrong]
+    findings = list(loaded.faults)
+    findings += [reading_finding(reading, *readings, held_out) for reading in wrong]
     effect_findings = []
     for i, effect in enumerate(selected):
         if i in not_told:
@@ -195,9 +197,10 @@ def assemble(
     motion = data.motion
     qd = None if motion.static else motion.qd
     told_of = np.where(held_out.seen, 1.0, np.nan)
+    worse = [names[joint] for joint in held_out.grown(first, held_out.error(named)) if findings]
     outside = outside_range(motion.model, motion.q, qd, motion.present)
     return Diagnosis(
-        verdict=_verdict(findings, different),
+        verdict=_verdict(findings, different or bool(worse)),
         findings=tuple(findings),
         known=known(validation, held_out, minor, named, expected),
         before=by_joint(names, told_of * held_out.rmse(first)),
@@ -210,6 +213,7 @@ def assemble(
         warnings=loaded.warnings,
         notes=(
             *notes(loaded, validation, floor),
+            *((f"warning: {_WORSE} {', '.join(worse)}",) if worse else ()),
             *(f"{line}: {_EXTRAPOLATED}" for line in outside),
             *(str(effect) for effect in unconfirmed),
             *(f"not told: {named[i].hypothesis}: {_BESIDE_DIFFERENT}" for i in not_told),
@@ -387,13 +391,13 @@ def _alternatives(
     return tuple(result)
 
 
-def _verdict(findings: Sequence[Finding], different: bool) -> Verdict:
+def _verdict(findings: Sequence[Finding], in_part: bool) -> Verdict:
     if not findings:
         return "nothing_to_explain"
     unknown = [finding.effect == Unknown.NAME for finding in findings]
     if all(unknown):
         return "unexplained"
-    if any(unknown) or different:
+    if any(unknown) or in_part:
         return "partly_explained"
     if any(finding.alternatives for finding in findings):
         return "ambiguous"

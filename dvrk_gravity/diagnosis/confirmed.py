@@ -102,9 +102,9 @@ def _held_out_confirms(
     def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
         validation.weigh(validation.out_of_fold(kept))
         on_trial = [candidate for candidate in kept if not candidate.hypothesis.of_model]
-        found = HeldOut(validation).unconfirmed(
-            kept, on_trial, lambda candidate: sure(kept, candidate)
-        )
+        held_out = HeldOut(validation)
+        found = held_out.unconfirmed(kept, on_trial, lambda candidate: sure(kept, candidate))
+        found = found or held_out.worsening(kept)
         failures.update({id(candidate): failure for failure, candidate in found})
         return [
             (0.0 if failure.gain is None else failure.gain.relative, candidate)

@@ -37,6 +37,8 @@ class JudgementSettings:
         notable: Part of what is removed at the joint that gains most. Chosen.
         widest: Times a positive setting: as wide an interval says that nothing is known. Chosen.
         draws: Of parameters, for intervals of what is derived from them: ten lie beyond either end.
+        worse: Standard errors over the blocks beyond which a joint's error grew. Chosen: what may
+            well be harm is no explanation.
     """
 
     alpha: float = 0.01
@@ -46,6 +48,7 @@ class JudgementSettings:
     notable: float = 0.5
     widest: float = 100.0
     draws: int = 400
+    worse: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -57,12 +60,14 @@ class Unconfirmed:
         joint: Name of the joint where it does best.
         gain: What it removes there; ``None``: it acts in no held-out block, where it might fail.
         partial: Of all that it claims only a part shows, see ``Hypothesis.must_show``.
+        worsens: With it the error at that joint is larger than that of the given model.
     """
 
     hypothesis: Hypothesis
     joint: str
     gain: Gain | None
     partial: bool = False
+    worsens: bool = False
 
     def __str__(self) -> str:
         """Say so."""
@@ -70,6 +75,11 @@ class Unconfirmed:
             return (
                 f"chosen, but left out, for it acts in no held-out block that could confirm it: "
                 f"{self.hypothesis}"
+            )
+        if self.worsens:
+            return (
+                f"chosen, but left out, for with it the error at {self.joint} is larger than the "
+                f"given model's: {self.hypothesis}"
             )
         if self.partial:
             return (
@@ -142,6 +152,36 @@ class HeldOut:
     def rmse(self, error: Array) -> Array:
         """Return (n,) root mean squares over the usable held-out samples, N·m."""
         return np.sqrt(_mean_square(error, self._usable))
+
+    def grown(self, before: Array, after: Array) -> list[int]:
+        """Return the joints at which (H, n) errors are larger than others, beyond chance."""
+        square = np.where(self._usable, after**2 - before**2, 0.0)
+        blocks = np.unique(self._block)
+        totals = np.stack([square[self._block == block].sum(axis=0) for block in blocks])
+        error = np.std(totals, axis=0, ddof=1) * np.sqrt(len(blocks)) if len(blocks) > 1 else 0.0
+        clearly = totals.sum(axis=0) > self.settings.worse * error
+        larger = self.rmse(after) > (1.0 + self.settings.least_removed) * self.rmse(before)
+        return np.flatnonzero(clearly & larger).tolist()
+
+    def worsening(self, chosen: Sequence[Candidate]) -> list[tuple[Unconfirmed, Candidate]]:
+        """Return the chosen candidate that adds most to the error of a joint that has grown.
+
+        None where no joint's error is larger than that of the given model, or where it is hardly
+        less without any of them.
+        """
+        after = self.error(chosen)
+        joints = self.grown(self.as_read(), after)
+        found: list[tuple[float, int, Candidate]] = []
+        for candidate in chosen if joints else ():
+            without = self.error([other for other in chosen if other is not candidate])
+            added = (self.rmse(after) - self.rmse(without))[joints] / self.rmse(after)[joints]
+            found.append((float(added.max()), joints[int(np.argmax(added))], candidate))
+        guilty = [each for each in found if each[0] > self.settings.least_removed]
+        if not guilty:
+            return []
+        _, joint, candidate = max(guilty, key=lambda each: each[0])
+        name = self.joint_names[joint]
+        return [(Unconfirmed(candidate.hypothesis, name, None, worsens=True), candidate)]
 
     def lasting(self, error: Array) -> Array:
         """Return (n,) which part of the squared errors is that of their means over the blocks.

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.beyond import held_beyond
+from dvrk_gravity.identification.coordinates import Decision, decide_coordinates
 from dvrk_gravity.identification.effort_unit import require_newtons
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.hand import beyond_limits
@@ -104,7 +105,7 @@ def evaluate(
     Args:
         model: The model, or the path of its file.
         recordings: Trajectories, or static poses: recordings or paths of their files.
-        coordinates: Of the recordings; ``None`` takes those in which the model fits better.
+        coordinates: Of the recordings; ``None``: found out for each (``decide_coordinates``).
         cutoff: Of the low-pass, Hz.
 
     Raises:
@@ -123,50 +124,42 @@ def evaluate(
         require_all(recording.head, model.arm, still or None)
     if all_static(recordings):
         poses = [whole(recording) for recording in recordings]
+        decision = decide_coordinates(
+            poses[0], model.arm, coordinates,
+            lambda system: _mean(_evaluate_static(model, poses, still, Decision(system))),
+        )  # fmt: skip
+        evaluated = _evaluate_static(model, poses, still, decision)
+        return replace(evaluated, handling=(*odd, *held, *evaluated.handling))
+    trajectories, decisions = list[Trajectory](), list[Decision]()
+    for recording in recordings:
+        trajectory = replace(read(recording, cutoff), still=still)
 
-        def run(coordinates: Coordinates, detected: str) -> Evaluation:
-            return _evaluate_static(model, poses, still, coordinates, detected)
-    else:
-        # Read once, compared in both coordinates.
-        trajectories = [replace(read(recording, cutoff), still=still) for recording in recordings]
+        def misfit(system: Coordinates, alone: Trajectory = trajectory) -> float:
+            return _mean(_evaluate_dynamic(model, [alone], Decision(system), cutoff))
 
-        def run(coordinates: Coordinates, detected: str) -> Evaluation:
-            return _evaluate_dynamic(model, trajectories, coordinates, cutoff, detected)
-
-    if coordinates is None and model.arm.direct_drive:
-        coordinates = "joint"  # the same either way
-    evaluated = _in_coordinates(coordinates, run)
-    return replace(evaluated, handling=(*odd, *held, *evaluated.handling))
-
-
-def _in_coordinates(
-    coordinates: Coordinates | None, run: Callable[[Coordinates, str], Evaluation]
-) -> Evaluation:
-    """Return the evaluation in some coordinates, or in those in which the model fits better."""
-    if coordinates is not None:
-        return run(coordinates, "")
-    results = {system: run(system, "") for system in get_args(Coordinates)}
-    size = {system: _total(result.joints) for system, result in results.items()}
-    best: Coordinates = "joint" if size["joint"] <= size["actuator"] else "actuator"
-    reason = (
-        f"taken as {best} coordinates: mean |e|/|tau| {size[best]:.3f}, "
-        f"{max(size.values()):.3f} in the others"
+        decision = decide_coordinates(trajectory, model.arm, coordinates, misfit)
+        trajectories.append(replace(trajectory, coordinates=decision.coordinates))
+        decisions.append(decision)
+    evaluated = _evaluate_dynamic(model, trajectories, decisions[0], cutoff)
+    doubts = tuple(warning for decision in decisions for warning in decision.warnings)
+    return replace(
+        evaluated,
+        handling=(*odd, *held, *evaluated.handling),
+        warnings=(*doubts, *evaluated.warnings),
     )
-    return replace(results[best], detected=reason)
 
 
-def _total(joints: Mapping[str, JointError]) -> float:
-    return float(np.mean([error.nrmse for error in joints.values()]))
+def _mean(evaluation: Evaluation) -> float:
+    return float(np.mean([error.nrmse for error in evaluation.joints.values()]))
 
 
 def _evaluate_dynamic(
     model: TorqueModel,
     recordings: Sequence[Trajectory],
-    coordinates: Coordinates,
+    decision: Decision,
     cutoff: float,
-    detected: str,
 ) -> Evaluation:
-    arm = model.arm
+    arm, coordinates = model.arm, decision.coordinates
     motions = read_motions(recordings, arm, coordinates, cutoff)
     traces, positions, velocities = [], [], []
     recorded = np.zeros(arm.n, dtype=bool)
@@ -204,7 +197,7 @@ def _evaluate_dynamic(
             recordings[0].source, "holds no time at which the efforts of all joints are readings"
         )
     sources = [recording.source for recording in recordings]
-    result = _result(traces, sources, coordinates, detected, motions.warnings, motions.handling)
+    result = _result(traces, sources, decision, motions.warnings, motions.handling)
     q, qd = np.concatenate(positions), np.concatenate(velocities)
     return replace(result, outside=outside_range(model, q, qd, recorded))
 
@@ -213,10 +206,9 @@ def _evaluate_static(
     model: TorqueModel,
     recordings: Sequence[Recording],
     still: Mapping[str, float],
-    coordinates: Coordinates,
-    detected: str,
+    decision: Decision,
 ) -> Evaluation:
-    arm = model.arm
+    arm, coordinates = model.arm, decision.coordinates
     stood = np.array([still.get(joint, 0.0) for joint in arm.joint_names])
     traces: list[Trace] = []
     warnings: list[DataWarning] = []
@@ -245,7 +237,7 @@ def _evaluate_static(
             Trace(recording.joints, None, q, None, measured, predicted, coordinates, False, number)
         )
     as_they_are = ("static poses, used as they are",)
-    result = _result(traces, sources, coordinates, detected, warnings, as_they_are)
+    result = _result(traces, sources, decision, warnings, as_they_are)
     recorded = np.array([name in recordings[0].joints for name in arm.joint_names])
     return replace(
         result,
@@ -284,8 +276,7 @@ def _depends_on_approach(
 def _result(
     traces: Sequence[Trace],
     sources: Sequence[str],
-    coordinates: Coordinates,
-    detected: str,
+    decision: Decision,
     warnings: Sequence[DataWarning],
     handling: Sequence[str],
 ) -> Evaluation:
@@ -296,8 +287,8 @@ def _result(
         if any(trace.source == number and len(trace.measured) for trace in traces)
     }
     return Evaluation(
-        _errors(traces), samples, coordinates, detected, tuple(warnings), tuple(handling),
-        tuple(traces), recordings=by_recording,
+        _errors(traces), samples, decision.coordinates, decision.reason, tuple(warnings),
+        tuple(handling), tuple(traces), recordings=by_recording,
     )  # fmt: skip
 
 
