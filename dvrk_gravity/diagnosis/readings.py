@@ -125,8 +125,9 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
         if _beyond(read) > farthest:
             continue
         # What a model leaves open where one reading takes the joints beyond all that it was
-        # identified on, a reading that does not may settle.
-        expected = np.minimum(as_it_is, _expected(read))
+        # identified on, a reading that does not may settle. Of efforts alone it is in both.
+        moved = same_motion[0].moves
+        expected = np.minimum(as_it_is, _expected(read)) if moved else np.zeros_like(as_it_is)
         scale = np.maximum(before.mean(axis=0) + expected, 1e-12)
         for reading in same_motion:
             effort = few.effort @ reading.effort.T

@@ -41,6 +41,11 @@ class Reading:
     coordinates: str = ""
 
     @property
+    def moves(self) -> bool:
+        """Whether it is another reading of the motion, too, and not of the efforts alone."""
+        return not np.array_equal(self.motion, np.eye(len(self.motion)))
+
+    @property
     def remedy(self) -> str:
         """What to do about it."""
         if self.coordinates:
