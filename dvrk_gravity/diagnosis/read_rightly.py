@@ -17,6 +17,7 @@ from dvrk_gravity.diagnosis.readings import (
     ReadingScore,
     ReadingSettings,
     WrongReading,
+    in_true_time,
     read_as,
     try_readings,
 )
@@ -113,6 +114,10 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         alternatives = tuple(score for score in scores[1:] if score.gain > limit)
         wrong.append(WrongReading(scores[0], loaded.motion, alternatives))
         loaded = replace(loaded, motion=motion)
+        if scores[0].reading.clock is not None:
+            del validation, pool
+            loaded = in_true_time(loaded, scores[0].reading)
+            validation, pool = prepared(loaded.motion)
     return ReadRightly(loaded, tuple(wrong), validation, pool)
 
 
