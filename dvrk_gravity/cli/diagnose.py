@@ -113,9 +113,6 @@ def run(args: argparse.Namespace) -> int:
     )
     diagnosis.model.save(out / EXTENDED, comment)
     text_file.write(out / REPORT, render(diagnosis, [str(path) for path in args.recordings]))
-    if model is not None and model.unsure:
-        line = f"{model.unsure}: how sure the model is is not known, and it is taken as exact"
-        print(f"warning: {line}", file=sys.stderr)
     print(diagnosis.to_json() if args.json else _summary(diagnosis, out))
     return 0
 
@@ -128,7 +125,8 @@ def _summary(diagnosis: Diagnosis, out: Path) -> str:
 
     count = len(diagnosis.findings)
     of_all = f" (the first of {count} findings)" if count > 1 else ""
-    lines = [f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}{of_all}"]
+    lines = [diagnosis.headline] if diagnosis.headline else []
+    lines.append(f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}{of_all}")
     if diagnosis.findings:
         after = " then what an arm's file says little of," if diagnosis.of_file else ""
         lines.append(

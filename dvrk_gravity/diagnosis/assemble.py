@@ -55,6 +55,7 @@ from dvrk_gravity.effects.base.registry import is_friction
 from dvrk_gravity.effects.unknown import Unknown
 from dvrk_gravity.estimation.covariance import NORMAL_95
 from dvrk_gravity.identification.evaluation import outside_range
+from dvrk_gravity.model import TorqueModel
 
 Array = NDArray[np.float64]
 
@@ -197,7 +198,7 @@ def assemble(
     motion = data.motion
     qd = None if motion.static else motion.qd
     told_of = np.where(held_out.seen, 1.0, np.nan)
-    worse = [names[joint] for joint in held_out.grown(first, held_out.error(named)) if findings]
+    worse = [names[joint] for joint in held_out.worse(named, first)]
     outside = outside_range(motion.model, motion.q, qd, motion.present)
     return Diagnosis(
         verdict=_verdict(findings, different or bool(worse)),
@@ -230,7 +231,15 @@ def assemble(
         with_model=motion.reference is None or bool(motion.model.terms),
         outside=outside,
         of_file=motion.model.of_file,
+        exact="" if motion.reference is not None else _exact(motion.model),
     )
+
+
+def _exact(model: TorqueModel) -> str:
+    """Return why a model counts as exact; ``""``: it says how sure it is."""
+    if model.uncertainty is not None:
+        return ""
+    return model.unsure or "nothing beside it says how sure it is"
 
 
 def _scale_error(arm: Arm) -> float:

@@ -153,8 +153,24 @@ class HeldOut:
         """Return (n,) root mean squares over the usable held-out samples, N·m."""
         return np.sqrt(_mean_square(error, self._usable))
 
-    def grown(self, before: Array, after: Array) -> list[int]:
-        """Return the joints at which (H, n) errors are larger than others, beyond chance."""
+    def worse(self, chosen: Sequence[Candidate], before: Array) -> list[int]:
+        """Return the joints at which what was chosen adds to the error, beyond chance.
+
+        There the error is larger than before, and than what the model's own parameters leave that
+        move without it: where they fit noise, that is none of its doing.
+
+        Args:
+            chosen: The candidates.
+            before: (H, n) errors of the given model.
+        """
+        after = self.error(chosen)
+        return [
+            joint
+            for joint in self._larger(after, before)
+            if joint in self._larger(after, self.error([]))
+        ]
+
+    def _larger(self, after: Array, before: Array) -> list[int]:
         square = np.where(self._usable, after**2 - before**2, 0.0)
         blocks = np.unique(self._block)
         totals = np.stack([square[self._block == block].sum(axis=0) for block in blocks])
@@ -164,13 +180,12 @@ class HeldOut:
         return np.flatnonzero(clearly & larger).tolist()
 
     def worsening(self, chosen: Sequence[Candidate]) -> list[tuple[Unconfirmed, Candidate]]:
-        """Return the chosen candidate that adds most to the error of a joint that has grown.
+        """Return the chosen candidate that adds most to the error of a joint that is worse.
 
         None where no joint's error is larger than that of the given model, or where it is hardly
         less without any of them.
         """
-        after = self.error(chosen)
-        joints = self.grown(self.as_read(), after)
+        after, joints = self.error(chosen), self.worse(chosen, self.as_read())
         found: list[tuple[float, int, Candidate]] = []
         for candidate in chosen if joints else ():
             without = self.error([other for other in chosen if other is not candidate])

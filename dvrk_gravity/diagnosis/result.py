@@ -51,6 +51,7 @@ class Diagnosis:
         with_model: There is a model, on trial or beside a reference.
         outside: Where joints are beyond what the model was identified on, one sentence each.
         of_file: What an arm's own file states was on trial.
+        exact: Why the model on trial counts as exact; ``""``: it says how sure it is.
     """
 
     verdict: Verdict
@@ -74,6 +75,7 @@ class Diagnosis:
     with_model: bool = True
     outside: tuple[str, ...] = ()
     of_file: bool = False
+    exact: str = ""
 
     def __repr__(self) -> str:
         """Give the verdict and the effects, in short."""
@@ -118,6 +120,16 @@ class Diagnosis:
         return (
             f"{nothing}{'. What' if friction else ': what'} it leaves is at most "
             f"{ratio[most]:.2g} times {words} ({most}{beside}).{more}"
+        )
+
+    @property
+    def headline(self) -> str:
+        """What every figure rests on, if that is in question; ``""`` if it is not."""
+        if not self.exact:
+            return ""
+        return (
+            f"the model counts as exact, for {self.exact}: whatever it misses is a finding, and "
+            "every interval leaves its own error out"
         )
 
     @property
@@ -184,6 +196,7 @@ class Diagnosis:
                 "held_out": self.held_out,
                 "warnings": [str(warning) for warning in self.warnings],
                 "floor_from": self.floor_from,
+                "model_exact": bool(self.exact),
             },
             "ambiguities": [
                 {
