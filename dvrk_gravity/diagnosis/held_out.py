@@ -37,8 +37,10 @@ class JudgementSettings:
         notable: Part of what is removed at the joint that gains most. Chosen.
         widest: Times a positive setting: as wide an interval says that nothing is known. Chosen.
         draws: Of parameters, for intervals of what is derived from them: ten lie beyond either end.
-        worse: Standard errors over the blocks beyond which a joint's error grew. Chosen: what may
-            well be harm is no explanation.
+        worse: Part by which a joint's error may grow, RMS. Chosen: parameters that fit noise add
+            their number over that of independent samples to the mean square, a few per cent.
+        harm: Times the model's known error, that the growth must be, RMS: less is of no consequence
+            (``SelectionSettings``).
     """
 
     alpha: float = 0.01
@@ -48,7 +50,8 @@ class JudgementSettings:
     notable: float = 0.5
     widest: float = 100.0
     draws: int = 400
-    worse: float = 1.0
+    worse: float = 0.05
+    harm: float = 1.36
 
 
 @dataclass(frozen=True)
@@ -71,15 +74,15 @@ class Unconfirmed:
 
     def __str__(self) -> str:
         """Say so."""
-        if self.gain is None:
-            return (
-                f"chosen, but left out, for it acts in no held-out block that could confirm it: "
-                f"{self.hypothesis}"
-            )
         if self.worsens:
             return (
                 f"chosen, but left out, for with it the error at {self.joint} is larger than the "
                 f"given model's: {self.hypothesis}"
+            )
+        if self.gain is None:
+            return (
+                f"chosen, but left out, for it acts in no held-out block that could confirm it: "
+                f"{self.hypothesis}"
             )
         if self.partial:
             return (
@@ -154,7 +157,7 @@ class HeldOut:
         return np.sqrt(_mean_square(error, self._usable))
 
     def worse(self, chosen: Sequence[Candidate], before: Array) -> list[int]:
-        """Return the joints at which what was chosen adds to the error, beyond chance.
+        """Return the joints at which what was chosen adds to the error.
 
         There the error is larger than before, and than what the model's own parameters leave that
         move without it: where they fit noise, that is none of its doing.
@@ -163,21 +166,12 @@ class HeldOut:
             chosen: The candidates.
             before: (H, n) errors of the given model.
         """
-        after = self.error(chosen)
-        return [
-            joint
-            for joint in self._larger(after, before)
-            if joint in self._larger(after, self.error([]))
-        ]
-
-    def _larger(self, after: Array, before: Array) -> list[int]:
-        square = np.where(self._usable, after**2 - before**2, 0.0)
-        blocks = np.unique(self._block)
-        totals = np.stack([square[self._block == block].sum(axis=0) for block in blocks])
-        error = np.std(totals, axis=0, ddof=1) * np.sqrt(len(blocks)) if len(blocks) > 1 else 0.0
-        clearly = totals.sum(axis=0) > self.settings.worse * error
-        larger = self.rmse(after) > (1.0 + self.settings.least_removed) * self.rmse(before)
-        return np.flatnonzero(clearly & larger).tolist()
+        after = self.rmse(self.error(chosen))
+        least = np.fmax(self.rmse(before), self.rmse(self.error([])))
+        harm = self.settings.harm * self._validation.data.known_error
+        added = np.sqrt(np.maximum(after**2 - least**2, 0.0))
+        grown = after > (1.0 + self.settings.worse) * least
+        return np.flatnonzero(grown & (added > harm)).tolist()
 
     def worsening(self, chosen: Sequence[Candidate]) -> list[tuple[Unconfirmed, Candidate]]:
         """Return the chosen candidate that adds most to the error of a joint that is worse.
