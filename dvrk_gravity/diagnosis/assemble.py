@@ -22,6 +22,8 @@ from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.extend import contradicted, extended, updated
 from dvrk_gravity.diagnosis.findings import (
+    ANEW,
+    NOT_AS_FOUND,
     Alternative,
     Finding,
     Rejected,
@@ -76,10 +78,6 @@ class ShapelessSettings:
 
 
 _SHAPELESS = ShapelessSettings()
-_CONTRADICTED = (
-    "merged into a model it has another torque than was found: friction of less than none, or a "
-    "fault of the effect"
-)
 _DIFFERENT = "the recordings differ about it"
 _BESIDE_DIFFERENT = "found beside the average of what the recordings differ about"
 _WORSE = "what was found does not explain all: after it the error is larger at"
@@ -120,7 +118,7 @@ def assemble(
     contradictory |= dict.fromkeys(not_told, _BESIDE_DIFFERENT)
     model, left_out = extended(loaded.motion, found, contradictory)
     contradictory |= {
-        i: _CONTRADICTED
+        i: NOT_AS_FOUND
         for i, (candidate, rows) in enumerate(zip(named, slices, strict=True))
         if not left_out[i] and contradicted(data, candidate, theta[rows])
     }
@@ -305,6 +303,8 @@ def _finding(
     rest_named = [other for k, other in enumerate(named) if k != i]
     alternatives = _alternatives(validation, rest_named, effect)
     usual_remedy = _remedy(hypothesis, motion, not left_out)
+    if left_out == NOT_AS_FOUND:
+        usual_remedy = f"{usual_remedy}; or {ANEW}"
     doubts = (
         (beyond_range(motion, hypothesis, theta), GO_THERE),
         (at_once(hypothesis, [other.hypothesis for other in rest_named]), RECORD_ALONE),

@@ -17,7 +17,7 @@ from scipy.stats import norm
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.findings import NO_TERM, Alternative, Finding, Gain
-from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis.load import LoadSettings, load
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.time_scale import TimeScale
 from dvrk_gravity.effects.velocity_scale import UNITS, VelocityScale
@@ -373,7 +373,7 @@ def _clock_fits_better(
         still: Where joints stood that the recording does not hold.
     """
     try:
-        motion = load([mended], model, still).motion
+        motion = load([mended], model, still, LoadSettings(shortest=0.0)).motion
     except RecordingError:  # whoever reads it next says why
         return 0.0
     as_recorded = replace(motion, qd=motion.qd / factor, qdd=motion.qdd / factor**2)
