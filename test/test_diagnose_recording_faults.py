@@ -110,6 +110,28 @@ def test_the_velocity_of_one_joint_in_another_unit_is_named(factor, unit):
     assert finding.parameters["factor"].value == pytest.approx(factor, rel=5e-3)
 
 
+def test_a_wrong_clock_and_a_velocity_in_another_unit_are_told_apart():
+    recording = stamped(scaled(recorded(), 4, DEGREES), 0.503)
+    right = put_right([recording], MODEL, None, {})
+
+    assert [(found.effect, found.joints) for found in right.findings] == [
+        ("time_scale", ()),
+        ("velocity_scale", ("wrist_pitch",)),
+    ]
+    assert right.findings[1].place == "deg/s"
+    assert right.recordings[0].head.rate == pytest.approx(recorded().rate, rel=2e-3)
+
+
+def test_the_clock_is_right_where_any_velocity_fits_it():
+    recording = recorded()
+    for joint in range(5):
+        recording = scaled(recording, joint, 2.0)
+    found = put_right([recording], MODEL, None, {}).findings
+
+    assert {finding.effect for finding in found} == {"velocity_scale"}
+    assert [finding.joints for finding in found] == [(name,) for name in recording.joints[:5]]
+
+
 def test_the_velocity_of_a_joint_that_slides_may_be_in_millimetres():
     plant = PlantFile.load("ecm")
     arm = SimulatedArm(plant.plant(), plant.sensors, 1, dt=COARSE)

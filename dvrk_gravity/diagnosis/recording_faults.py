@@ -110,7 +110,7 @@ def put_right(
     right, findings, warnings = [], list[Finding](), list[DataWarning]()
     for recording in recordings:
         head = _beginning(recording)
-        for fault in _of_velocities(head, model, still):
+        while fault := _of_velocities(head, model, still):
             findings.append(_named(fault.finding, head, len(recordings)))
             recording, head = _mended(recording, fault.mend), fault.mend(head)
         stated = head.coordinates
@@ -234,37 +234,49 @@ def _slope_error(fit: VelocityFit) -> float:
 
 def _of_velocities(
     recording: Recording, model: TorqueModel, still: Mapping[str, float]
-) -> list[_Fault]:
-    """Return what velocities say of the clock and of their units."""
+) -> _Fault | None:
+    """Return what velocities say of the clock, or else of the unit of some of them.
+
+    The clock is wrong if no velocity fits it, and most are one multiple: of the others the unit is
+    wrong, too.
+    """
     if recording.time is None or len(recording) < 3:
-        return []
+        return None
     every = zip(recording.joints, compare_velocity(recording), strict=True)
-    fits = {joint: fit for joint, fit in every if fit is not None}
+    fits = {joint: fit for joint, fit in every if fit is not None and _proportional(fit)}
     wrong = {joint: fit for joint, fit in fits.items() if _scaled(fit)}
     if not wrong:
-        return []
+        return None
     units = {joint: _unit(fit, recording, joint) for joint, fit in wrong.items()}
-    slopes = np.array([fit.slope for fit in wrong.values()])
-    middle = float(np.median(slopes))
-    apart = np.abs(slopes / middle - 1.0).max()
-    if len(wrong) == len(fits) and apart < _SETTINGS.alike and not any(units.values()):
-        return [_clock_or_velocities(_Multiple.of(wrong, ""), recording, model, still)]
-    groups: dict[str, dict[str, VelocityFit]] = {}
-    for joint, fit in wrong.items():
-        if units[joint] or abs(np.log(fit.slope)) > np.log1p(_SETTINGS.gross):
-            groups.setdefault(units[joint] or joint, {})[joint] = fit
-    faults = []
-    for alike in groups.values():
-        first = next(iter(alike))
-        exact = UNITS[_unit_of(recording, first)].get(units[first], 0.0)
-        faults.append(_velocities(_Multiple.of(alike, units[first], exact), len(fits)))
-    return faults
+    middle = float(np.median([fit.slope for fit in wrong.values()]))
+    most = {
+        joint: fit
+        for joint, fit in wrong.items()
+        if abs(fit.slope / middle - 1.0) < _SETTINGS.alike and not units[joint]
+    }
+    if len(wrong) == len(fits) < 2 * len(most):
+        return _clock_or_velocities(_Multiple.of(most, ""), recording, model, still)
+    gross = [
+        joint
+        for joint, fit in wrong.items()
+        if units[joint] or abs(np.log(fit.slope)) > np.log1p(_SETTINGS.gross)
+    ]
+    if not gross:
+        return None
+    first = gross[0]
+    alike = [joint for joint in gross if units[first] and units[joint] == units[first]] or [first]
+    exact = UNITS[_unit_of(recording, first)].get(units[first], 0.0)
+    multiple = _Multiple.of({joint: wrong[joint] for joint in alike}, units[first], exact)
+    return _velocities(multiple, len(fits))
+
+
+def _proportional(fit: VelocityFit) -> bool:
+    """Tell whether a velocity is a multiple of the differentiated position, be it once."""
+    return fit.slope > 0.0 and fit.residual <= _SETTINGS.proportional * fit.slope
 
 
 def _scaled(fit: VelocityFit) -> bool:
-    """Tell whether a velocity is another multiple than once the differentiated position."""
-    if fit.slope <= 0.0 or fit.residual > _SETTINGS.proportional * fit.slope:
-        return False
+    """Tell whether the multiple is another one than once."""
     error = 4.0 * _slope_error(fit) / fit.slope
     return abs(np.log(fit.slope)) > max(np.log1p(_SETTINGS.clock), error)
 
