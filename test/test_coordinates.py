@@ -113,8 +113,10 @@ def test_what_makes_a_joint_worse_where_nothing_was_fitted_is_no_explanation():
         for candidate in pool
         if candidate.hypothesis.effect == "torque_offset" and candidate.hypothesis.joints == (2,)
     )
-    ((failed, candidate),) = HeldOut(validation).worsening([offset])
+    noise = np.full(ARM.n, 0.01)
+    ((failed, candidate),) = HeldOut(validation).worsening([offset], noise)
 
     assert candidate is offset
     assert "with it the error at elbow_pitch is larger than the given model's" in str(failed)
-    assert HeldOut(prepared(motion)[0]).worsening([offset]) == []
+    assert HeldOut(prepared(motion)[0]).worsening([offset], noise) == []
+    assert HeldOut(validation).worsening([offset], 100.0 * noise) == []

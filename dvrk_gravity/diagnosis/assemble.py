@@ -196,7 +196,7 @@ def assemble(
     motion = data.motion
     qd = None if motion.static else motion.qd
     told_of = np.where(held_out.seen, 1.0, np.nan)
-    worse = [names[joint] for joint in held_out.worse(named, first)]
+    worse = [names[joint] for joint in held_out.worse(named, first, floor)]
     outside = outside_range(motion.model, motion.q, qd, motion.present)
     return Diagnosis(
         verdict=_verdict(findings, different or bool(worse)),

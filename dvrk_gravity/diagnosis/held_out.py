@@ -39,8 +39,9 @@ class JudgementSettings:
         draws: Of parameters, for intervals of what is derived from them: ten lie beyond either end.
         worse: Part by which a joint's error may grow, RMS. Chosen: parameters that fit noise add
             their number over that of independent samples to the mean square, a few per cent.
-        harm: Times the model's known error, that the growth must be, RMS: less is of no consequence
-            (``SelectionSettings``).
+        harm: Times the model's known error, that what is added must be, RMS: less is of no
+            consequence (``SelectionSettings``). Less than the noise may be chance: seen of true
+            causes, up to .45 of it (test_diagnose_hidden.py).
     """
 
     alpha: float = 0.01
@@ -156,7 +157,7 @@ class HeldOut:
         """Return (n,) root mean squares over the usable held-out samples, N·m."""
         return np.sqrt(_mean_square(error, self._usable))
 
-    def worse(self, chosen: Sequence[Candidate], before: Array) -> list[int]:
+    def worse(self, chosen: Sequence[Candidate], before: Array, noise: Array) -> list[int]:
         """Return the joints at which what was chosen adds to the error.
 
         There the error is larger than before, and than what the model's own parameters leave that
@@ -165,21 +166,26 @@ class HeldOut:
         Args:
             chosen: The candidates.
             before: (H, n) errors of the given model.
+            noise: (n,) RMS that noise alone leaves, N·m; NaN where it is not known: as much as what
+                was there.
         """
         after = self.rmse(self.error(chosen))
         least = np.fmax(self.rmse(before), self.rmse(self.error([])))
         harm = self.settings.harm * self._validation.data.known_error
+        harm = np.maximum(harm, np.where(np.isnan(noise), least, noise))
         added = np.sqrt(np.maximum(after**2 - least**2, 0.0))
         grown = after > (1.0 + self.settings.worse) * least
         return np.flatnonzero(grown & (added > harm)).tolist()
 
-    def worsening(self, chosen: Sequence[Candidate]) -> list[tuple[Unconfirmed, Candidate]]:
+    def worsening(
+        self, chosen: Sequence[Candidate], noise: Array
+    ) -> list[tuple[Unconfirmed, Candidate]]:
         """Return the chosen candidate that adds most to the error of a joint that is worse.
 
         None where no joint's error is larger than that of the given model, or where it is hardly
         less without any of them.
         """
-        after, joints = self.error(chosen), self.worse(chosen, self.as_read())
+        after, joints = self.error(chosen), self.worse(chosen, self.as_read(), noise)
         found: list[tuple[float, int, Candidate]] = []
         for candidate in chosen if joints else ():
             without = self.error([other for other in chosen if other is not candidate])

@@ -83,6 +83,20 @@ class PutRight:
     findings: tuple[Finding, ...] = ()
     warnings: tuple[DataWarning, ...] = ()
 
+    @property
+    def of_reference(self) -> tuple[DataWarning, ...]:
+        """The same as warnings about a reference, of which there are no findings."""
+        faults = (
+            DataWarning(
+                "velocity_mismatch" if finding.parameters else "coordinates",
+                None,
+                {name: estimate.value for name, estimate in finding.parameters.items()},
+                f"reference: {finding.sentence}",
+            )
+            for finding in self.findings
+        )
+        return (*faults, *self.warnings)
+
 
 @dataclass(frozen=True, eq=False)
 class _Fault:

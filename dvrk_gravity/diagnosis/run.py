@@ -39,7 +39,7 @@ from dvrk_gravity.identification.drive_gains import check_mass
 from dvrk_gravity.identification.effort_unit import in_their_unit, require_newtons
 from dvrk_gravity.identification.motion import known_still
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Given, Recording, RecordingFile, opened
+from dvrk_gravity.recording import DataWarning, Given, Recording, RecordingFile, opened
 from dvrk_gravity.recording.data import Coordinates, known_coordinates
 from dvrk_gravity.recording.read_before import ReadBefore
 
@@ -138,13 +138,13 @@ def diagnose(
     still = known_still(still, arm)
     if not whole:
         raise RecordingError("recordings", "none given, expected at least one")
-    on_trial, beside, other = model or model_of(arm), tuple[str, ...](), None
+    on_trial, beside, other = model or model_of(arm), tuple[DataWarning, ...](), None
     if reference is not None:
         (other,) = opened(reference, coordinates or "joint", arm)
         read = put_right([other], on_trial, coordinates, still)
         # Of two that are misread alike the difference looks like physics.
         (other,), coordinates = read.recordings, read.recordings[0].head.coordinates
-        beside = tuple(f"reference: {finding.sentence}" for finding in read.findings)
+        beside = read.of_reference
     right = put_right(whole, on_trial, coordinates, still)
     whole = right.recordings
     if model is None:
@@ -162,8 +162,8 @@ def diagnose(
     loaded = load(whole, model, still)
     loaded = replace(
         loaded,
-        handling=(*said, *beside, *loaded.handling),
-        warnings=(*right.warnings, *loaded.warnings),
+        handling=(*said, *loaded.handling),
+        warnings=(*beside, *right.warnings, *loaded.warnings),
         faults=right.findings,
     )
     if other is not None:
@@ -228,7 +228,8 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     telling = motion.model.uncertainty is not None or motion.reference is not None
     if not telling and np.any(validation.score(chosen).rms > _SETTINGS.doubtful * floor):
         selection, chosen = _with_model_moving(validation, pool, selection, chosen, say)
-    chosen, unconfirmed = confirmed(selection, chosen)
+    noise = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
+    chosen, unconfirmed = confirmed(selection, chosen, noise)
     # Masses that only moved along are no cause: they come last.
     chosen.sort(key=lambda candidate: candidate.hypothesis.of_model)
     selected = explained(selection, chosen)
@@ -239,7 +240,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     again = _with_changes_told(loaded, validation, selected, say)
     if again is not None:
         return again
-    validation, selected, unknown, failed = at_the_fit(selection, selected, unknown)
+    validation, selected, unknown, failed = at_the_fit(selection, selected, unknown, floor)
     unconfirmed += failed
     other_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
     selected = [effect for effect in selected if not effect.trial.other_day]
