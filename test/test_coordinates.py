@@ -15,6 +15,7 @@ from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.pool import prepared
 from dvrk_gravity.diagnosis.recording_faults import put_right
+from dvrk_gravity.diagnosis.worsening import worsening
 from dvrk_gravity.effects import Gravity
 from dvrk_gravity.identification import evaluate
 from dvrk_gravity.identification.coordinates import decide_coordinates
@@ -114,9 +115,9 @@ def test_what_makes_a_joint_worse_where_nothing_was_fitted_is_no_explanation():
         if candidate.hypothesis.effect == "torque_offset" and candidate.hypothesis.joints == (2,)
     )
     noise = np.full(ARM.n, 0.01)
-    ((failed, candidate),) = HeldOut(validation).worsening([offset], noise)
+    ((failed, candidate),) = worsening(HeldOut(validation), [offset], noise)
 
     assert candidate is offset
     assert "with it the error at elbow_pitch is larger than the given model's" in str(failed)
-    assert HeldOut(prepared(motion)[0]).worsening([offset], noise) == []
-    assert HeldOut(validation).worsening([offset], 100.0 * noise) == []
+    assert worsening(HeldOut(prepared(motion)[0]), [offset], noise) == []
+    assert worsening(HeldOut(validation), [offset], 100.0 * noise) == []

@@ -33,7 +33,7 @@ from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed, estimates, set
 from dvrk_gravity.diagnosis.known import expected_error, known
 from dvrk_gravity.diagnosis.load import Loaded
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.notes import notes
+from dvrk_gravity.diagnosis.notes import exact, notes
 from dvrk_gravity.diagnosis.other_findings import (
     as_read_before,
     error_beside,
@@ -51,13 +51,13 @@ from dvrk_gravity.diagnosis.separate import separation
 from dvrk_gravity.diagnosis.tangent import tangents
 from dvrk_gravity.diagnosis.unstated import little_said_of
 from dvrk_gravity.diagnosis.words import sentence_of
+from dvrk_gravity.diagnosis.worsening import worse
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.base.registry import is_friction
 from dvrk_gravity.effects.unknown import Unknown
 from dvrk_gravity.estimation.covariance import NORMAL_95
 from dvrk_gravity.identification.evaluation import outside_range
-from dvrk_gravity.model import TorqueModel
 
 Array = NDArray[np.float64]
 
@@ -196,10 +196,10 @@ def assemble(
     motion = data.motion
     qd = None if motion.static else motion.qd
     told_of = np.where(held_out.seen, 1.0, np.nan)
-    worse = [names[joint] for joint in held_out.worse(named, first, floor)]
+    grown = [names[joint] for joint in worse(held_out, named, first, floor)]
     outside = outside_range(motion.model, motion.q, qd, motion.present)
     return Diagnosis(
-        verdict=_verdict(findings, different or bool(worse)),
+        verdict=_verdict(findings, different or bool(grown)),
         findings=tuple(findings),
         known=known(validation, held_out, minor, named, expected),
         before=by_joint(names, told_of * held_out.rmse(first)),
@@ -212,7 +212,7 @@ def assemble(
         warnings=loaded.warnings,
         notes=(
             *notes(loaded, validation, floor),
-            *((f"warning: {_WORSE} {', '.join(worse)}",) if worse else ()),
+            *((f"warning: {_WORSE} {', '.join(grown)}",) if grown else ()),
             *(f"{line}: {_EXTRAPOLATED}" for line in outside),
             *(str(effect) for effect in unconfirmed),
             *(f"not told: {named[i].hypothesis}: {_BESIDE_DIFFERENT}" for i in not_told),
@@ -229,15 +229,8 @@ def assemble(
         with_model=motion.reference is None or bool(motion.model.terms),
         outside=outside,
         of_file=motion.model.of_file,
-        exact="" if motion.reference is not None else _exact(motion.model),
+        exact="" if motion.reference is not None else exact(motion.model),
     )
-
-
-def _exact(model: TorqueModel) -> str:
-    """Return why a model counts as exact; ``""``: it says how sure it is."""
-    if model.uncertainty is not None:
-        return ""
-    return model.unsure or "nothing beside it says how sure it is"
 
 
 def _scale_error(arm: Arm) -> float:

@@ -14,6 +14,7 @@ from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed
 from dvrk_gravity.diagnosis.places import SelectedEffect, merge, refine
 from dvrk_gravity.diagnosis.relinearised import relinearised
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection
+from dvrk_gravity.diagnosis.worsening import worsening
 from dvrk_gravity.estimation.selection import eliminate_backward
 
 Array = NDArray[np.float64]
@@ -119,7 +120,7 @@ def _held_out_confirms(
         on_trial = [candidate for candidate in kept if not candidate.hypothesis.of_model]
         held_out = HeldOut(validation)
         found = held_out.unconfirmed(kept, on_trial, lambda candidate: sure(kept, candidate))
-        found = found or held_out.worsening(kept, noise)
+        found = found or worsening(held_out, kept, noise)
         failures.update({id(candidate): failure for failure, candidate in found})
         return [
             (0.0 if failure.gain is None else failure.gain.relative, candidate)

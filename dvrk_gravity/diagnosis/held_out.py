@@ -37,11 +37,6 @@ class JudgementSettings:
         notable: Part of what is removed at the joint that gains most. Chosen.
         widest: Times a positive setting: as wide an interval says that nothing is known. Chosen.
         draws: Of parameters, for intervals of what is derived from them: ten lie beyond either end.
-        worse: Part by which a joint's error may grow, RMS. Chosen: parameters that fit noise add
-            their number over that of independent samples to the mean square, a few per cent.
-        harm: Times the model's known error, that what is added must be, RMS: less is of no
-            consequence (``SelectionSettings``). Less than the noise may be chance: seen of true
-            causes, up to .45 of it (test_diagnose_hidden.py).
     """
 
     alpha: float = 0.01
@@ -51,8 +46,6 @@ class JudgementSettings:
     notable: float = 0.5
     widest: float = 100.0
     draws: int = 400
-    worse: float = 0.05
-    harm: float = 1.36
 
 
 @dataclass(frozen=True)
@@ -128,6 +121,11 @@ class HeldOut:
         return int(self._held.sum())
 
     @property
+    def known_error(self) -> Array:
+        """(n,) RMS error that the model is known to have, N·m; zero where it does not tell."""
+        return self._validation.known_error
+
+    @property
     def rows(self) -> NDArray[np.bool_]:
         """(T,) which samples are held out."""
         return self._held
@@ -156,47 +154,6 @@ class HeldOut:
     def rmse(self, error: Array) -> Array:
         """Return (n,) root mean squares over the usable held-out samples, N·m."""
         return np.sqrt(_mean_square(error, self._usable))
-
-    def worse(self, chosen: Sequence[Candidate], before: Array, noise: Array) -> list[int]:
-        """Return the joints at which what was chosen adds to the error.
-
-        There the error is larger than before, and than what the model's own parameters leave that
-        move without it: where they fit noise, that is none of its doing.
-
-        Args:
-            chosen: The candidates.
-            before: (H, n) errors of the given model.
-            noise: (n,) RMS that noise alone leaves, N·m; NaN where it is not known: as much as what
-                was there.
-        """
-        after = self.rmse(self.error(chosen))
-        least = np.fmax(self.rmse(before), self.rmse(self.error([])))
-        harm = self.settings.harm * self._validation.data.known_error
-        harm = np.maximum(harm, np.where(np.isnan(noise), least, noise))
-        added = np.sqrt(np.maximum(after**2 - least**2, 0.0))
-        grown = after > (1.0 + self.settings.worse) * least
-        return np.flatnonzero(grown & (added > harm)).tolist()
-
-    def worsening(
-        self, chosen: Sequence[Candidate], noise: Array
-    ) -> list[tuple[Unconfirmed, Candidate]]:
-        """Return the chosen candidate that adds most to the error of a joint that is worse.
-
-        None where no joint's error is larger than that of the given model, or where it is hardly
-        less without any of them.
-        """
-        after, joints = self.error(chosen), self.worse(chosen, self.as_read(), noise)
-        found: list[tuple[float, int, Candidate]] = []
-        for candidate in chosen if joints else ():
-            without = self.error([other for other in chosen if other is not candidate])
-            added = (self.rmse(after) - self.rmse(without))[joints] / self.rmse(after)[joints]
-            found.append((float(added.max()), joints[int(np.argmax(added))], candidate))
-        guilty = [each for each in found if each[0] > self.settings.least_removed]
-        if not guilty:
-            return []
-        _, joint, candidate = max(guilty, key=lambda each: each[0])
-        name = self.joint_names[joint]
-        return [(Unconfirmed(candidate.hypothesis, name, None, worsens=True), candidate)]
 
     def lasting(self, error: Array) -> Array:
         """Return (n,) which part of the squared errors is that of their means over the blocks.
