@@ -57,6 +57,8 @@ from dvrk_gravity.diagnosis.run import RunSettings
 from dvrk_gravity.diagnosis.selection import SelectionSettings
 from dvrk_gravity.diagnosis.significance import SignificanceSettings
 from dvrk_gravity.diagnosis.tangent import TangentSettings
+from dvrk_gravity.diagnosis.velocity_faults import VelocityFaultSettings
+from dvrk_gravity.diagnosis.worsening import WorseningSettings
 from dvrk_gravity.estimation.covariance import CovarianceSettings
 from dvrk_gravity.estimation.evidence import EvidenceSettings
 from dvrk_gravity.estimation.noise import NoiseSettings
@@ -322,6 +324,8 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (LoadSettings, DIAGNOSIS),
     (ReadingSettings, DIAGNOSIS),
     (ReadRightlySettings, DIAGNOSIS),
+    (VelocityFaultSettings, DIAGNOSIS),
+    (WorseningSettings, DIAGNOSIS),
     (ShapelessSettings, DIAGNOSIS),
     (AmbiguitySettings, DIAGNOSIS),
     (BeyondSettings, DIAGNOSIS),

@@ -95,3 +95,25 @@ def test_what_a_model_leaves_open_beyond_its_range_is_no_wrong_sign():
     loaded = load([other], model)
     assert try_readings(loaded.motion)[0].passes, "or there is nothing to tell apart"
     assert read_rightly(loaded, lambda line: None).wrong == ()
+
+
+@pytest.fixture(scope="module")
+def identified(four_folds):
+    """Return an arm's recording, and a model that was identified from another motion of it."""
+    arm = Arm.load(UR5)
+    world = PlainWorld.of(arm, nominal_inertias(arm))
+    return world.record(2, 20.0), identify(world.record(1, 20.0), arm).model
+
+
+@pytest.mark.parametrize("pair", [(4, 5), (3, 4), (0, 2)])
+def test_exchanged_efforts_are_named_as_such_where_the_model_is_extrapolated_too(identified, pair):
+    """As exchanged positions, or torques that leak, they are explained worse."""
+    recording, model = identified
+    order = np.arange(model.arm.n)
+    order[list(pair)] = pair[::-1]
+
+    found = diagnose(replace(recording, effort=recording.effort[:, order]), model).findings
+
+    names = tuple(model.arm.joint_names[joint] for joint in pair)
+    assert [(finding.effect, finding.joints) for finding in found] == [("wrong_coordinates", names)]
+    assert found[0].place == f"the efforts of {' and '.join(names)} are exchanged"

@@ -12,6 +12,7 @@ import pytest
 from dvrk_gravity import effects
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.diagnosis.extend import extended
+from dvrk_gravity.diagnosis.findings import NO_TERM, NOT_AS_FOUND
 from dvrk_gravity.diagnosis.load import load
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.pool import hypotheses
@@ -150,9 +151,8 @@ def test_every_effect_that_can_be_supposed_is_tried_here():
     """A new effect needs an entry; readings and structure without a name have no columns."""
     supposed = {hypothesis.effect for hypothesis in everything()}
     assert supposed == set(CARRIED | NOT_CARRIED)
-    assert {effect.NAME for effect in effects.effects() if effect.MEANINGS} - {"unknown"} <= (
-        supposed
-    )
+    without = {"unknown", "time_scale", "velocity_scale"}
+    assert {effect.NAME for effect in effects.effects() if effect.MEANINGS} - without <= supposed
 
 
 @pytest.mark.parametrize("effect", NOT_CARRIED)
@@ -227,3 +227,47 @@ def test_a_zero_that_no_model_file_may_have_is_told_and_not_carried():
         model, (why,) = extended(shifted, [(found, np.array([offset]))])
         assert why == "" if fits else why.startswith("a model file refuses it: joint_offset")
         assert model.joint_offset[1] == pytest.approx(0.9 if fits else 0.8)
+
+
+def test_a_spring_found_beyond_a_constants_range_is_carried_as_it_was_found(tmp_path):
+    """A constant is the same wherever it is held; what is added to it need not end where it did."""
+    where = motion()
+    joint, middle = 4, where.travel[0]
+    held = {
+        "elastic_cable.wrist_pitch": (0.01,),
+        "elastic_cable.valid_lower": tuple((middle - 0.01).tolist()),
+        "elastic_cable.valid_upper": tuple((middle + 0.01).tolist()),
+    }
+    narrow = TorqueModel.from_parameters({**where.model.parameters(), **held}, where.arm)
+    narrowed = replace(where, model=narrow)
+    for theta in ([0.0, 0.03], [0.0, 0.01, 0.02]):
+        cable = next(
+            hypothesis
+            for hypothesis in hypotheses(narrowed)
+            if hypothesis.effect == "elastic_cable"
+            and hypothesis.joints == (joint,)
+            and hypothesis.place == f"degree {len(theta) - 1}"
+        )
+        model, why = extended(narrowed, [(cable, np.array(theta))])
+        assert why == ("",)
+        got = narrowed.torque_at(where.q, model) - narrowed.torque_at(where.q)
+        inside = np.abs(where.q[:, joint] - middle[joint]) < where.travel[1][joint]
+        wanted = cable.build(narrowed, cable.setting) @ np.array(theta)
+        np.testing.assert_allclose(got[inside], wanted[inside], atol=1e-9)
+
+
+def test_less_rotor_than_none_ends_at_none():
+    theta = np.array([-1.0])
+    rotor = first_of("rotor_inertia")
+    model, why = extended(motion(), [(rotor, theta)])
+    assert why == ("",)
+    known = dict(model.parameters()).get("rotor_inertia.motor") or (0.0,) * motion().arm.n
+    assert min(known) >= 0.0
+    assert known[rotor.site.index] == 0.0
+
+
+def test_what_a_term_of_the_model_cannot_hold_says_so_and_not_that_there_is_no_term():
+    fading = first_of("presliding_hysteresis")
+    assert extended(motion(), [(fading, np.array([-0.02]))])[1] == (NOT_AS_FOUND,)
+    scale = first_of("torque_scale")
+    assert extended(motion(), [(scale, np.array([0.1]))])[1] == (NO_TERM,)

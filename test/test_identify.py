@@ -17,6 +17,7 @@ from dvrk_gravity.arms.tree import build_tree
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.identification.coordinates import CoordinateSettings, decide_coordinates
 from dvrk_gravity.identification.dynamic_fit import estimate
 from dvrk_gravity.identification.motion import read_motions, stands
 from dvrk_gravity.identification.moves import start_columns
@@ -142,9 +143,7 @@ def test_coordinates_of_both_kinds_are_recognised(fit):
     )
     result = evaluate(fit.model, [motor])
     assert result.coordinates == "actuator"
-    from dvrk_gravity.identification.coordinates import detect_coordinates
-
-    assert detect_coordinates(motor, ARM)[0] == "actuator"
+    assert decide_coordinates(motor, ARM, None).coordinates == "actuator"
 
 
 def recorded_in(world: MujocoWorld, seed: int, coordinates: str, duration: float = DURATION):
@@ -167,26 +166,23 @@ def test_coordinates_are_told_by_errors_of_what_was_recorded(name, seed, coordin
     """Of this MTM two weights all but cancel at a motor: read wrongly it seems to bear both, and
     the same error is a smaller part of more torque. Errors of a PSM's joints hang together.
     """
-    from dvrk_gravity.identification.coordinates import detect_coordinates
-
     world = MujocoWorld.draw(name, seed)
-    assert detect_coordinates(recorded_in(world, seed, coordinates), world.arm)[0] == coordinates
+    recording = recorded_in(world, seed, coordinates)
+    assert decide_coordinates(recording, world.arm, None).coordinates == coordinates
 
 
 def test_coordinates_of_a_longer_recording_are_told_by_its_beginning():
-    from dvrk_gravity.identification.coordinates import CoordinateSettings, detect_coordinates
-
     world = MujocoWorld.draw("mtmr", 3001)
     longer = CoordinateSettings().duration + 5.0
     recording = recorded_in(world, 3001, "actuator", longer)
-    assert detect_coordinates(recording, world.arm)[0] == "actuator"
+    assert decide_coordinates(recording, world.arm, None).coordinates == "actuator"
 
 
 def test_of_an_arm_without_transmission_nothing_is_said_of_coordinates():
-    from dvrk_gravity.identification.coordinates import detect_coordinates
 
     direct = replace(ARM, actuator_to_joint=np.eye(7))
-    assert detect_coordinates(truth(1), direct) == ("joint", "")
+    decision = decide_coordinates(truth(1), direct, None)
+    assert (decision.coordinates, decision.reason) == ("joint", "")
     assert evaluate(TorqueModel(direct, ()), [truth(1)]).detected == ""
 
 

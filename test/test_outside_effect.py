@@ -323,10 +323,10 @@ def test_a_model_with_another_torque_than_was_fitted_is_not_made(method, wrong, 
 def test_an_error_in_the_code_of_an_effect_is_a_line_that_names_both(
     file, tmp_path, monkeypatch, capsys
 ):
-    def stirred(self, state):
+    def stirred(diagonal):
         raise ZeroDivisionError("no fluid")
 
-    monkeypatch.setattr(QuadraticDrag, "regressor", stirred)
+    monkeypatch.setattr("quadratic_drag.diagonal_columns", stirred)
     truth(1, 6.0).save(tmp_path / "run.csv")
     words = ["evaluate", str(tmp_path / "run.csv"), "--model", str(file)]
     assert main(words) == 2

@@ -11,9 +11,10 @@ import pinocchio as pin
 import pytest
 from made_up_arm import made_up_arm
 from scipy.optimize import lsq_linear
+from test_arms_dynamics import PANDA, ROBOTS, UR5
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import CoulombFriction, Gravity, ViscousFriction
+from dvrk_gravity.effects import CoulombFriction, Gravity, State, ViscousFriction
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.files.resources import config_path
 from dvrk_gravity.gravity import LinkMass, beta_from_links
@@ -703,3 +704,31 @@ def test_an_unknown_plant_and_an_impossible_start_are_refused(truth: PlantFile) 
         PlantFile.load("nothing")
     with pytest.raises(ConfigError, match="shoulder_pitch"):
         truth.plant().reset(np.array([0, 3.0, 0, 0, 0, 0, 0]))
+
+
+@pytest.mark.parametrize("robot", ["xarm7", "ur5", "panda"])
+def test_an_arm_rubs_alike_by_its_urdf_and_by_the_model_that_it_is_converted_to(robot, tmp_path):
+    """As its file states where it does (xArm: both, Panda: damping), or as is usual (UR5)."""
+    files = {
+        "xarm7": ROBOTS / "xarm_description/urdf/xarm7.urdf",
+        "ur5": UR5,
+        "panda": f"{PANDA}#panda_link8",
+    }
+    TorqueModel.load(files[robot]).save(tmp_path / "model.yaml")
+    plants = [PlantFile.load(files[robot]), PlantFile.load(tmp_path / "model.yaml")]
+    arm = plants[0].model.arm
+
+    by_urdf, by_model = (
+        sum(
+            term.torque(State(np.zeros(arm.n), np.full(arm.n, 0.5)))
+            for term in plant.model.terms
+            if term.FRICTION
+        )
+        for plant in plants
+    )
+
+    np.testing.assert_allclose(by_urdf, by_model)
+    assert (by_urdf > 0.0).all()
+    if robot == "xarm7":
+        stated = [0.5 * joint.damping + joint.friction for joint in arm.joints]
+        np.testing.assert_allclose(by_urdf, stated)

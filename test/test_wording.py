@@ -128,6 +128,8 @@ def every() -> list[Case]:
     known = {effect.NAME for effect in effects.effects()} - of_poses_or_console
     assert {hypothesis.effect for hypothesis in forms.values()} == known - {
         "wrong_coordinates",
+        "time_scale",
+        "velocity_scale",
         "unknown",
     }
     return [

@@ -15,7 +15,6 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
 if TYPE_CHECKING:
-    from dvrk_gravity.arms import Arm
     from dvrk_gravity.recording.data import Coordinates
 
 NAME = "diagnose"
@@ -60,8 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--coordinates", choices=("joint", "actuator"),
-        help="what the recordings' columns are (default: joint; with --reference, what a plain "
-        "model fits that better in)",
+        help="what the recordings' columns are (default: what a plain model fits them better in, "
+        "of both alike with --reference; what is not joint coordinates is a finding)",
     )  # fmt: skip
     add_at(parser)
     arm_options.add_reading(parser)
@@ -101,16 +100,17 @@ def run(args: argparse.Namespace) -> int:
         arm = model.arm
     still = still_joints(args.at, arm)
     files = [*args.recordings, *([] if args.reference is None else [args.reference])]
-    coordinates = _coordinates(args, arm)
+    read_as: Coordinates = args.coordinates or "joint"
     given = arm_options.reading(args)
-    recordings = [RecordingFile(path, coordinates=coordinates, arm=arm, **given) for path in files]
+    recordings = [RecordingFile(path, coordinates=read_as, arm=arm, **given) for path in files]
     require_unrecorded(args.at, recordings)
     reference = None if args.reference is None else recordings.pop()
     try:
         with command_line.Progress(NAME, 1.0) as progress:
             diagnosis = diagnose(
                 recordings, model, command_line.Stages(progress, STAGES), simulated=True,
-                still=still, reference=reference, arm=arm, known_payload=args.known_payload,
+                still=still, coordinates=args.coordinates, reference=reference, arm=arm,
+                known_payload=args.known_payload,
             )  # fmt: skip
     except ConfigError as error:
         of_model = args.model is not None and not error.field.startswith("--")
@@ -123,9 +123,6 @@ def run(args: argparse.Namespace) -> int:
     )
     diagnosis.model.save(out / EXTENDED, comment)
     text_file.write(out / REPORT, render(diagnosis, [str(path) for path in args.recordings]))
-    if model is not None and model.unsure:
-        line = f"{model.unsure}: how sure the model is is not known, and it is taken as exact"
-        print(f"warning: {line}", file=sys.stderr)
     if args.json:
         print(diagnosis.to_json())
     else:
@@ -133,27 +130,6 @@ def run(args: argparse.Namespace) -> int:
             print(line)
         print(f"written: {out}/{', '.join(WRITTEN)}")
     return int(bool(contradiction(diagnosis.warnings)))
-
-
-def _coordinates(args: argparse.Namespace, arm: Arm) -> Coordinates:
-    """Return what the recordings' columns are.
-
-    A model tells whether a recording is read wrongly; a reference that is misread alike does not.
-    """
-    from dvrk_gravity.identification.coordinates import detect_coordinates
-    from dvrk_gravity.recording import RecordingFile
-
-    given: Coordinates | None = args.coordinates
-    if given is not None or args.reference is None:
-        return given or "joint"
-    reference = RecordingFile(args.reference, arm=arm, **arm_options.reading(args))
-    complete = set(arm.joint_names) <= set(reference.head.joints)
-    if not complete or reference.head.time is None or reference.head.effort is None:
-        return "joint"
-    coordinates, why = detect_coordinates(reference, arm)
-    if why:
-        print(f"data: {why}", file=sys.stderr)
-    return coordinates
 
 
 def main(argv: Sequence[str] | None = None) -> int:

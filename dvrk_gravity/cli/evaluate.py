@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", type=Path, help="file to write the result to")
     parser.add_argument("--coordinates", choices=("joint", "actuator"),
-                        help="of the recordings (default: where the model fits)")  # fmt: skip
+                        help="of the recordings (default: found out)")  # fmt: skip
     arm_options.add_drive_gains(parser)
     arm_options.add_reading(parser)
     arm_options.add_verbose(parser)

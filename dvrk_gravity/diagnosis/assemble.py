@@ -22,6 +22,8 @@ from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.extend import contradicted, extended, updated
 from dvrk_gravity.diagnosis.findings import (
+    ANEW,
+    NOT_AS_FOUND,
     Alternative,
     Finding,
     Rejected,
@@ -31,7 +33,7 @@ from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed, estimates, set
 from dvrk_gravity.diagnosis.known import expected_error, known
 from dvrk_gravity.diagnosis.load import Loaded
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.notes import notes
+from dvrk_gravity.diagnosis.notes import exact, notes
 from dvrk_gravity.diagnosis.other_findings import (
     as_read_before,
     error_beside,
@@ -49,6 +51,7 @@ from dvrk_gravity.diagnosis.separate import separation
 from dvrk_gravity.diagnosis.tangent import tangents
 from dvrk_gravity.diagnosis.unstated import little_said_of
 from dvrk_gravity.diagnosis.words import sentence_of
+from dvrk_gravity.diagnosis.worsening import worse
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.base.registry import is_friction
@@ -75,12 +78,9 @@ class ShapelessSettings:
 
 
 _SHAPELESS = ShapelessSettings()
-_CONTRADICTED = (
-    "merged into a model it has another torque than was found: friction of less than none, or a "
-    "fault of the effect"
-)
 _DIFFERENT = "the recordings differ about it"
 _BESIDE_DIFFERENT = "found beside the average of what the recordings differ about"
+_WORSE = "what was found does not explain all: after it the error is larger at"
 _EXTRAPOLATED = "what the model says there is extrapolated, and counts as uncertain"
 
 
@@ -118,7 +118,7 @@ def assemble(
     contradictory |= dict.fromkeys(not_told, _BESIDE_DIFFERENT)
     model, left_out = extended(loaded.motion, found, contradictory)
     contradictory |= {
-        i: _CONTRADICTED
+        i: NOT_AS_FOUND
         for i, (candidate, rows) in enumerate(zip(named, slices, strict=True))
         if not left_out[i] and contradicted(data, candidate, theta[rows])
     }
@@ -138,7 +138,8 @@ def assemble(
         readings = error_beside(wrong[0].motion), held_out.error(of_file)
     # Of three joints that are exchanged one exchange alone puts nothing right: all are told by
     # what they do together.
-    findings = [reading_finding(reading, *readings, held_out) for reading in wrong]
+    findings = list(loaded.faults)
+    findings += [reading_finding(reading, *readings, held_out) for reading in wrong]
     effect_findings = []
     for i, effect in enumerate(selected):
         if i in not_told:
@@ -195,9 +196,10 @@ def assemble(
     motion = data.motion
     qd = None if motion.static else motion.qd
     told_of = np.where(held_out.seen, 1.0, np.nan)
+    grown = [names[joint] for joint in worse(held_out, named, first, floor)]
     outside = outside_range(motion.model, motion.q, qd, motion.present)
     return Diagnosis(
-        verdict=_verdict(findings, different),
+        verdict=_verdict(findings, different or bool(grown)),
         findings=tuple(findings),
         known=known(validation, held_out, minor, named, expected),
         before=by_joint(names, told_of * held_out.rmse(first)),
@@ -210,6 +212,7 @@ def assemble(
         warnings=loaded.warnings,
         notes=(
             *notes(loaded, validation, floor),
+            *((f"warning: {_WORSE} {', '.join(grown)}",) if grown else ()),
             *(f"{line}: {_EXTRAPOLATED}" for line in outside),
             *(str(effect) for effect in unconfirmed),
             *(f"not told: {named[i].hypothesis}: {_BESIDE_DIFFERENT}" for i in not_told),
@@ -226,6 +229,7 @@ def assemble(
         with_model=motion.reference is None or bool(motion.model.terms),
         outside=outside,
         of_file=motion.model.of_file,
+        exact="" if motion.reference is not None else exact(motion.model),
     )
 
 
@@ -292,6 +296,8 @@ def _finding(
     rest_named = [other for k, other in enumerate(named) if k != i]
     alternatives = _alternatives(validation, rest_named, effect)
     usual_remedy = _remedy(hypothesis, motion, not left_out)
+    if left_out == NOT_AS_FOUND:
+        usual_remedy = f"{usual_remedy}; or {ANEW}"
     doubts = (
         (beyond_range(motion, hypothesis, theta), GO_THERE),
         (at_once(hypothesis, [other.hypothesis for other in rest_named]), RECORD_ALONE),
@@ -387,13 +393,13 @@ def _alternatives(
     return tuple(result)
 
 
-def _verdict(findings: Sequence[Finding], different: bool) -> Verdict:
+def _verdict(findings: Sequence[Finding], in_part: bool) -> Verdict:
     if not findings:
         return "nothing_to_explain"
     unknown = [finding.effect == Unknown.NAME for finding in findings]
     if all(unknown):
         return "unexplained"
-    if any(unknown) or different:
+    if any(unknown) or in_part:
         return "partly_explained"
     if any(finding.alternatives for finding in findings):
         return "ambiguous"

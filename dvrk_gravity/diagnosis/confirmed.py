@@ -5,13 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed
 from dvrk_gravity.diagnosis.places import SelectedEffect, merge, refine
 from dvrk_gravity.diagnosis.relinearised import relinearised
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection
+from dvrk_gravity.diagnosis.worsening import worsening
 from dvrk_gravity.estimation.selection import eliminate_backward
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -26,11 +32,16 @@ class ConfirmationSettings:
 
 
 def confirmed(
-    selection: Selection, chosen: list[Candidate]
+    selection: Selection, chosen: list[Candidate], noise: Array
 ) -> tuple[list[Candidate], list[Unconfirmed]]:
     """Return the effects that hold in the end, and those that the held-out blocks do not confirm.
 
     In the place of one that fails the choice may find a simpler one.
+
+    Args:
+        selection: The choice.
+        chosen: What it chose.
+        noise: (n,) RMS that noise alone leaves, N·m.
     """
     settings = ConfirmationSettings()
     unconfirmed: list[Unconfirmed] = []
@@ -38,7 +49,7 @@ def confirmed(
         selection.report("comparing alternatives")
         chosen = merge(selection, refine(selection, chosen))
         chosen = selection.eliminate_backward(chosen)
-        chosen, failed = _held_out_confirms(selection.validation, chosen, selection.sure_of)
+        chosen, failed = _held_out_confirms(selection.validation, chosen, selection.sure_of, noise)
         unconfirmed += failed
         if not failed or attempt == settings.attempts - 1:
             break
@@ -48,7 +59,10 @@ def confirmed(
 
 
 def at_the_fit(
-    selection: Selection, selected: Sequence[SelectedEffect], unknown: Sequence[EffectTrial]
+    selection: Selection,
+    selected: Sequence[SelectedEffect],
+    unknown: Sequence[EffectTrial],
+    noise: Array,
 ) -> tuple[CrossValidation, list[SelectedEffect], list[EffectTrial], list[Unconfirmed]]:
     """Return what was selected, linearised at the fit, and what is confirmed no more there.
 
@@ -59,7 +73,7 @@ def at_the_fit(
     acting, chosen = relinearised(validation, _named(selected))
     if acting is validation:
         return validation, list(selected), list(unknown), []
-    kept, failed = _held_out_confirms(acting, chosen, selection.sure_of)
+    kept, failed = _held_out_confirms(acting, chosen, selection.sure_of, noise)
     if failed:
         left = {id(candidate) for candidate in kept}
         selected = [e for e, c in zip(selected, chosen, strict=True) if id(c) in left]
@@ -88,6 +102,7 @@ def _held_out_confirms(
     validation: CrossValidation,
     chosen: Sequence[Candidate],
     sure: Callable[[Sequence[Candidate], Candidate], bool],
+    noise: Array,
 ) -> tuple[list[Candidate], list[Unconfirmed]]:
     """Return the effects that blocks show which no choice had seen, and those that they do not.
 
@@ -96,15 +111,16 @@ def _held_out_confirms(
         chosen: What was chosen.
         sure: Tells of one of those kept, which acts in none of these blocks, whether it is sure
             without them.
+        noise: (n,) RMS that noise alone leaves, N·m.
     """
     failed: list[Unconfirmed] = []
 
     def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
         validation.weigh(validation.out_of_fold(kept))
         on_trial = [candidate for candidate in kept if not candidate.hypothesis.of_model]
-        found = HeldOut(validation).unconfirmed(
-            kept, on_trial, lambda candidate: sure(kept, candidate)
-        )
+        held_out = HeldOut(validation)
+        found = held_out.unconfirmed(kept, on_trial, lambda candidate: sure(kept, candidate))
+        found = found or worsening(held_out, kept, noise)
         failures.update({id(candidate): failure for failure, candidate in found})
         return [
             (0.0 if failure.gain is None else failure.gain.relative, candidate)

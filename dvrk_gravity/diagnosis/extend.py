@@ -14,7 +14,7 @@ from dvrk_gravity.diagnosis import friction_by_load
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.findings import NO_TERM
+from dvrk_gravity.diagnosis.findings import NO_TERM, NOT_AS_FOUND
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.effects import LinearTerm, Term
@@ -87,7 +87,11 @@ def extended(
     values: Values = dict(motion.model.parameters())
     model = TorqueModel.from_parameters(values, motion.arm)
     left_out = left_out or {}
-    reasons = [left_out.get(i, NO_TERM) for i in range(len(found))]
+    names = {term.NAME for term in effects.terms()}
+    reasons = [
+        left_out.get(i, NOT_AS_FOUND if each.effect in names and not each.transient else NO_TERM)
+        for i, (each, _) in enumerate(found)
+    ]
     order = sorted(range(len(found)), key=lambda i: not found[i][0].shifts_positions)
     for i in order:
         hypothesis, theta = found[i]
@@ -100,7 +104,6 @@ def extended(
             reasons[i] = f"a model file refuses it: {error}"
             continue
         values, reasons[i] = changed, ""
-    names = {term.NAME for term in effects.terms()}
     other_terms = tuple(term for term in motion.model.terms if term.NAME not in names)
     model = replace(model, terms=(*model.terms, *other_terms))
     if "" in reasons and model.verdict != VERDICTS[-1]:

@@ -18,6 +18,13 @@ FloorFrom = Literal["repetition", "high_frequencies", "nothing"]
 
 NO_TERM = "no term of a model file carries it"
 """Why most of what is left out of the extended model is left out."""
+ANEW = "identify the model anew, with this recording beside its own"
+"""What to do about what a term would carry, and this model's does not."""
+NOT_AS_FOUND = (
+    "the model has such a term already, and cannot hold as much of it here: at the edge of the "
+    "range that it was identified on, or at zero, it ends"
+)
+"""Why the rest is."""
 
 # What the floor is, in words.
 FLOORS: Mapping[FloorFrom, str] = {

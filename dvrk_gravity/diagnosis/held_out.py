@@ -57,15 +57,22 @@ class Unconfirmed:
         joint: Name of the joint where it does best.
         gain: What it removes there; ``None``: it acts in no held-out block, where it might fail.
         partial: Of all that it claims only a part shows, see ``Hypothesis.must_show``.
+        worsens: With it the error at that joint is larger than that of the given model.
     """
 
     hypothesis: Hypothesis
     joint: str
     gain: Gain | None
     partial: bool = False
+    worsens: bool = False
 
     def __str__(self) -> str:
         """Say so."""
+        if self.worsens:
+            return (
+                f"chosen, but left out, for with it the error at {self.joint} is larger than the "
+                f"given model's: {self.hypothesis}"
+            )
         if self.gain is None:
             return (
                 f"chosen, but left out, for it acts in no held-out block that could confirm it: "
@@ -112,6 +119,11 @@ class HeldOut:
     def samples(self) -> int:
         """Number of held-out samples."""
         return int(self._held.sum())
+
+    @property
+    def known_error(self) -> Array:
+        """(n,) RMS error that the model is known to have, N·m; zero where it does not tell."""
+        return self._validation.known_error
 
     @property
     def rows(self) -> NDArray[np.bool_]:

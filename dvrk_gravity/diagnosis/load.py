@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.diagnosis.filtered_data import BAND
+from dvrk_gravity.diagnosis.findings import Finding
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.stretch import motions, noise_density
 from dvrk_gravity.errors import RecordingError
@@ -74,6 +75,7 @@ class Loaded:
         floor: (n,) noise of the effort as high frequencies show it, density in N·m/sqrt(Hz);
             NaN where it cannot be told.
         sources: Of the recordings, by the numbers in the motion's ``clock``.
+        faults: What the recordings showed by themselves, and was put right.
     """
 
     motion: MeasuredMotion
@@ -81,6 +83,7 @@ class Loaded:
     handling: tuple[str, ...]
     floor: Array
     sources: tuple[str, ...] = ()
+    faults: tuple[Finding, ...] = ()
 
 
 def load(

@@ -83,6 +83,7 @@ class MeasuredMotion:
         rubs_otherwise: Joints whose friction differs from the reference's by more than that of
             another day does: all of it is to be told.
         pulls_otherwise: Joints whose springs pull otherwise than the reference's, likewise.
+        timed: Velocities were measured, and with them the clock: they are what positions show.
         beside: (N, n) torque of causes that act beside the model's, N·m, where some are known.
         settings: When a joint moves.
     """
@@ -105,6 +106,7 @@ class MeasuredMotion:
     unread: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((), dtype=bool))
     rubs_otherwise: tuple[int, ...] = ()
     pulls_otherwise: tuple[int, ...] = ()
+    timed: bool = True
     beside: Array | None = None
     settings: MotionSettings = field(default_factory=MotionSettings)
 

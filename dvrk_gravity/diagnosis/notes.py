@@ -10,6 +10,7 @@ from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import FLOORS
 from dvrk_gravity.diagnosis.load import Loaded
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.model import TorqueModel
 
 Array = NDArray[np.float64]
 
@@ -46,6 +47,13 @@ def notes(loaded: Loaded, validation: CrossValidation, floor: Array) -> tuple[st
             if part > 0.05
         ]
     return tuple(notes)
+
+
+def exact(model: TorqueModel) -> str:
+    """Return why a model counts as exact; ``""``: it says how sure it is."""
+    if model.uncertainty is not None:
+        return ""
+    return model.unsure or "nothing beside it says how sure it is"
 
 
 def _certainty(data: FilteredData) -> list[str]:

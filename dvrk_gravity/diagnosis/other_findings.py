@@ -29,7 +29,6 @@ from dvrk_gravity.diagnosis.unstated import unstated
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.unknown import Unknown
-from dvrk_gravity.effects.wrong_coordinates import WrongCoordinates
 from dvrk_gravity.quantity import quantity
 
 Array = NDArray[np.float64]
@@ -102,17 +101,17 @@ def reading_finding(
     """Return the finding that the recording was read wrongly."""
     score = reading.score
     joints, gain = reading_gain(score, before, after, held_out)
-    joint_names = held_out.joint_names
+    joint_names, clock = held_out.joint_names, score.reading.clock
     names = tuple(joint_names[joint] for joint in score.reading.joints)
     return Finding(
-        effect=WrongCoordinates.NAME,
+        effect=score.reading.effect.NAME,
         joints=names,
-        place=score.reading.words,
-        parameters={},
+        place="clock" if clock else score.reading.words,
+        parameters={"factor": clock} if clock else {},
         gain=gain,
         alternatives=tuple(
             Alternative(
-                WrongCoordinates.NAME,
+                other.reading.effect.NAME,
                 tuple(joint_names[joint] for joint in other.reading.joints),
                 f"{other.reading.words}: log-likelihood gain {other.gain:.0f} "
                 f"against {score.gain:.0f}",

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.load import Loaded
+from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.other_findings import as_read_before, reading_gain
 from dvrk_gravity.diagnosis.pool import prepared
-from dvrk_gravity.diagnosis.readings import ReadingSettings, WrongReading, read_as, try_readings
+from dvrk_gravity.diagnosis.readings import (
+    ReadingScore,
+    ReadingSettings,
+    WrongReading,
+    in_true_time,
+    read_as,
+    try_readings,
+)
 from dvrk_gravity.diagnosis.selection import Selection
 from dvrk_gravity.diagnosis.unstated import unstated
 from dvrk_gravity.estimation.evidence import bonferroni, likelihood_ratio
@@ -25,11 +34,13 @@ class ReadRightlySettings:
         share: Part of the best hypothesis' gain that another reading of the recording must reach.
             Chosen: a wrong reading explains nearly all, a cause beside it some.
         alternative: ... and of its gain, that yet another must reach to be told beside it. Chosen.
+        compared: Readings that are compared with the model's parameters moving: a bound on time.
         most: Wrong readings found one after the other: a bound on time.
     """
 
     share: float = 0.7
     alternative: float = 0.97
+    compared: int = 4
     most: int = 3
 
 
@@ -66,8 +77,9 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
     validation, pool = prepared(loaded.motion)
     # Of two recordings of one motion both are read alike.
     while loaded.motion.reference is None and len(wrong) < _SETTINGS.most:
-        scores = try_readings(loaded.motion)
-        if not scores or not scores[0].passes:
+        tried = try_readings(loaded.motion)
+        passing = [score for score in tried if score.passes]
+        if not passing:
             break
         beside = unstated(validation, pool)
         as_it_is = validation.score(beside)
@@ -78,6 +90,7 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         before = HeldOut(validation).error(beside) if of_file else None
         validation.release()
         del validation, pool, best  # of a long recording there is no room for two
+        scores = _compared(loaded.motion, passing[: _SETTINGS.compared], as_it_is)
         say("building hypotheses")
         motion = read_as(loaded.motion, scores[0].reading)
         validation, pool = prepared(motion)
@@ -92,11 +105,7 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         _, gained = reading_gain(scores[0], before, after, held_out)
         # All that follows stands on it.
         certain = gained.low > 0.0 and gained.relative > held_out.settings.least_removed
-        if (
-            gain <= least
-            or not certain
-            or not _significant(validation, as_it_is, read, len(scores))
-        ):
+        if gain <= least or not certain or not _significant(validation, as_it_is, read, len(tried)):
             del validation, pool
             validation, pool = prepared(loaded.motion)
             break
@@ -105,7 +114,34 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         alternatives = tuple(score for score in scores[1:] if score.gain > limit)
         wrong.append(WrongReading(scores[0], loaded.motion, alternatives))
         loaded = replace(loaded, motion=motion)
+        if scores[0].reading.clock is not None:
+            del validation, pool
+            loaded = in_true_time(loaded, scores[0].reading)
+            validation, pool = prepared(loaded.motion)
     return ReadRightly(loaded, tuple(wrong), validation, pool)
+
+
+def _compared(
+    motion: MeasuredMotion, scores: Sequence[ReadingScore], as_it_is: Score
+) -> list[ReadingScore]:
+    """Return readings by what they gain where the model's parameters move along, best first.
+
+    With the model as it is, one that takes an arm to where the model was identified does better
+    than one that is right, and leaves it where the model is extrapolated.
+    """
+    if len(scores) == 1:
+        return list(scores)
+    found = []
+    for score in scores:
+        read = read_as(motion, score.reading)
+        if motion.model.of_file:
+            validation, pool = prepared(read)
+            beside = unstated(validation, pool)
+        else:
+            validation, beside = CrossValidation(FilteredData.of(read)), []
+        gain = validation.score(beside).likelihood - as_it_is.likelihood
+        found.append(replace(score, gain=gain))
+    return sorted(found, key=lambda score: -score.gain)
 
 
 def _significant(validation: CrossValidation, before: Score, after: Score, tried: int) -> bool:

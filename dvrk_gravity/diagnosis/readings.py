@@ -8,9 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.diagnosis.load import Loaded
 from dvrk_gravity.diagnosis.model_error import model_columns
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.wrong_coordinates import Reading, readings
+from dvrk_gravity.estimation.covariance import NORMAL_95
 
 Array = NDArray[np.float64]
 
@@ -30,6 +33,13 @@ class ReadingSettings:
         beyond: Part of the samples, in the mean over the joints, by which a reading may lie further
             outside the joints' limits, and where the model was identified, than the recording as
             it is: it is of one arm. Chosen.
+        clocks: Recorded over true time, between which it is looked for. Chosen.
+        grid: Clocks that are tried first.
+        clock: Relative difference from 1 from which on a clock is wrong: of what shows in torques
+            alone, less is a matter of the links' inertia. Chosen.
+        left_out: Spans of the recording, each of which is left out in turn for its interval.
+        smoothed: Relative standard deviation beside that: low-passed accelerations are a little too
+            small. Seen: clocks found .0024 to .0029 too large (test_diagnose_recording_faults.py).
         driving: Standard errors below zero that the power of friction is at least, where no reading
             has it so. Chosen: one chance in a thousand.
     """
@@ -40,6 +50,11 @@ class ReadingSettings:
     blocks: int = 24
     independent: float = 1.6
     beyond: float = 0.02
+    clocks: tuple[float, float] = (0.2, 5.0)
+    grid: int = 17
+    clock: float = 0.08
+    left_out: int = 8
+    smoothed: float = 0.0025
     driving: float = 3.0
 
 
@@ -85,20 +100,34 @@ class WrongReading:
 
 
 def read_as(motion: MeasuredMotion, reading: Reading) -> MeasuredMotion:
-    """Return a motion read another way."""
+    """Return a motion read another way, by its own clock: samples compare with those before."""
     direction = motion.direction
     if direction is not None:
         direction = np.where(direction @ reading.motion.T < 0.0, -1.0, 1.0)
     return replace(
         motion,
         q=motion.q @ reading.motion.T,
-        qd=motion.qd @ reading.motion.T,
-        qdd=motion.qdd @ reading.motion.T,
+        qd=reading.rate * motion.qd @ reading.motion.T,
+        qdd=reading.rate**2 * motion.qdd @ reading.motion.T,
         effort=motion.effort @ reading.effort.T,
         direction=direction,
         unread=np.broadcast_to(motion.unread, motion.q.shape) @ (reading.effort.T != 0.0),
         rounding=np.sqrt((motion.rounding * np.ones(motion.arm.n)) ** 2 @ reading.effort.T**2),
     )
+
+
+def in_true_time(loaded: Loaded, reading: Reading) -> Loaded:
+    """Return a motion that was read as a reading has it with times, and densities, by its clock."""
+    motion, rate = loaded.motion, reading.rate
+    if motion.rate is None:
+        return loaded
+    motion = replace(
+        motion,
+        time=motion.time / rate,
+        rate=rate * motion.rate,
+        rounding=motion.rounding / np.sqrt(rate),
+    )
+    return replace(loaded, motion=motion, floor=loaded.floor / np.sqrt(rate))
 
 
 def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
@@ -117,7 +146,7 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     before = _beside_friction(few.residual, few, usable) ** 2 * usable
     as_it_is = _expected(few)
     pulling = tuple(term for term in motion.model.terms if not term.FRICTION)
-    alternatives = list(readings(motion.arm, motion.moves))
+    alternatives = [*readings(motion.arm, motion.moves), *_clocks(few, usable)]
     scores = []
     farthest = _beyond(few) + _SETTINGS.beyond
     for same_motion in _by_motion(alternatives):
@@ -125,8 +154,9 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
         if _beyond(read) > farthest:
             continue
         # What a model leaves open where one reading takes the joints beyond all that it was
-        # identified on, a reading that does not may settle.
-        expected = np.minimum(as_it_is, _expected(read))
+        # identified on, a reading that does not may settle. Of efforts alone it is in both.
+        moved = same_motion[0].moves
+        expected = np.minimum(as_it_is, _expected(read)) if moved else np.zeros_like(as_it_is)
         scale = np.maximum(before.mean(axis=0) + expected, 1e-12)
         for reading in same_motion:
             effort = few.effort @ reading.effort.T
@@ -158,11 +188,73 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     return sorted(scores, key=lambda score: -score.gain)
 
 
+def _clocks(few: MeasuredMotion, usable: NDArray[np.bool_]) -> list[Reading]:
+    """Return the clock by which the model's torques fit best, if it is another one.
+
+    Where velocities were measured they show the clock (``diagnosis.recording_faults``); here only
+    torques do, of inertia by its square and of viscous friction.
+
+    Args:
+        few: Samples of a motion.
+        usable: (N, n) which of their efforts say something.
+    """
+    from scipy.optimize import minimize_scalar
+
+    if few.static or few.timed or few.reference is not None:
+        return []
+    eye, counted = np.eye(few.arm.n), usable & few.moves
+    least = _expected(few) + 1e-12
+
+    def squares(log: float) -> Array:
+        read = read_as(few, _clock(float(np.exp(log)), eye))
+        return np.where(counted, _beside_friction(read.residual, read, usable) ** 2, 0.0)
+
+    slowest, fastest = np.log(_SETTINGS.clocks).tolist()
+    grid = np.linspace(slowest, fastest, _SETTINGS.grid)
+    first = np.stack([squares(log) for log in grid])
+
+    def best(kept: NDArray[np.bool_]) -> float:
+        def misfit(square: Array) -> float:
+            return float(np.log(square[kept].mean(axis=0) + least).sum())
+
+        middle = int(np.argmin([misfit(square) for square in first]))
+        ends = grid[max(middle - 1, 0)], grid[min(middle + 1, len(grid) - 1)]
+        found = minimize_scalar(
+            lambda log: misfit(squares(log)), bounds=ends, method="bounded",
+            options={"xatol": 1e-4},
+        )  # fmt: skip
+        return float(found.x)
+
+    whole = best(np.ones(len(few.q), dtype=bool))
+    if abs(whole) < np.log1p(_SETTINGS.clock):
+        return []
+    # Efron and Tibshirani (1993), An Introduction to the Bootstrap, chapter 11: the jackknife.
+    count = _SETTINGS.left_out
+    span = np.arange(len(few.q)) * count // len(few.q)
+    without = np.array([best(span != number) for number in range(count)])
+    jackknife = np.sqrt((count - 1) * np.mean((without - without.mean()) ** 2))
+    deviation = float(np.hypot(jackknife, _SETTINGS.smoothed))
+    low, value, high = (
+        float(np.exp(whole + sign * NORMAL_95 * deviation)) for sign in (-1.0, 0.0, 1.0)
+    )
+    return [_clock(value, eye, low, high)]
+
+
+def _clock(value: float, eye: Array, low: float = 0.0, high: float = np.inf) -> Reading:
+    factor = Estimate(value, low, high, "")
+    words = (
+        f"its clock runs wrong, its times are {factor.shown} of the true ones; no velocities were "
+        "recorded that would show it, and inertia and viscous friction that are off alike at all "
+        "joints would look the same"
+    )
+    return Reading(words, (), eye, eye, clock=factor)
+
+
 def _by_motion(alternatives: Iterable[Reading]) -> Iterable[list[Reading]]:
     """Return readings in groups that differ in the efforts alone: one torque is theirs."""
-    groups: dict[bytes, list[Reading]] = {}
+    groups: dict[tuple[bytes, float], list[Reading]] = {}
     for reading in alternatives:
-        groups.setdefault(reading.motion.tobytes(), []).append(reading)
+        groups.setdefault((reading.motion.tobytes(), reading.rate), []).append(reading)
     return groups.values()
 
 

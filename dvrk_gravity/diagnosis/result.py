@@ -51,6 +51,7 @@ class Diagnosis:
         with_model: There is a model, on trial or beside a reference.
         outside: Where joints are beyond what the model was identified on, one sentence each.
         of_file: What an arm's own file states was on trial.
+        exact: Why the model on trial counts as exact; ``""``: it says how sure it is.
     """
 
     verdict: Verdict
@@ -74,6 +75,7 @@ class Diagnosis:
     with_model: bool = True
     outside: tuple[str, ...] = ()
     of_file: bool = False
+    exact: str = ""
 
     def __repr__(self) -> str:
         """Give the verdict and the effects, in short."""
@@ -123,6 +125,16 @@ class Diagnosis:
         if np.isfinite(list(self.expected.values())).any():
             return self.expected, "what it expects of itself"
         return self.floor, FLOORS[self.floor_from]
+
+    @property
+    def headline(self) -> str:
+        """What every figure rests on, if that is in question; ``""`` if it is not."""
+        if not self.exact:
+            return ""
+        return (
+            f"the model counts as exact, for {self.exact}: whatever it misses is a finding, and "
+            "every interval leaves its own error out"
+        )
 
     @property
     def gains_most(self) -> str:
@@ -188,6 +200,7 @@ class Diagnosis:
                 "held_out": self.held_out,
                 "warnings": [str(warning) for warning in self.warnings],
                 "floor_from": self.floor_from,
+                "model_exact": bool(self.exact),
             },
             "ambiguities": [
                 {

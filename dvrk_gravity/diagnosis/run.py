@@ -25,6 +25,7 @@ from dvrk_gravity.diagnosis.overlap import spanned
 from dvrk_gravity.diagnosis.places import SelectedEffect, explained
 from dvrk_gravity.diagnosis.read_rightly import read_rightly
 from dvrk_gravity.diagnosis.readings import WrongReading
+from dvrk_gravity.diagnosis.recording_faults import put_right
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
 from dvrk_gravity.diagnosis.reference_error import pulling_otherwise, rubbing_otherwise
 from dvrk_gravity.diagnosis.result import Diagnosis
@@ -34,13 +35,12 @@ from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.beyond import with_held
-from dvrk_gravity.identification.coordinates import doubt
 from dvrk_gravity.identification.drive_gains import check_mass
 from dvrk_gravity.identification.effort_unit import in_their_unit, require_newtons
 from dvrk_gravity.identification.motion import known_still
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Given, Recording, RecordingFile, opened
-from dvrk_gravity.recording.data import Coordinates
+from dvrk_gravity.recording import DataWarning, Given, Recording, RecordingFile, opened
+from dvrk_gravity.recording.data import Coordinates, known_coordinates
 from dvrk_gravity.recording.data_warning import about_arm
 from dvrk_gravity.recording.read_before import ReadBefore
 
@@ -100,7 +100,7 @@ def diagnose(
     progress: Callable[[str], None] | None = None,
     simulated: bool = False,
     still: Mapping[str, float] | None = None,
-    coordinates: Coordinates = "joint",
+    coordinates: Coordinates | None = None,
     reference: Given | None = None,
     arm: Arm | str | Path | None = None,
     known_payload: float | None = None,
@@ -115,7 +115,8 @@ def diagnose(
         progress: Called with one line at every step.
         simulated: Also compare given and extended model in the simulator, which takes seconds.
         still: Where joints stood that the recordings do not hold: joint position, rad.
-        coordinates: Of recordings that are given as files, which do not tell.
+        coordinates: Of the recordings; ``None``: found out (``decide_coordinates``), and a finding
+            where they are not the joints' coordinates, nor say so themselves.
         reference: The same motion when all was well: what changed since is told, and the model, if
             there is one, only takes it in.
         arm: The arm, where there is no model.
@@ -133,10 +134,20 @@ def diagnose(
         check_mass(known_payload)
     model = None if model is None else TorqueModel.of(model)
     arm = arm_for(model, None if arm is None else Arm.of(arm), reference is not None)
-    whole, said = opened(recordings, coordinates, arm), tuple[str, ...]()
+    coordinates = known_coordinates(coordinates)
+    whole, said = opened(recordings, coordinates or "joint", arm), tuple[str, ...]()
     still = known_still(still, arm)
     if not whole:
         raise RecordingError("recordings", "none given, expected at least one")
+    on_trial, beside, other = model or model_of(arm), tuple[DataWarning, ...](), None
+    if reference is not None:
+        (other,) = opened(reference, coordinates or "joint", arm)
+        read = put_right([other], on_trial, coordinates, still)
+        # Of two that are misread alike the difference looks like physics.
+        (other,), coordinates = read.recordings, read.recordings[0].head.coordinates
+        beside = read.of_reference
+    right = put_right(whole, on_trial, coordinates, still)
+    whole = right.recordings
     if model is None:
         arm, whole, held = with_held(whole, arm, still)
         arm, said = in_their_unit(arm, whole)
@@ -152,10 +163,13 @@ def diagnose(
     loaded = load(whole, model, still)
     doubts = about_arm(arm.doubts if model.of_file else ())  # an identified model has its own
     loaded = replace(
-        loaded, handling=(*said, *loaded.handling), warnings=(*doubts, *loaded.warnings)
+        loaded,
+        handling=(*said, *loaded.handling),
+        warnings=(*doubts, *beside, *right.warnings, *loaded.warnings),
+        faults=right.findings,
     )
-    if reference is not None:
-        loaded = _beside_reference(loaded, whole, reference, model, coordinates, still)
+    if other is not None:
+        loaded = _beside_reference(loaded, whole, other, model, still)
     outcome = investigate(loaded, say)
     say("measuring gains on held-out blocks")
     diagnosis = assemble(
@@ -180,13 +194,11 @@ def diagnose(
 def _beside_reference(
     loaded: Loaded,
     recordings: Sequence[Recording | RecordingFile],
-    reference: Given,
+    other: Recording | RecordingFile,
     model: TorqueModel,
-    coordinates: Coordinates,
     still: Mapping[str, float],
 ) -> Loaded:
     """Return what recordings and a reference both show."""
-    (other,) = opened(reference, coordinates, model.arm)
     for recording in (*recordings, other):
         require_moving(recording)
     heads = [recording.head for recording in (recordings[0], other)]
@@ -195,10 +207,6 @@ def _beside_reference(
         before.read(recording)
     if before.skipped:  # the last of them
         raise RecordingError(heads[1].source, "is what is diagnosed, too: expected another one")
-    # Of two that are misread alike the difference looks like physics.
-    mixed = loaded.motion.present.all() and not model.arm.direct_drive
-    doubts = doubt(other, model.arm, heads[1].coordinates) if mixed else ()
-    loaded = replace(loaded, warnings=(*loaded.warnings, *doubts))
     sure = replace(model, uncertainty=None)  # what it does not know, it does not know in either
     loaded = replace(loaded, motion=replace(loaded.motion, model=sure))
     return compared(loaded, load([other], model, still), [head.source for head in heads])
@@ -222,7 +230,8 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     telling = motion.model.uncertainty is not None or motion.reference is not None
     if not telling and np.any(validation.score(chosen).rms > _SETTINGS.doubtful * floor):
         selection, chosen = _with_model_moving(validation, pool, selection, chosen, say)
-    chosen, unconfirmed = confirmed(selection, chosen)
+    noise = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
+    chosen, unconfirmed = confirmed(selection, chosen, noise)
     # Masses that only moved along are no cause: they come last.
     chosen.sort(key=lambda candidate: candidate.hypothesis.of_model)
     selected = explained(selection, chosen)
@@ -233,7 +242,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     again = _with_changes_told(loaded, validation, selected, say)
     if again is not None:
         return again
-    validation, selected, unknown, failed = at_the_fit(selection, selected, unknown)
+    validation, selected, unknown, failed = at_the_fit(selection, selected, unknown, floor)
     unconfirmed += failed
     other_day = [effect.trial.candidate for effect in selected if effect.trial.other_day]
     selected = [effect for effect in selected if not effect.trial.other_day]

@@ -40,8 +40,11 @@ def motions(
     step, rounding = _step(stretch, model.arm), _rounding(stretch, model.arm)
     unread = frozen_efforts(stretch)
     pieces = (_piece(segment, thin, model, start, still, step) for segment in segments)
+    timed = stretch.velocity is not None
     return [
-        _without(replace(piece, rounding=rounding, thinned=thin), unread, stretch, start)
+        _without(
+            replace(piece, rounding=rounding, thinned=thin, timed=timed), unread, stretch, start
+        )
         for piece in pieces
     ]
 

@@ -34,9 +34,11 @@ from dvrk_gravity.effects.shown_torque import ShownTorque
 from dvrk_gravity.effects.stribeck_friction import StribeckFriction
 from dvrk_gravity.effects.thermal_drift import ThermalDrift
 from dvrk_gravity.effects.time_delay import TimeDelay
+from dvrk_gravity.effects.time_scale import TimeScale
 from dvrk_gravity.effects.torque_offset import TorqueOffset
 from dvrk_gravity.effects.torque_scale import TorqueScale
 from dvrk_gravity.effects.unknown import Unknown
+from dvrk_gravity.effects.velocity_scale import VelocityScale
 from dvrk_gravity.effects.viscous_friction import ViscousFriction
 from dvrk_gravity.effects.wrong_coordinates import WrongCoordinates
 
@@ -44,6 +46,8 @@ for _effect in (
     Gravity,
     LinkWeight,
     WrongCoordinates,
+    TimeScale,
+    VelocityScale,
     CoulombFriction,
     ViscousFriction,
     TorqueOffset,

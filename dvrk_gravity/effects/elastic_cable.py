@@ -225,7 +225,10 @@ class CableHypothesis(Hypothesis):
         return {"lowest": float(way.min()), "highest": float(way.max())} | values
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`; a curve is held at the edges of the motion."""
+        """See :meth:`Hypothesis.merge`; a curve is held at the edges of the motion.
+
+        A curve that the model has already is held where it was fitted, and so is the sum.
+        """
         joint, name = self.site.index, f"{self.effect}.{self.arm.joint_names[self.site.index]}"
         offset = float(position_offset(self.arm, values)[joint])
         # Of the true position.
@@ -236,13 +239,16 @@ class CableHypothesis(Hypothesis):
         total[: len(known)] += known
         total[: len(powers)] += powers
         result = {**values, name: tuple(total.tolist())}
-        if self.degree < 2:
-            return result
         middle, half = motion.travel
         for edge, default, sign in (("valid_lower", -_FAR, -1.0), ("valid_upper", _FAR, 1.0)):
             field = f"{self.effect}.{edge}"
+            if self.degree < 2 and not values.get(field):
+                continue
             limits = np.array(values.get(field) or np.full(len(self.arm.joints), default))
-            if not known.any() or abs(limits[joint]) >= _FAR:
+            free = not known[1:].any()  # a constant is the same wherever it is held
+            if self.degree < 2:
+                limits[joint] = default if free else limits[joint]
+            elif free or abs(limits[joint]) >= _FAR:
                 limits[joint] = middle[joint] + sign * half[joint] - offset
             result[field] = tuple(limits.tolist())
         return result

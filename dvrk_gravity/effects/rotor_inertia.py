@@ -14,7 +14,7 @@ from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.link_prior import rotors_beside_links
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
-from dvrk_gravity.effects.base.merging import added
+from dvrk_gravity.effects.base.merging import added, array
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.effects.base.site import Kind
@@ -146,9 +146,9 @@ class RotorHypothesis(Hypothesis):
         del setting
         return {"inertia": float(theta[0])}
 
-    def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
+    def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         """See :meth:`Hypothesis.merge`; no rotor has an inertia below zero."""
         del motion
-        name = f"{self.effect}.motor"
-        result = added(self.arm, values, name, self.site.index, float(theta[0]))
-        return None if min(result[name]) < 0.0 else result
+        name, index = f"{self.effect}.motor", self.site.index
+        known = array(self.arm, values, name)[index]
+        return added(self.arm, values, name, index, max(float(theta[0]), -known))

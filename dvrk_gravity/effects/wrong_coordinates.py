@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base.effect import Effect
+from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.effects.time_scale import TimeScale
 
 Array = NDArray[np.float64]
 
@@ -32,6 +34,7 @@ class Reading:
         effort: (n, n) read effort -> the true one.
         coordinates: That a recording must be said to be in, to be read so; ``""`` if that is not
             enough.
+        clock: Recorded over true time; ``None``: the times are right.
     """
 
     words: str
@@ -39,13 +42,29 @@ class Reading:
     motion: Array
     effort: Array
     coordinates: str = ""
+    clock: Estimate | None = None
+
+    @property
+    def effect(self) -> type[Effect]:
+        """The effect that it is."""
+        return WrongCoordinates if self.clock is None else TimeScale
+
+    @property
+    def rate(self) -> float:
+        """True over read velocity, of what is read so by the clock alone."""
+        return 1.0 if self.clock is None else self.clock.value
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is another reading of the motion, too, and not of the efforts alone."""
+        return self.clock is not None or not np.array_equal(self.motion, np.eye(len(self.motion)))
 
     @property
     def remedy(self) -> str:
         """What to do about it."""
         if self.coordinates:
             return f"say so: --coordinates {self.coordinates}"
-        return WrongCoordinates.REMEDY
+        return self.effect.REMEDY
 
 
 def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import get_args
 
@@ -10,20 +11,21 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
+from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation.normal_equations import fit
-from dvrk_gravity.estimation.splits import make_folds
+from dvrk_gravity.estimation.splits import Folds, make_folds
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import build_design
 from dvrk_gravity.identification.motion import CalibrationMotion, Source, read, read_motions
 from dvrk_gravity.identification.moves import start_columns
 from dvrk_gravity.identification.selection import training_equations
-from dvrk_gravity.recording import DataWarning
+from dvrk_gravity.recording import DataWarning, Recording
 from dvrk_gravity.recording.data import Array, Coordinates
 
 
 @dataclass(frozen=True)
 class CoordinateSettings:
-    """When the coordinates of a recording count as told.
+    """When the coordinates of a recording count as known.
 
     Attributes:
         duration: s of a recording that are looked at. Chosen: some periods of the slowest sine of
@@ -36,76 +38,165 @@ class CoordinateSettings:
     clear: float = 0.97
 
 
-def detect_coordinates(recording: Source, arm: Arm) -> tuple[Coordinates, str]:
-    """Return in which coordinates a plain model predicts held-out blocks better, and why.
+@dataclass(frozen=True, eq=False)
+class CoordinateErrors:
+    """Held-out errors of a plain model in both readings of a recording, over the torque.
 
-    Of an arm whose motors each turn one joint, by as much, both are the same: no reason is given.
+    Attributes:
+        whole: Of all held-out blocks together.
+        blocks: (F,) of each fold's.
+    """
+
+    whole: Mapping[Coordinates, float]
+    blocks: Mapping[Coordinates, Array]
+
+    @property
+    def best(self) -> Coordinates:
+        """The reading of the lesser error."""
+        return min(self.whole, key=lambda system: self.whole[system])
+
+    def clearly_not(self, system: Coordinates) -> bool:
+        """Whether the other reading is clearly the better one."""
+        best = self.best
+        clear = CoordinateSettings().clear * self.whole[system]
+        return best != system and self.whole[best] <= clear
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What the columns of a recording are, and how that is known.
+
+    Attributes:
+        coordinates: Joint, what ``measured_js`` publishes, or actuator, the motors'.
+        reason: How it was found out, one sentence; ``""``: it was given, or is the same either way.
+        warnings: That what was given looks like the other.
+        errors: By which it was decided; ``None`` where nothing was compared.
+    """
+
+    coordinates: Coordinates
+    reason: str = ""
+    warnings: tuple[DataWarning, ...] = ()
+    errors: CoordinateErrors | None = None
+
+
+def decide_coordinates(
+    recording: Source,
+    arm: Arm,
+    given: Coordinates | None,
+    misfit: Callable[[Coordinates], float] | None = None,
+) -> Decision:
+    """Return what the columns of a recording are: what every verb goes by.
+
+    A plain model of the arm is fitted to both readings, and the one in which it predicts held-out
+    blocks better is taken; where neither is clearly better, joint coordinates. What was given is
+    taken, with a warning if the other reading is clearly better. Static poses, and recordings of
+    some joints, determine no plain model: there the model at hand decides, if there is one.
 
     Args:
-        recording: Trajectory of all joints.
-        arm: The arm.
-
-    Raises:
-        RecordingError: A recording that cannot serve.
+        recording: Trajectory or static poses.
+        arm: The arm. Where its motors each turn one joint, by as much, both readings are the same.
+        given: What somebody said they are; ``None``: nobody did.
+        misfit: Error of the model at hand, if there is one, in either reading of the recording.
     """
     if arm.direct_drive:
-        return "joint", ""
-    errors = coordinate_errors(recording, arm)
-    best, other = sorted(errors, key=lambda system: errors[system])
-    if errors[best] > CoordinateSettings().clear * errors[other]:
-        return "joint", (
+        return Decision(given or "joint")
+    errors = _errors(recording, arm)
+    if given is not None:
+        warnings = () if errors is None else _doubt(recording.head.source, errors, given)
+        return Decision(given, "", warnings, errors)
+    if errors is None:
+        return Decision("joint") if misfit is None else _by_misfit(misfit)
+    joint, actuator = (errors.whole[system] for system in get_args(Coordinates))
+    best = errors.best
+    other = errors.whole["actuator" if best == "joint" else "joint"]
+    if errors.whole[best] > CoordinateSettings().clear * other:
+        reason = (
             "taken as joint coordinates; actuator coordinates would fit about equally well "
-            f"(held-out error over torque {errors['joint']:.3f} and {errors['actuator']:.3f})"
+            f"(held-out error over torque {joint:.3f} and {actuator:.3f})"
         )
-    return best, (
+        return Decision("joint", reason, (), errors)
+    reason = (
         f"taken as {best} coordinates: a plain model leaves a held-out error of "
-        f"{errors[best]:.3f} of the torque, read as {other} coordinates {errors[other]:.3f}"
+        f"{errors.whole[best]:.3f} of the torque, {other:.3f} in the others"
     )
+    return Decision(best, reason, (), errors)
 
 
-def coordinate_errors(recording: Source, arm: Arm) -> dict[Coordinates, float]:
+def _errors(recording: Source, arm: Arm) -> CoordinateErrors | None:
+    """Return how a plain model does in both readings; ``None`` where it cannot be fitted."""
+    head = recording.head
+    static = isinstance(head, Recording) and (head.time is None or head.effort is None)
+    if static or set(arm.joint_names) - set(head.joints):
+        return None
+    try:
+        return coordinate_errors(recording, arm)
+    except RecordingError:  # whoever reads it next says why
+        return None
+
+
+def _by_misfit(misfit: Callable[[Coordinates], float]) -> Decision:
+    sizes = {system: misfit(system) for system in get_args(Coordinates)}
+    best: Coordinates = "joint" if sizes["joint"] <= sizes["actuator"] else "actuator"
+    reason = (
+        f"taken as {best} coordinates: mean |e|/|tau| of the model {sizes[best]:.3f}, "
+        f"{max(sizes.values()):.3f} in the others"
+    )
+    return Decision(best, reason)
+
+
+def coordinate_errors(recording: Source, arm: Arm) -> CoordinateErrors:
     """Return the held-out error of a plain model in either reading of a recording, over the torque.
 
     Of the efforts as they were recorded, for those of the motors are others in either reading; and
     by the determinant of the errors' covariance, the 2n-th root of it, which tells the likelihood
     of Gaussian errors that are independent at the motors or at the joints, whichever they are.
+
+    Raises:
+        RecordingError: Whatever ``read_motions`` refuses.
     """
     trajectory = replace(read(recording), coordinates=None)
     systems = get_args(Coordinates)
-    errors, told = zip(
+    errors, told, folds = zip(
         *(_held_out_errors(trajectory, arm, system) for system in systems), strict=True
     )
     # The same samples in both: friction that holds a joint in one reading need not in the other.
     counted = np.logical_and(*told)
     seen = counted.any(axis=0)
-    return {
-        system: _size(np.where(counted, error, 0.0)[:, seen] / np.sqrt(counted.sum(axis=0)[seen]))
+    shown = {
+        system: np.where(counted, error, 0.0)[:, seen] / np.sqrt(counted.sum(axis=0)[seen])
         for system, error in zip(systems, errors, strict=True)
     }
+    tested = folds[0].tested
+    return CoordinateErrors(
+        {system: _size(error) for system, error in shown.items()},
+        {
+            system: np.array([_size(error[rows]) for rows in tested])
+            for system, error in shown.items()
+        },
+    )
 
 
-def doubt(recording: Source, arm: Arm, given: Coordinates) -> tuple[DataWarning, ...]:
+def _doubt(source: str, errors: CoordinateErrors, given: Coordinates) -> tuple[DataWarning, ...]:
     """Return a warning if the other coordinates than those given clearly fit better."""
-    errors = coordinate_errors(recording, arm)
-    best = min(errors, key=lambda system: errors[system])
-    if best == given or errors[best] > CoordinateSettings().clear * errors[given]:
+    if not errors.clearly_not(given):
         return ()
+    best, whole = errors.best, errors.whole
     return (
         DataWarning(
             "coordinates",
             None,
-            {"given": errors[given], "other": errors[best]},
-            f"{recording.head.source} was given as {given} coordinates, but looks like {best} "
-            f"ones: a plain model leaves a held-out error of {errors[given]:.3f} of the torque, as "
-            f"{best} ones {errors[best]:.3f}",
+            {"given": whole[given], "other": whole[best]},
+            f"{source} was given as {given} coordinates, but looks like {best} "
+            f"ones: a plain model leaves a held-out error of {whole[given]:.3f} of the torque, as "
+            f"{best} ones {whole[best]:.3f}",
         ),
     )
 
 
 def _held_out_errors(
     recording: Source, arm: Arm, coordinates: Coordinates
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Return (N, n) held-out errors of a plain model, and which of them say something.
+) -> tuple[Array, NDArray[np.bool_], Folds]:
+    """Return (N, n) held-out errors of a plain model, which of them say something, and the folds.
 
     Of the efforts as they were recorded, over the RMS of each.
     """
@@ -128,7 +219,7 @@ def _held_out_errors(
         error, effort = arm.joint_effort(error), arm.joint_effort(effort)
         told = ~arm.joints_of(~told)
     rms = np.maximum(np.sqrt(np.mean(effort**2, axis=0)), 1e-6)
-    return error / rms, told
+    return error / rms, told, folds
 
 
 def _size(error: Array) -> float:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.beyond import held_beyond
+from dvrk_gravity.identification.coordinates import Decision, decide_coordinates
 from dvrk_gravity.identification.effort_unit import require_newtons
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.hand import beyond_limits
@@ -108,7 +109,7 @@ def evaluate(
     Args:
         model: The model, or the path of its file.
         recordings: Trajectories, or static poses: recordings or paths of their files.
-        coordinates: Of the recordings; ``None`` takes those in which the model fits better.
+        coordinates: Of the recordings; ``None``: found out for each (``decide_coordinates``).
         cutoff: Of the low-pass, Hz.
 
     Raises:
@@ -125,56 +126,48 @@ def evaluate(
     still, held = held_beyond(recordings, model.arm, {})
     for recording in recordings:
         require_all(recording.head, model.arm, still or None)
+    doubts = about_arm(model.arm.doubts if model.of_file else ())
     if all_static(recordings):
         poses = [whole(recording) for recording in recordings]
+        decision = decide_coordinates(
+            poses[0], model.arm, coordinates,
+            lambda system: _mean(_evaluate_static(model, poses, still, Decision(system))),
+        )  # fmt: skip
+        evaluated = _evaluate_static(model, poses, still, decision)
+        return replace(
+            evaluated, handling=(*odd, *held, *evaluated.handling),
+            warnings=(*doubts, *evaluated.warnings),
+        )  # fmt: skip
+    trajectories, decisions = list[Trajectory](), list[Decision]()
+    for recording in recordings:
+        trajectory = replace(read(recording, cutoff), still=still)
 
-        def run(coordinates: Coordinates, detected: str) -> Evaluation:
-            return _evaluate_static(model, poses, still, coordinates, detected)
-    else:
-        # Read once, compared in both coordinates.
-        trajectories = [replace(read(recording, cutoff), still=still) for recording in recordings]
+        def misfit(system: Coordinates, alone: Trajectory = trajectory) -> float:
+            return _mean(_evaluate_dynamic(model, [alone], Decision(system), cutoff))
 
-        def run(coordinates: Coordinates, detected: str) -> Evaluation:
-            return _evaluate_dynamic(model, trajectories, coordinates, cutoff, detected)
-
-    if coordinates is None and model.arm.direct_drive:
-        coordinates = "joint"  # the same either way
-    evaluated = _in_coordinates(coordinates, run)
-    doubts = about_arm(model.arm.doubts if model.of_file else ())
+        decision = decide_coordinates(trajectory, model.arm, coordinates, misfit)
+        trajectories.append(replace(trajectory, coordinates=decision.coordinates))
+        decisions.append(decision)
+    evaluated = _evaluate_dynamic(model, trajectories, decisions[0], cutoff)
+    uncertain = tuple(warning for decision in decisions for warning in decision.warnings)
     return replace(
-        evaluated, handling=(*odd, *held, *evaluated.handling),
-        warnings=(*doubts, *evaluated.warnings),
-    )  # fmt: skip
-
-
-def _in_coordinates(
-    coordinates: Coordinates | None, run: Callable[[Coordinates, str], Evaluation]
-) -> Evaluation:
-    """Return the evaluation in some coordinates, or in those in which the model fits better."""
-    if coordinates is not None:
-        return run(coordinates, "")
-    results = {system: run(system, "") for system in get_args(Coordinates)}
-    size = {system: _total(result.joints) for system, result in results.items()}
-    best: Coordinates = "joint" if size["joint"] <= size["actuator"] else "actuator"
-    reason = (
-        f"taken as {best} coordinates: mean |e|/|tau| {size[best]:.3f}, "
-        f"{max(size.values()):.3f} in the others"
+        evaluated,
+        handling=(*odd, *held, *evaluated.handling),
+        warnings=(*doubts, *uncertain, *evaluated.warnings),
     )
-    return replace(results[best], detected=reason)
 
 
-def _total(joints: Mapping[str, JointError]) -> float:
-    return float(np.mean([error.nrmse for error in joints.values()]))
+def _mean(evaluation: Evaluation) -> float:
+    return float(np.mean([error.nrmse for error in evaluation.joints.values()]))
 
 
 def _evaluate_dynamic(
     model: TorqueModel,
     recordings: Sequence[Trajectory],
-    coordinates: Coordinates,
+    decision: Decision,
     cutoff: float,
-    detected: str,
 ) -> Evaluation:
-    arm = model.arm
+    arm, coordinates = model.arm, decision.coordinates
     motions = read_motions(recordings, arm, coordinates, cutoff)
     traces, positions, velocities = [], [], []
     recorded = np.zeros(arm.n, dtype=bool)
@@ -214,9 +207,7 @@ def _evaluate_dynamic(
     sources = [recording.source for recording in recordings]
     q, qd = np.concatenate(positions), np.concatenate(velocities)
     resting = _idle(arm, q, coordinates, static=False)
-    result = _result(
-        traces, sources, coordinates, detected, motions.warnings, motions.handling, resting
-    )
+    result = _result(traces, sources, decision, motions.warnings, motions.handling, resting)
     return replace(result, outside=outside_range(model, q, qd, recorded))
 
 
@@ -224,10 +215,9 @@ def _evaluate_static(
     model: TorqueModel,
     recordings: Sequence[Recording],
     still: Mapping[str, float],
-    coordinates: Coordinates,
-    detected: str,
+    decision: Decision,
 ) -> Evaluation:
-    arm = model.arm
+    arm, coordinates = model.arm, decision.coordinates
     stood = np.array([still.get(joint, 0.0) for joint in arm.joint_names])
     traces: list[Trace] = []
     warnings: list[DataWarning] = []
@@ -257,7 +247,7 @@ def _evaluate_static(
         )
     as_they_are = ("static poses, used as they are",)
     resting = _idle(arm, np.concatenate(positions), coordinates, static=True)
-    result = _result(traces, sources, coordinates, detected, warnings, as_they_are, resting)
+    result = _result(traces, sources, decision, warnings, as_they_are, resting)
     recorded = np.array([name in recordings[0].joints for name in arm.joint_names])
     return replace(
         result,
@@ -296,8 +286,7 @@ def _depends_on_approach(
 def _result(
     traces: Sequence[Trace],
     sources: Sequence[str],
-    coordinates: Coordinates,
-    detected: str,
+    decision: Decision,
     warnings: Sequence[DataWarning],
     handling: Sequence[str],
     resting: tuple[str, ...],
@@ -309,8 +298,8 @@ def _result(
         if any(trace.source == number and len(trace.measured) for trace in traces)
     }
     return Evaluation(
-        errors_of(traces, resting), samples, coordinates, detected, tuple(warnings),
-        tuple(handling), tuple(traces), idle=resting, recordings=by_recording,
+        errors_of(traces, resting), samples, decision.coordinates, decision.reason,
+        tuple(warnings), tuple(handling), tuple(traces), idle=resting, recordings=by_recording,
     )  # fmt: skip
 
 

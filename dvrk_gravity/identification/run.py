@@ -19,7 +19,7 @@ from dvrk_gravity.identification.console_columns import (
     ConsoleColumns,
     require_console_arm,
 )
-from dvrk_gravity.identification.coordinates import detect_coordinates, doubt
+from dvrk_gravity.identification.coordinates import decide_coordinates
 from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
 from dvrk_gravity.identification.dynamic_fit import fit_dynamic
 from dvrk_gravity.identification.effort_unit import in_their_unit
@@ -306,15 +306,13 @@ def _dynamic(
     for full, index in zip(complete, fitted, strict=True):
         trajectory, system = trajectories[index], coordinates[index]
         assert trajectory is not None
+        decision = decide_coordinates(trajectory, arm, system)
+        system = decision.coordinates
+        warnings += decision.warnings
         if not full:
-            system = system or "joint"
             reasons.append(_partial(trajectory, arm, system, still))
-        elif system is None:
-            system, reason = detect_coordinates(trajectory, arm)
-            if reason:
-                reasons.append(reason if sum(complete) == 1 else f"{trajectory.source}: {reason}")
-        else:
-            warnings += doubt(trajectory, arm, system)
+        if reason := decision.reason:
+            reasons.append(reason if sum(complete) == 1 else f"{trajectory.source}: {reason}")
         readable.append(replace(trajectory, coordinates=system, still={} if full else still))
     shown = readable[complete.index(True)].coordinates
     assert shown is not None

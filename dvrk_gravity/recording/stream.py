@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,7 @@ class RecordingFile:
         """Read the first part; arguments are those of ``Recording.load``."""
         self._path, self._topic, self._time_base = path, topic, time_base
         self._coordinates, self._arm, self._columns = coordinates, arm, columns
-        self._left_out: tuple[tuple[tuple[int, int], ...], ...] = ()  # each of what was left
+        self._changes: tuple[Callable[[Iterator[Recording]], Iterator[Recording]], ...] = ()
         if arm is not None and arm.held:  # which the arm's own joints do not tell
             whole = iterate_recording(path, topic, coordinates, time_base, columns=columns)
             next(whole).require_held(arm)
@@ -81,9 +82,7 @@ class RecordingFile:
             return self
         given = self._path, self._topic, self._time_base, self._coordinates
         result = RecordingFile(*given, arm, self._columns)
-        for left_out in self._left_out:
-            result = result.without(left_out)
-        return result
+        return result._changed(*self._changes) if self._changes else result
 
     def without(self, left_out: Sequence[tuple[int, int]]) -> RecordingFile:
         """Return the same file without some spans of its rows, each from one row to before another.
@@ -91,8 +90,17 @@ class RecordingFile:
         Raises:
             RecordingError: If nothing is left.
         """
+        return self._changed(partial(_without, left_out=tuple(left_out)))
+
+    def mended(self, mend: Callable[[Recording], Recording]) -> RecordingFile:
+        """Return the same file with each of its parts put right; samples stay in their places."""
+        return self._changed(partial(map, mend))
+
+    def _changed(
+        self, *changes: Callable[[Iterator[Recording]], Iterator[Recording]]
+    ) -> RecordingFile:
         result = copy(self)
-        result._left_out = (*self._left_out, tuple(left_out))
+        result._changes = (*self._changes, *changes)
         first = next(blocks(result.parts(), HEAD), None)
         if first is None:
             raise RecordingError(self.head.source, "holds no samples")
@@ -105,8 +113,8 @@ class RecordingFile:
             self._path, self._topic, self._coordinates, self._time_base,
             arm=self._arm, columns=self._columns,
         )  # fmt: skip
-        for left_out in self._left_out:
-            parts = _without(parts, left_out)
+        for change in self._changes:
+            parts = change(parts)
         return parts
 
     def load(self) -> Recording:

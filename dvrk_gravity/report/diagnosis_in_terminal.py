@@ -31,6 +31,8 @@ def diagnosis_text(
     why = contradiction(diagnosis.warnings)
     if why:
         yield laid_out(why, width)
+    if diagnosis.headline:
+        yield laid_out(diagnosis.headline, width)
     verdict = diagnosis.verdict.replace("_", " ")
     if not findings:
         yield laid_out(f"{verdict}: {diagnosis.sentence}", width)

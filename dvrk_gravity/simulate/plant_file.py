@@ -56,7 +56,7 @@ class PlantFile:
         """Load a plant by name (``mtmr_28002``), from a YAML file, or that of a URDF.
 
         Of a model file, the terms move with the inertia and sensors of its arm's plant
-        (:meth:`of`).
+        (:meth:`of`), and with its friction where the model has none.
 
         Raises:
             ConfigError: Unknown name, or a file with a wrong, missing or unknown field.
@@ -79,7 +79,11 @@ class PlantFile:
             isinstance(node, Mapping) and "ros__parameters" in node for node in content.values()
         ):
             model = TorqueModel.load(path)
-            return replace(cls.of(model.arm), model=model)
+            known = cls.of(model.arm)
+            friction = tuple(term for term in known.model.terms if term.FRICTION)
+            if not any(term.FRICTION for term in model.terms):
+                model = replace(model, terms=(*model.terms, *friction))
+            return replace(known, model=model)
         try:
             return replace(_parse(content, path.parent), source=f"the plant {path.stem}")
         except ConfigError as error:
@@ -92,8 +96,8 @@ class PlantFile:
         It is the first of those that come with the package whose name begins with the arm's, of any
         MTM ``mtmr_28002`` on its own geometry. Of another arm, and of one with joints that are
         held, which those plants have, supposed are the inertia of its file, or spheres if it has
-        none, and rotors; weight and friction that go with it (``Term.nominal``); and perfect
-        sensors.
+        none, and rotors; the weight that goes with it (``Term.nominal``); the friction that its
+        file states, or a usual one if it states none; and perfect sensors.
 
         Raises:
             ConfigError: A file of the package that cannot be read.
@@ -102,8 +106,10 @@ class PlantFile:
             plant = cls.load(name)
             values = {**plant.model.parameters(), "arm": arm.source or arm.name}
             return replace(plant, model=TorqueModel.from_parameters(values, arm))
-        supposed = (term.nominal(arm) for term in terms())
-        model = TorqueModel(arm, tuple(term for term in supposed if term is not None))
+        stated = [each for term in terms() if term.FRICTION and (each := term.stated(arm))]
+        supposed = [each for term in terms() if (each := term.nominal(arm))]
+        usual = (term for term in supposed if not (stated and term.FRICTION))
+        model = TorqueModel(arm, (*usual, *stated))
         source = f"{arm.name}'s file" if arm.inertial_parameters is not None else "spheres"
         return cls(model, supposed_inertias(arm), supposed_rotors(arm), Sensors(), source)
 

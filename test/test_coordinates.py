@@ -1,0 +1,123 @@
+"""Joint or actuator coordinates: every verb decides by the same code, whatever the model."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dvrk_gravity.__main__ import main
+from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.held_out import HeldOut
+from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis.pool import prepared
+from dvrk_gravity.diagnosis.recording_faults import put_right
+from dvrk_gravity.diagnosis.worsening import worsening
+from dvrk_gravity.effects import Gravity
+from dvrk_gravity.identification import evaluate
+from dvrk_gravity.identification.coordinates import decide_coordinates
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.recording import Recording
+from testing.world import COARSE, World
+
+KNOWN = World.draw(5, step=COARSE)
+ARM = KNOWN.arm
+# As a console's file is converted: weight alone, and nothing that says how sure it is.
+WEIGHT = replace(
+    KNOWN.model(), terms=tuple(t for t in KNOWN.model().terms if isinstance(t, Gravity))
+)
+
+
+@cache
+def recorded() -> Recording:
+    return KNOWN.record(3, 4, 14.0, 100.0)
+
+
+@cache
+def of_motors() -> Recording:
+    right = recorded()
+    return replace(
+        right,
+        position=ARM.actuator_position(right.position),
+        velocity=ARM.actuator_position(right.velocity),
+        effort=ARM.actuator_effort(right.effort),
+    )
+
+
+@pytest.mark.parametrize(("recording", "truth"), [(recorded, "joint"), (of_motors, "actuator")])
+def test_every_verb_reads_a_recording_in_the_same_coordinates(recording, truth):
+    decision = decide_coordinates(recording(), ARM, None)
+    assert decision.coordinates == truth
+    assert evaluate(WEIGHT, recording()).coordinates == truth
+    right = put_right([recording()], WEIGHT, None, {})
+    assert right.recordings[0].head.coordinates == truth
+    assert [finding.effect for finding in right.findings] == (
+        [] if truth == "joint" else ["wrong_coordinates"]
+    )
+
+
+def test_what_was_said_of_coordinates_is_doubted_by_every_verb_alike():
+    (doubt,) = decide_coordinates(of_motors(), ARM, "joint").warnings
+    assert doubt in evaluate(WEIGHT, of_motors(), "joint").warnings
+    assert doubt in put_right([of_motors()], WEIGHT, "joint", {}).warnings
+    said = replace(of_motors(), coordinates="actuator")
+    right = put_right([said], WEIGHT, None, {})
+    assert (right.findings, right.warnings) == ((), ())
+
+
+def diagnosed(model: TorqueModel, folder, capsys) -> tuple[list[str], dict]:
+    """Return what is printed and written of the motors' recording by its file."""
+    of_motors().save(folder / "motion.csv")
+    model.save(folder / "my_arm.yaml")
+    words = [str(folder / "motion.csv"), "--model", str(folder / "my_arm.yaml")]
+    assert main(["diagnose", *words, "--out", str(folder / "out")]) == 0
+    written = json.loads((folder / "out" / "findings.json").read_text())
+    return capsys.readouterr().out.splitlines(), written
+
+
+@pytest.mark.usefixtures("brief_simulation", "blank_pictures")
+def test_motors_coordinates_are_found_first_and_an_exact_model_says_so_before(tmp_path, capsys):
+    (first, second, *_), told = diagnosed(KNOWN.model(), tmp_path, capsys)
+
+    assert first.startswith("the model counts as exact")
+    assert "these are actuator coordinates, read as joint coordinates" in second
+    (finding,) = told["findings"]
+    assert finding["effect"] == "wrong_coordinates"
+    assert finding["remedy"] == "say so: --coordinates actuator"
+    assert told["data"]["model_exact"]
+
+
+@pytest.mark.slow
+def test_by_a_model_of_weight_alone_too_and_nothing_found_makes_a_joint_worse(tmp_path, capsys):
+    _, told = diagnosed(WEIGHT, tmp_path, capsys)
+
+    assert told["findings"][0]["effect"] == "wrong_coordinates"
+    before, after = (told["rmse"][name] for name in ("before", "after"))
+    assert all(after[joint] <= 1.05 * before[joint] for joint in before)
+
+
+def test_what_makes_a_joint_worse_where_nothing_was_fitted_is_no_explanation():
+    """An offset that is there in all blocks but those that are held out."""
+    motion = load([recorded()], KNOWN.model()).motion
+    spans = FilteredData.of(motion).held_out_spans
+    held = np.zeros(len(motion.time), dtype=bool)
+    for first, last in spans:
+        held |= (motion.time > first - 0.1) & (motion.time < last + 0.1)
+    unit = np.eye(ARM.n)[2]
+    pushed = replace(motion, effort=motion.effort + 0.5 * ~held[:, None] * unit)
+    validation, pool = prepared(pushed)
+    offset = next(
+        candidate
+        for candidate in pool
+        if candidate.hypothesis.effect == "torque_offset" and candidate.hypothesis.joints == (2,)
+    )
+    noise = np.full(ARM.n, 0.01)
+    ((failed, candidate),) = worsening(HeldOut(validation), [offset], noise)
+
+    assert candidate is offset
+    assert "with it the error at elbow_pitch is larger than the given model's" in str(failed)
+    assert worsening(HeldOut(prepared(motion)[0]), [offset], noise) == []
+    assert worsening(HeldOut(validation), [offset], 100.0 * noise) == []
