@@ -3,30 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arguments import is_urdf
 from dvrk_gravity.cli import arm_options
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.files import outputs
-from dvrk_gravity.recording import (
-    Note,
-    Recording,
-    check_counts,
-    is_bag,
-    is_recording,
-    iterate_recording,
-    save_recording,
-)
 
 NAME = "convert"
 EXAMPLE = "python -m dvrk_gravity convert sweep.csv sweep_bag --topic /MTMR/measured_js"
 
 _YAML = (".yaml", ".yml")
-DEFAULT_TOPIC = "/measured_js"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,11 +69,16 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _converter(path: Path, target: Path) -> Callable[[argparse.Namespace], int]:
+    # With SciPy and Pinocchio, each of these: not for --help.
+    from dvrk_gravity.recording import is_recording
+
     if is_recording(path):
-        return _convert_recording
+        from dvrk_gravity.cli import convert_recording
+
+        return convert_recording.convert
     of_arm = path.suffix.lower() in _YAML and target.suffix.lower() in _YAML
     if of_arm or is_urdf(path):
-        from dvrk_gravity.cli import convert_urdf  # with Pinocchio: not for --help
+        from dvrk_gravity.cli import convert_urdf
 
         return lambda arguments: convert_urdf.convert(
             arguments.input, arguments.output, arguments.json
@@ -101,35 +94,6 @@ def _converter(path: Path, target: Path) -> Callable[[argparse.Namespace], int]:
         "expected a recording (a .csv file, a rosbag2 folder, a .db3, .mcap or .bag file), "
         "a console's .json, a model's .yaml or an arm's .urdf",
     )
-
-
-def _convert_recording(arguments: argparse.Namespace) -> int:
-    if arguments.json is not None:
-        raise ConfigError("--json", str(arguments.json), "--check or a model beside it")
-    outputs.check({}, [arguments.input], {"OUT": arguments.output})
-    samples = 0
-    joints: tuple[str, ...] = ()
-    notes: list[Note] = []
-
-    def counted() -> Iterator[Recording]:
-        nonlocal samples, joints
-        given = arm_options.reading(arguments)
-        if not is_bag(arguments.input):
-            given["topic"] = None  # of the bag that is written
-        for part in iterate_recording(arguments.input, **given):
-            samples += len(part)
-            notes.extend(part.found)
-            joints = part.joints
-            yield part
-
-    topic = arguments.topic or DEFAULT_TOPIC
-    save_recording(counted(), arguments.output, arguments.storage, topic)
-    for warning in check_counts(samples, notes):
-        print(f"data: {warning}", file=sys.stderr)
-    left_out = sum(note.count for note in notes)
-    rest = f", {left_out} left out" if left_out else ""
-    print(f"{arguments.output}: {samples} samples of {', '.join(joints)}{rest}")
-    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -14,7 +14,6 @@ import numpy as np
 
 from dvrk_gravity import command_line
 from dvrk_gravity.cli import arm_options
-from dvrk_gravity.compensate.sample import DroppedSampleError, Sample, SampleReader
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.processes import (
@@ -24,10 +23,10 @@ from dvrk_gravity.processes import (
     end_on_signals,
     private_domain,
 )
-from dvrk_gravity.recording import BagReader, BagWriter, read_joint_states
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
+    from dvrk_gravity.compensate.sample import Sample
     from dvrk_gravity.model import TorqueModel
 
 NAME = "replay"
@@ -106,6 +105,7 @@ def replay(
         ProcessError: The node did not start, or stopped answering.
     """
     from dvrk_gravity.model import TorqueModel  # Pinocchio takes a while: not for --help
+    from dvrk_gravity.recording import BagReader
     from dvrk_gravity.ros.namespace import namespace_of
 
     model = TorqueModel.load(model_file)
@@ -136,6 +136,9 @@ def _expected(bag: Path, topic: str, model: TorqueModel) -> list[Sample]:
     Raises:
         RecordingError: All are to be dropped; why, is told of the first.
     """
+    from dvrk_gravity.compensate.sample import DroppedSampleError, SampleReader
+    from dvrk_gravity.recording import read_joint_states
+
     reader = SampleReader(model.arm.joint_names, held=model.arm.held)
     samples: list[Sample] = []
     first: DroppedSampleError | None = None
@@ -270,6 +273,8 @@ def _write(
     answers: Sequence[tuple[int, int, Any, bytes]],
 ) -> None:
     """Write messages and answers at the times of the replay, as `ros2 bag record` would."""
+    from dvrk_gravity.recording import BagWriter
+
     measured, commands = f"{namespace}/measured_js", f"{namespace}/servo_jf"
     with BagWriter(out) as writer:
         writer.add_topic(measured, _JOINT_STATE)
