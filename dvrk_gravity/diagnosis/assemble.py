@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from dvrk_gravity.diagnosis.beyond_range import REMEDY as GO_THERE
 from dvrk_gravity.diagnosis.beyond_range import beyond_range
 from dvrk_gravity.diagnosis.by_recording import REMEDY as DIAGNOSE_ALONE
 from dvrk_gravity.diagnosis.by_recording import difference
-from dvrk_gravity.diagnosis.candidate import Candidate
+from dvrk_gravity.diagnosis.candidate import Candidate, slices_of
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.extend import contradicted, extended, updated
 from dvrk_gravity.diagnosis.findings import (
@@ -103,7 +102,7 @@ def assemble(
     named = [effect.trial.candidate for effect in selected]
     theta, covariance, spreads = _fit(validation, named)
     scale = _scale_error(arm)
-    slices = _slices(named)
+    slices = slices_of(named)
     found = [
         (candidate.hypothesis, theta[rows]) for candidate, rows in zip(named, slices, strict=True)
     ]
@@ -242,11 +241,6 @@ def _scale_error(arm: Arm) -> float:
     return 0.0 if arm.drive_gain_error is None else float(np.mean(arm.drive_gain_error))
 
 
-def _slices(candidates: Sequence[Candidate]) -> list[slice]:
-    edges = np.cumsum([0, *(candidate.size for candidate in candidates)]).tolist()
-    return [slice(a, b) for a, b in pairwise(edges)]
-
-
 def _fit(
     validation: CrossValidation, named: Sequence[Candidate]
 ) -> tuple[Array, Array, list[dict[str, float]]]:
@@ -258,7 +252,7 @@ def _fit(
     theta, _ = along.fit(tangent)
     slopes: list[Candidate] = []
     names: list[list[str]] = []
-    for candidate, rows in zip(named, _slices(named), strict=True):
+    for candidate, rows in zip(named, slices_of(named), strict=True):
         found, columns = setting_columns(validation, candidate, theta[rows])
         names.append(found)
         slopes += columns
@@ -354,7 +348,7 @@ def _freed(
         return parameters
     candidates = [*named[:i], validation.data.candidate(freed), *named[i + 1 :]]
     theta, covariance = validation.fit(candidates)
-    rows = _slices(candidates)[i]
+    rows = slices_of(candidates)[i]
     alone = estimates(freed, theta[rows], covariance[rows, rows], {})
     return {
         name: replace(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -135,10 +136,15 @@ def most_parsimonious(
     return min(near, key=lambda pair: (effects.rank(pair[1].hypothesis.effect), -pair[0]))[1]
 
 
+def slices_of(candidates: Sequence[Candidate]) -> list[slice]:
+    """Return which of the parameters that all have together are each one's own."""
+    edges = np.cumsum([0, *(candidate.size for candidate in candidates)]).tolist()
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
 def split(candidates: Sequence[Candidate], theta: Array) -> list[tuple[Candidate, Array]]:
     """Return each candidate with its own of the (k,) parameters that all have together."""
-    edges = np.cumsum([0, *(candidate.size for candidate in candidates)])
-    return [(c, theta[a:b]) for c, a, b in zip(candidates, edges, edges[1:], strict=False)]
+    return [(c, theta[rows]) for c, rows in zip(candidates, slices_of(candidates), strict=True)]
 
 
 def in_batches(items: Iterable[T], width: Callable[[T], int], columns: int) -> Iterator[list[T]]:
