@@ -165,6 +165,7 @@ def test_a_move_keeps_the_limits_that_it_is_given() -> None:
         (["--namespace", "a b"], "--namespace: got '/a b', expected a ROS namespace"),
         (["--namespace", "/MTML"], "namespace: got '/MTML', expected that of arm mtmr, as /MTMR"),
         (["--namespace", "/left/PSM2"], "expected that of arm mtmr"),
+        (["--ros-args", "-r", "__ns:=/MTML"], "--ros-args: got '--ros-args -r __ns:=/MTML'"),
         (["--motions", "0"], "--motions: got 0, expected 1 to 20"),
         (["--arm", "mtmx"], "arm: got 'mtmx'"),
         (["--out", "."], ".: --out: got 'a folder that exists already', expected a new name"),
@@ -449,9 +450,7 @@ def test_an_encoder_that_slips_on_the_way_stops_the_arm_where_it_was_told_to_be(
     fake.on_servo_jp = slipped
     with mover(fake) as moving:
         moving.connect()
-        with pytest.raises(
-            MotionError, match=r"elbow_pitch is 2.* deg from where it is told|no val"
-        ):
+        with pytest.raises(MotionError, match=r"elbow_pitch (by|is 2).*(encoder|told to go)"):
             moving.follow(to(POSE + 0.1, 2.0), 2.0)
     assert fake.held()
     assert np.abs(np.array(fake.told) - POSE).max() < 0.1
@@ -550,6 +549,103 @@ def test_what_goes_wrong_on_the_way_holds_the_arm(fake: FakeArm, name: str, says
     assert fake.told[-1][0] < POSE[0] + 0.29
 
 
+def test_an_arm_that_measures_in_another_order_is_told_in_that_order(fake: FakeArm) -> None:
+    """A console takes positions by index, whatever names stand beside them."""
+    order = [2, 1, 0, 3, 4, 5, 6]
+
+    def speak() -> None:
+        names = [JOINT_NAMES[i] for i in order]
+        message = fake.message(name=names, position=fake.position[order].tolist())
+        message.header.stamp = fake.stamp()
+        fake.measured.publish(message)
+
+    fake.speak_timer.cancel()
+    fake.client.node.create_timer(0.01, speak)
+    fake.follows = False
+    with mover(fake) as moving:
+        np.testing.assert_allclose(moving.connect(), POSE)
+        moving.follow(to(POSE + 0.02), 0.2)
+        np.testing.assert_allclose(fake.told[0], POSE[order], atol=1e-3)
+
+
+def test_joints_beside_the_arm_s_are_no_arm_to_be_told_by_index(fake: FakeArm) -> None:
+    from dvrk_gravity.ros.mover import MotionError
+
+    def speak() -> None:
+        message = fake.message(name=["wheel", *JOINT_NAMES], position=[0.0, *fake.position])
+        message.header.stamp = fake.stamp()
+        fake.measured.publish(message)
+
+    fake.speak_timer.cancel()
+    fake.client.node.create_timer(0.01, speak)
+    with mover(fake) as moving, pytest.raises(MotionError, match="holds wheel, too, which mtmr"):
+        moving.connect()
+    assert not fake.told
+
+
+def test_after_a_long_sleep_the_arm_is_held_and_sent_nowhere(fake: FakeArm) -> None:
+    """Ctrl-Z, and somebody else moves it meanwhile."""
+    from dvrk_gravity.ros.mover import MotionError
+
+    slept: list[int] = []
+
+    def path(t: float) -> tuple[np.ndarray, np.ndarray]:
+        if t > 0.3 and not slept:
+            slept.append(len(fake.told))
+            time.sleep(0.7)
+            fake.position = POSE + np.radians(40.0)
+            fake.follows = False
+            time.sleep(0.1)
+        return POSE + 0.05 * t, np.full(7, 0.05)
+
+    with mover(fake) as moving:
+        moving.connect()
+        with pytest.raises(MotionError, match=r"stood still for|is .* from where|broken encoder"):
+            moving.follow(path, 2.0)
+        assert fake.held()
+    assert len(fake.told) <= slept[0] + 1
+    assert np.abs(np.array(fake.told) - POSE).max() < 0.05
+
+
+def test_one_joint_that_is_blocked_is_let_go_of_while_another_is_fast(fake: FakeArm) -> None:
+    from dvrk_gravity.ros.mover import MotionError
+
+    rate = np.radians([0.0, 0.0, 0.0, 0.0, 0.0, 30.0, 170.0])
+
+    def follow(message) -> None:
+        fake.told.append(np.array(message.position))
+        fake.position = np.where(np.arange(7) == 5, POSE, fake.told[-1])
+
+    fake.on_servo_jp = follow
+    with mover(fake) as moving:
+        moving.connect()
+        with pytest.raises(MotionError, match=r"wrist_yaw is .* from where it is told to go"):
+            moving.follow(lambda t: (POSE + rate * t, rate), 2.0)
+        assert fake.held()
+    assert fake.told[-1][5] == POSE[5]
+    assert abs(fake.told[-1][6] - fake.told[-2][6]) < np.radians(8.0)
+
+
+def test_whoever_frees_the_arm_finds_it_free(fake: FakeArm) -> None:
+    from std_msgs.msg import Empty
+
+    from dvrk_gravity.ros.mover import MotionError
+
+    other = fake.client.node.create_publisher(Empty, "free", 10)
+
+    def free() -> None:
+        timer.cancel()
+        other.publish(Empty())
+
+    with mover(fake) as moving:
+        moving.connect()
+        timer = fake.client.node.create_timer(0.3, free)
+        with pytest.raises(MotionError, match=rf"commands {PRIVATE}/free"):
+            moving.follow(to(POSE + 0.2, 2.0), 2.0)
+        time.sleep(0.2)
+    assert not fake.holds
+
+
 def test_a_disk_that_is_full_holds_the_arm(fake: FakeArm) -> None:
     count = []
 
@@ -566,7 +662,7 @@ def test_a_disk_that_is_full_holds_the_arm(fake: FakeArm) -> None:
     assert fake.told[-1][0] < POSE[0] + 0.09
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGTSTP, signal.SIGRTMIN])
 def test_whatever_signal_asks_for_the_end_the_arm_is_held(
     fake: FakeArm, number: signal.Signals
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -61,6 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Approach, rehearse, move and record, hold."""
     from dvrk_gravity.arms import Arm
 
+    if arguments.ros_args:
+        raise ConfigError("--ros-args", " ".join(arguments.ros_args), "none: it is --namespace")
     outputs.check({}, [Arm.file(arguments.arm)], {"--out": arguments.out})
     arm = Arm.load(arguments.arm)
     bounds = (
@@ -90,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
             "recording of it (`diagnose --reference`)"
         )
     print(
-        f"recorded {count} messages, {count / seconds:.0f} a second, in {arguments.out}; the arm "
+        f"recorded {count} messages, {count / (seconds + longer):.0f} a second, in {arguments.out}; the arm "
         f"is held. Next: identify {arguments.out} --arm {arguments.arm} --out model.yaml"
     )
     return 0
@@ -105,6 +108,10 @@ def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, 
     seeds = range(arguments.seed, arguments.seed + arguments.motions)
     motions = [covering_motion(limits, arguments.duration, seed) for seed in seeds]
     where, longer = mover.connect(), 0.0
+    # A joint that turns without end stays within the turn in which it is.
+    endless = ~np.isfinite(arm.upper - arm.lower)
+    turns = np.where(endless, 2.0 * np.pi * np.round(where / (2.0 * np.pi)), 0.0)
+    motions = [replace(motion, middle=motion.middle + turns) for motion in motions]
     # Opened before anything moves: what cannot be written is known then, and no time is lost later.
     with BagWriter(arguments.out) as bag:
         bag.add_topic(mover.topic, _JOINT_STATE)
@@ -123,6 +130,7 @@ def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, 
                 _follow(mover, f"rehearsal{of}", partial(_slowly, motion), slowly)
             longer += _follow(mover, f"motion{of}, recorded", motion.at, motion.duration, record)
             where, _ = motion.at(motion.duration)
+        mover.hold()  # before the bag is closed, which may take a slow disk its time
         return bag.count, len(motions) * arguments.duration, longer
 
 

@@ -39,6 +39,7 @@ class ArmLink:
         hold: Holds the arm, and sees to it that the hold arrives.
         others: Those who command the arm on other topics.
         rivals: Those who command it on ours.
+        further: Joints that ``measured_js`` holds beside the arm's.
     """
 
     def __init__(
@@ -79,7 +80,9 @@ class ArmLink:
             arm.joint_names, arm.lower - margin, arm.upper + margin, arm.units, arm.drive_gains,
             arm.name, arm.held,
         ).read  # fmt: skip
-        self._writer = CommandWriter(arm.joint_names, self.rivals.mark, topic.fields)
+        self._joints, self._fields = arm.joint_names, topic.fields
+        self.further: tuple[str, ...] = ()
+        self._write_in(arm.joint_names)
 
     @property
     def topic(self) -> str:
@@ -117,7 +120,20 @@ class ArmLink:
         sample = self._read(
             fields.stamp_ns, fields.names, fields.position, fields.velocity, fields.effort
         )
+        if fields.names is not self._measured:
+            self._write_in(fields.names)
         return sample, fields.stamp
+
+    def _write_in(self, names: tuple[str, ...]) -> None:
+        """Write commands in the order in which the arm measures its joints.
+
+        A console takes them by index and ignores their names; what it measures is in its order.
+        """
+        self._measured = names
+        ours = tuple(name for name in names if name in self._joints)
+        self.further = tuple(name for name in names if name not in self._joints)
+        self._order = None if ours == self._joints else [self._joints.index(name) for name in ours]
+        self._writer = CommandWriter(ours, self.rivals.mark, self._fields)
 
     def publish(self, stamp: Stamp, *values: Any) -> None:
         """Command the arm: (n,) numbers for each of the fields that its topic has."""
@@ -126,8 +142,11 @@ class ArmLink:
             label = MultiArrayDimension(label=self.rivals.mark, size=len(effort), stride=1)
             layout = MultiArrayLayout(dim=[label])
             self._command.publish(Float64MultiArray(layout=layout, data=effort))
-        else:
+        elif self._order is None:
             self._command.publish(self._writer.write(stamp, *values))
+        else:
+            ordered = (each[self._order] for each in values)
+            self._command.publish(self._writer.write(stamp, *ordered))
 
     def look(self, active: bool, measuring: bool) -> dict[str, str]:
         """See that a hold arrives, and look who is there; to be called a few times a second.

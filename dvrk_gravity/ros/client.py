@@ -33,7 +33,7 @@ class Client:
     def __init__(self, namespace: str = PRIVATE, name: str = "client") -> None:
         """Create the node; DDS uses the domain in the environment."""
         self.context = Context()
-        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=[], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node(name, namespace=namespace, context=self.context)
         self.states: dict[str, list[str]] = {}
         self._executor = SingleThreadedExecutor(context=self.context)

@@ -6,20 +6,18 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-SIGNALS = (
-    signal.SIGINT,
-    signal.SIGTERM,
-    signal.SIGHUP,
-    signal.SIGQUIT,
-    signal.SIGUSR1,
-    signal.SIGUSR2,
-    signal.SIGALRM,
-    signal.SIGVTALRM,
-    signal.SIGPROF,
-    signal.SIGXCPU,
-)
-"""Those that end a process unless it takes them in hand (signal(7)), but for faults of its own, for
-what cannot be caught, and for SIGPIPE and SIGXFSZ, which Python turns into an error of the call."""
+_NOT_OURS = {
+    signal.SIGKILL, signal.SIGSTOP,  # cannot be caught
+    signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT, signal.SIGTRAP,
+    signal.SIGSYS,  # faults of the process itself
+    signal.SIGPIPE, signal.SIGXFSZ,  # which Python turns into an error of the call
+    signal.SIGCHLD, signal.SIGCONT, signal.SIGURG, signal.SIGWINCH,  # end nothing
+    signal.SIGTTIN, signal.SIGTTOU,  # of a process in the background
+}  # fmt: skip
+
+SIGNALS = tuple(sorted(signal.valid_signals() - _NOT_OURS))
+"""Those that end a process, or suspend it (Ctrl-Z), unless it takes them in hand (signal(7)): an
+arm is not left by a process that sleeps."""
 
 
 @contextmanager

@@ -53,8 +53,16 @@ LAG = 0.1
 measurement is up to 0.01 s old."""
 
 STILL = np.radians(1.0)
-"""How far an arm at rest may move in half of the time of listening, rad (see Arm.scale). Chosen:
-encoders' noise is a tenth of it."""
+"""How far an arm at rest may move in half of the time of listening, and until the first command,
+rad (see Arm.scale). Chosen: encoders' noise is a tenth of it."""
+
+MOST_OF_RANGE = 0.25
+"""Part of a joint's range that it may be from where it is told to go at most. Chosen: a joint with
+a small range that does not move at all is noticed, too."""
+
+ASLEEP = 0.5
+"""After a pause of ours of so long, s, the arm may be somewhere else, or somebody else's: what was
+measured before says nothing any more."""
 
 STAMP_AGE = 10.0
 """Farthest stamp from this computer's clock, s, before anything moves: a recording that is played
@@ -89,9 +97,9 @@ class Mover:
             timeout: Without measured_js for so long the arm is held, s.
         """
         self._client, self._arm, self._rate, self._timeout = client, arm, rate, timeout
-        self._following_error = (
-            mtm.defaults.FOLLOWING_ERROR if mtm.is_mtm(arm) else FOLLOWING_ERROR * arm.scale
-        )
+        error = mtm.defaults.FOLLOWING_ERROR if mtm.is_mtm(arm) else FOLLOWING_ERROR * arm.scale
+        lower, upper = arm.range
+        self._following_error = np.minimum(error, MOST_OF_RANGE * (upper - lower))
         self._link = ArmLink(
             client.node,
             arm,
@@ -102,12 +110,14 @@ class Mover:
         )
         self._gate = InputGate(arm)
         self._last: Sample | None = None  # the last measurement that is believed
-        self._recent: deque[Array] = deque(maxlen=AGREE)  # where those were
+        self._recent: deque[Sample] = deque(maxlen=AGREE)  # the last of those
+        self._awake = time.monotonic()  # when we last listened
         self._dropped = ""  # why the last one was not
         self._against: dict[str, str] = {}  # by cause, why the arm must not be commanded
         self._next_look = 0.0
         self._sink: Callable[[bytes], None] | None = None
-        self._told: Array | None = None  # where the arm was told to go last, until it is held
+        # (n,) position and velocity that the arm was told last, until it is held.
+        self._told: tuple[Array, Array] | None = None
         self.interrupted = False
         self._input = client.node.create_subscription(
             JointState,
@@ -159,6 +169,11 @@ class Mover:
                 f"{self.topic}: waited {timeout:g} s in vain for the arm: {missing}; is its "
                 "console on, and is this its namespace (--namespace)?"
             ) from None
+        if self._link.further:
+            raise MotionError(
+                f"{self.topic}: holds {', '.join(self._link.further)}, too, which {self._arm.name} "
+                "has not: a console takes positions by index, and those of all its joints"
+            )
         heard: list[Array] = []
         end = time.monotonic() + LISTEN
         while time.monotonic() < end:
@@ -251,31 +266,38 @@ class Mover:
         """
         if self._told is None:
             return
-        recent = np.array(self._recent)
-        if (np.ptp(recent, axis=0) < 0.5 * self._following_error).all():
-            self._publish(self._resting_place(np.median(recent, axis=0), self._told))
+        if self._link.others.heard_lately() and self._link.others.is_free:
+            self._told = None  # whoever freed the arm may have a hand in it
+            return
+        if not any(self._against.values()) and time.monotonic() - self._awake < ASLEEP:
+            self._publish(self._resting_place(*self._told))
         self._told = None
         self._link.hold.send()
         if not self._link.hold.settle():
             raise MotionError("hold was not acknowledged: check that the arm holds")
 
-    def _resting_place(self, measured: Array, told: Array) -> Array:
+    def _resting_place(self, told: Array, velocity: Array) -> Array:
         """Return (n,) where an arm that follows comes to rest, by its lag; one that is stuck, is.
 
+        Of a joint whose last readings differ by more than its motion: where it was told to be.
+
         Args:
-            measured: (n,) where it is.
             told: (n,) where it was told to go last: it does not go beyond.
+            velocity: (n,) how fast.
         """
-        ahead = told - measured
-        way = np.clip(LAG * self._gate.velocity, np.minimum(ahead, 0.0), np.maximum(ahead, 0.0))
-        place: Array = measured + way
-        return place
+        recent = np.array([sample.position for sample in self._recent])
+        measured, ahead = np.median(recent, axis=0), told - np.median(recent, axis=0)
+        way = LAG * self._gate.velocity
+        place = measured + np.clip(way, np.minimum(ahead, 0.0), np.maximum(ahead, 0.0))
+        span = 1e-9 * (self._recent[-1].stamp - self._recent[0].stamp)
+        agree = np.ptp(recent, axis=0) < 0.5 * self._following_error + span * np.abs(velocity)
+        return np.where(agree, place, told)
 
     def _command(self, position: Array, velocity: Array) -> None:
         """Send the arm somewhere, unless anything speaks against it."""
         self._check()
         self._check_lead(position, velocity)
-        self._told = position
+        self._told = position, velocity
         self._publish(position, velocity)
 
     def _publish(self, position: Array, velocity: Array | None = None) -> None:
@@ -289,6 +311,8 @@ class Mover:
         """Refuse to command (n,) what is too far from where the arm is, rad and rad/s."""
         error = np.abs(position - self._position())
         allowed = self._following_error + LAG * np.abs(velocity)
+        if self._told is None:  # the arm has rested since it was listened to
+            allowed = 2.0 * STILL * self._arm.scale
         worst = int(np.argmax(error / allowed))
         if not error[worst] <= allowed[worst]:
             joint = self._arm.joints[worst]
@@ -315,6 +339,10 @@ class Mover:
                     break
                 subscription.callback(*taken[: 2 if subscription is self._input else 1])
         self._client.spin_once(0.0)
+        now = time.monotonic()
+        if self._told is not None and now - self._awake > ASLEEP:
+            self._against["pause"] = f"this process stood still for {now - self._awake:.1f} s"
+        self._awake = now
 
     def _check(self) -> None:
         """Raise for whatever speaks against commanding the arm now."""
@@ -368,8 +396,10 @@ class Mover:
             ).sample  # fmt: skip
         except DroppedSampleError as error:
             self._dropped = f"{error.cause}: {error}"
+            if moved and error.cause == "position_jump":  # the servo may pull it back unnoticed
+                self._against["position_jump"] = f"{self.topic}: {error}"
         else:
-            self._recent.append(self._last.position)
+            self._recent.append(self._last)
             self._dropped = ""
 
     def _on_other(self) -> None:

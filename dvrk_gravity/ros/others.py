@@ -81,6 +81,7 @@ class Others:
     Attributes:
         topic: Topic of the last command of somebody else; ``""``: none yet.
         is_hold: It was a hold, which moves nothing.
+        is_free: It was ``free``: whoever sent it may have a hand in the arm.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class Others:
         """
         self._node, self._echo, self._heard = node, echo, heard
         self._unheard = {node.resolve_topic_name(name): _TYPES[name] for name in UNHEARD}
-        self.topic, self.is_hold = "", False
+        self.topic, self.is_hold, self.is_free = "", False, False
         self._last = -math.inf
         for name, kind in COMMANDS:
             topic = node.resolve_topic_name(name)
@@ -134,12 +135,15 @@ class Others:
         return ""
 
     def _listener(self, topic: str) -> Callable[[bytes], None]:
-        is_hold = topic == self._node.resolve_topic_name("hold")
+        is_hold, is_free = (
+            topic == self._node.resolve_topic_name(name) for name in ("hold", "free")
+        )
 
         def listen(_: bytes) -> None:
             if is_hold and self._echo():
                 return
-            self.topic, self.is_hold, self._last = topic, is_hold, time.monotonic()
+            self.topic, self.is_hold, self.is_free = topic, is_hold, is_free
+            self._last = time.monotonic()
             self._heard()
 
         return listen
