@@ -93,8 +93,8 @@ def run(arguments: argparse.Namespace) -> int:
             "recording of it (`diagnose --reference`)"
         )
     print(
-        f"recorded {count} messages, {count / (seconds + longer):.0f} a second, in {arguments.out}; the arm "
-        f"is held. Next: identify {arguments.out} --arm {arguments.arm} --out model.yaml"
+        f"recorded {count} messages, {count / (seconds + longer):.0f} a second, in "
+        f"{arguments.out}; the arm is held. Next: identify {arguments.out} --arm {arguments.arm} --out model.yaml"
     )
     return 0
 
