@@ -94,7 +94,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
     print(
         f"recorded {count} messages, {count / (seconds + longer):.0f} a second, in "
-        f"{arguments.out}; the arm is held. Next: identify {arguments.out} --arm {arguments.arm} --out model.yaml"
+        f"{arguments.out}; the arm is held. Next: identify {arguments.out} --arm {arguments.arm} "
+        "--out model.yaml"
     )
     return 0
 
