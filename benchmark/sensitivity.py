@@ -106,8 +106,10 @@ from dvrk_gravity.recording.impossible import PossibleSettings
 from dvrk_gravity.recording.pieces import PieceSettings
 from dvrk_gravity.recording.quantization import QuantumSettings
 from dvrk_gravity.recording.read_before import ReadBeforeSettings
+from dvrk_gravity.recording.repair import RepairSettings
 from dvrk_gravity.recording.sample_times import RetimingSettings
 from dvrk_gravity.recording.signal_checks import SignalSettings
+from dvrk_gravity.recording.steps import StepSettings
 from dvrk_gravity.recording.velocity import ComparisonSettings
 from testing.lab_effects import hide
 from testing.lab_motion import draw_calibration, draw_other, fourier
@@ -370,6 +372,8 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (PossibleSettings, READING),
     (SignalSettings, READING),
     (FrozenSettings, READING),
+    (RepairSettings, READING),
+    (StepSettings, READING),
     (QuantumSettings, READING),
     (PoseSettings, POSES),
     (PosedSettings, POSES),

@@ -80,10 +80,11 @@ def diagnosed(model: TorqueModel, folder, capsys) -> tuple[list[str], dict]:
 
 @pytest.mark.usefixtures("brief_simulation", "blank_pictures")
 def test_motors_coordinates_are_found_first_and_an_exact_model_says_so_before(tmp_path, capsys):
-    (first, second, *_), told = diagnosed(KNOWN.model(), tmp_path, capsys)
+    (first, second, _, row, *_), told = diagnosed(KNOWN.model(), tmp_path, capsys)
 
     assert first.startswith("the model counts as exact")
-    assert "these are actuator coordinates, read as joint coordinates" in second
+    assert second == "explained: 1 finding, certain"
+    assert "wrong_coordinates" in row
     (finding,) = told["findings"]
     assert finding["effect"] == "wrong_coordinates"
     assert finding["remedy"] == "say so: --coordinates actuator"

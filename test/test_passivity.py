@@ -378,6 +378,7 @@ def test_the_guard_s_time_runs_on_where_its_limits_change():
 def test_an_arm_that_tells_no_speed_is_watched_by_its_positions(told):
     """With gravity upside down by a change of parameters the arm falls upwards."""
     values = benchmark.TRUTH.model.parameters() | {"speed_limit": [0.5] * 7}
+    values |= {"start_tolerance": 2.0}  # or it would be held before it moves
     right = Settings.from_parameters(values)
     wrong = Settings.from_parameters(values | {"beta": (-np.array(values["beta"])).tolist()}, right)
     plant = benchmark.TRUTH.plant()

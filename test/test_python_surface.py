@@ -154,7 +154,7 @@ def test_the_package_says_that_it_is_typed_and_installs_that():
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup"
     )
     data = {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
-    assert data["package_data"] == "{NAME: ['py.typed']}"
+    assert data["package_data"] == "{NAME: ['py.typed', 'ros/parameters/*.txt']}"
     assert data["zip_safe"] == "False"  # type checkers do not look into archives
 
 

@@ -264,7 +264,7 @@ def test_every_kind_of_finding_has_a_case():
     from dvrk_gravity.recording.data_warning import Kind
 
     # A recording does not tell its arm or its coordinates: `identify` finds these.
-    of_the_arm = {"coordinates", "arm_limits", "other_hand"}
+    of_the_arm = {"coordinates", "arm_limits", "other_hand", "arm_file"}
     # What gaps cost depends on the filter: `prepare` and `read_trajectory` find it.
     # So does what is left of a long recording: `excerpt`. What was read before: `ReadBefore`.
     of_others = {"samples_discarded", "excerpt", "read_before"}

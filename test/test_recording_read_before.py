@@ -205,7 +205,7 @@ def test_poses_that_repeat_exactly_count_once(monkeypatch):
     np.testing.assert_array_equal(first.position, poses.position)
     np.testing.assert_array_equal(second.position, more.position)
     assert "40 of 40 samples repeat exactly" in fit.handling[0]
-    assert [warning.kind for warning in fit.warnings] == ["read_before", "other_hand"]
+    assert [warning.kind for warning in fit.warnings] == ["read_before", "arm_limits"]
     # From the other direction it is another pose.
     assert poses.direction is not None
     turned = replace(poses, direction=-poses.direction)
@@ -222,7 +222,7 @@ class Stub:
 
     model: TorqueModel = EMPTY
     handling: tuple[str, ...] = ()
-    warnings: tuple[DataWarning, ...] = (DataWarning("other_hand", None, {}, "known already"),)
+    warnings: tuple[DataWarning, ...] = (DataWarning("arm_limits", None, {}, "known already"),)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from dvrk_gravity.compensate.sample import Sample
 Array = NDArray[np.float64]
 
 
-class Accepted(NamedTuple):
+class Admitted(NamedTuple):
     """A measurement that is believed.
 
     Attributes:
@@ -56,7 +56,7 @@ class InputGate:
 
     def admit(
         self, sample: Sample, now: float, clock: int, timeout: float, oldest: float, active: bool
-    ) -> Accepted:
+    ) -> Admitted:
         """Return the sample if it is believed.
 
         Args:
@@ -73,4 +73,4 @@ class InputGate:
         step, gap = self._fresh.judge(sample.stamp, now, clock, timeout, oldest, active)
         believed = self._motion.check(sample, now, timeout)
         self._fresh.accept(sample.stamp, now)
-        return Accepted(believed, step, gap)
+        return Admitted(believed, step, gap)

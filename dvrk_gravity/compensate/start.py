@@ -162,7 +162,9 @@ class Start:
             StartRefusedError: As :meth:`origin`, or nothing is measured that speaks for the change.
         """
         why = ""
-        if not measurable or settings.weightless:
+        if settings.weightless:  # a wish that has a flag of its own; nothing can speak for it
+            return self.origin(settings, tolerance)
+        if not measurable:
             why = "nothing that is measured at rest speaks for them"
         elif not self._measures():
             why = "measured_js has no usable effort to compare them with"

@@ -49,6 +49,7 @@ class Plant:
         v: (n,) velocity, rad/s.
         acted: Position and velocity, (n,) each, at which the last step's forces acted.
         time: Since the beginning, s.
+        placed: How often it was put somewhere (:meth:`reset`).
     """
 
     def __init__(
@@ -81,7 +82,7 @@ class Plant:
         for name in links:
             if name not in arm.body_names:
                 raise ConfigError(f"links.{name}", name, f"one of {', '.join(arm.body_names)}")
-        self.time = 0.0
+        self.time, self.placed = 0.0, 0
         self._lower, self._upper = arm.lower, arm.upper
         lowest, highest = arm.range
         self._middle = 0.5 * (lowest + highest)
@@ -132,6 +133,7 @@ class Plant:
                     f"{joint.lower:.4g} to {joint.upper:.4g} {joint.unit}",
                 )
         self.q, self.v = self.acted = position, velocity
+        self.placed += 1
         self._v_before = velocity
         self._at_stops = self._reaches_stops()
         self._friction.reset()

@@ -106,6 +106,7 @@ class SimulatedArm:
         self._filter: SetPointFilter | None = None
         self.mode = Mode.HOLD
         self.target: Array | None = plant.q + self._offset
+        self._placed = plant.placed
 
     def servo_jf(self, effort: ArrayLike, as_read: bool = False) -> None:
         """Apply joint efforts from now on, for ever.
@@ -262,13 +263,14 @@ class SimulatedArm:
 
     def _present(self) -> Array:
         """Return the (n,) measured position that the servo is at, or the arm without one."""
-        if self._filter is not None:
-            return self._filter.position
-        return self.plant.q + self._offset if self.target is None else self.target
+        plant = self.plant
+        if self.target is None or self._placed != plant.placed:
+            return plant.q + self._offset
+        return self.target if self._filter is None else self._filter.position
 
     def _servo(self, mode: Mode, target: Array) -> None:
         self.mode, self.target, self._move, self._filter = mode, target, None, None
-        self._velocity = np.zeros(len(target))
+        self._velocity, self._placed = np.zeros(len(target)), self.plant.placed
 
     def _within(self, position: ArrayLike) -> Array:
         arm = self.plant.model.arm
