@@ -12,6 +12,7 @@ from test_identify import ARM, truth
 
 from dvrk_gravity import TorqueModel, diagnose, identify
 from dvrk_gravity.identification import static_fit
+from dvrk_gravity.identification.result import Verdict
 from dvrk_gravity.recording import DataWarning, Recording, RecordingFile
 from dvrk_gravity.recording.read_before import ReadBefore, counted_once
 from testing.world import COARSE, World
@@ -205,7 +206,7 @@ def test_poses_that_repeat_exactly_count_once(monkeypatch):
     np.testing.assert_array_equal(first.position, poses.position)
     np.testing.assert_array_equal(second.position, more.position)
     assert "40 of 40 samples repeat exactly" in fit.handling[0]
-    assert [warning.kind for warning in fit.warnings] == ["read_before", "arm_limits"]
+    assert [warning.kind for warning in fit.warnings] == ["read_before", "other_hand"]
     # From the other direction it is another pose.
     assert poses.direction is not None
     turned = replace(poses, direction=-poses.direction)
@@ -214,6 +215,7 @@ def test_poses_that_repeat_exactly_count_once(monkeypatch):
 
 
 EMPTY = TorqueModel(ARM, ())
+EARNED = Verdict("good", "", "", {})
 
 
 @dataclass(frozen=True)
@@ -222,7 +224,8 @@ class Stub:
 
     model: TorqueModel = EMPTY
     handling: tuple[str, ...] = ()
-    warnings: tuple[DataWarning, ...] = (DataWarning("arm_limits", None, {}, "known already"),)
+    warnings: tuple[DataWarning, ...] = (DataWarning("other_hand", None, {}, "known already"),)
+    verdict: Verdict = EARNED
 
 
 @pytest.fixture(scope="module")
