@@ -32,6 +32,7 @@ TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
 # s by which a motion may take longer and count as undisturbed. Chosen: a measurement every 10 ms
 # and one late step of 20 ms lie within.
 PAUSED = 0.05
+COVERED = 0.8  # part of a joint's range, below which a person is told. Chosen
 REHEARSAL = 3.0  # times as long as the motion: a ninth of its acceleration
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 
@@ -89,8 +90,8 @@ def run(arguments: argparse.Namespace) -> int:
     if longer > PAUSED:
         print(
             f"note: the motion took {longer:.2f} s longer than its {seconds:g} s, as this computer "
-            "was busy: good to identify from, but not the same motion in time as another "
-            "recording of it (`diagnose --reference`)"
+            "was busy: it paused, and its accelerations are not those that were planned; record "
+            "again on a quiet computer if the model is poor, or for `diagnose --reference`"
         )
     print(
         f"recorded {count} messages, {count / (seconds + longer):.0f} a second, in "
@@ -102,12 +103,20 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _drive(mover: Mover, arm: Arm, arguments: argparse.Namespace) -> tuple[int, float, float]:
     """Return how many messages were recorded, of how many seconds, and how much longer it took."""
-    from dvrk_gravity.planning import MotionLimits, Move, covering_motion
+    from dvrk_gravity.planning import MotionLimits, Move, coverage, covering_motion
     from dvrk_gravity.recording import BagWriter
 
     limits = MotionLimits.of(arm)
     seeds = range(arguments.seed, arguments.seed + arguments.motions)
     motions = [covering_motion(limits, arguments.duration, seed) for seed in seeds]
+    part = coverage(motions, limits)
+    least = int(np.argmin(part))
+    if part[least] < COVERED:
+        print(
+            f"note: {arm.joint_names[least]} goes through {100 * part[least]:.0f} % of its range: "
+            "a longer --duration, or more --motions, show the model the rest",
+            flush=True,
+        )
     where, longer = mover.connect(), 0.0
     # A joint that turns without end stays within the turn in which it is.
     endless = ~np.isfinite(arm.upper - arm.lower)

@@ -1,6 +1,6 @@
 """Motions: smooth ways from here to there, motions that excite, and the limits that they keep."""
 
-from dvrk_gravity.planning.exciting import covering_motion, exciting_motion
+from dvrk_gravity.planning.exciting import coverage, covering_motion, exciting_motion
 from dvrk_gravity.planning.limits import MotionLimits, PairLimit, careful
 from dvrk_gravity.planning.move import Move
 from dvrk_gravity.planning.multisine import Multisine
@@ -11,6 +11,7 @@ __all__ = [
     "Multisine",
     "PairLimit",
     "careful",
+    "coverage",
     "covering_motion",
     "exciting_motion",
 ]

@@ -47,12 +47,14 @@ class SweepSettings:
         lowest: Least cycles in a motion: every joint goes through its range in both directions.
         highest: Most cycles. Chosen: so slow that a sweep takes a tenth of the acceleration.
         steps: Halvings of the sweep's interval: to a thousandth of it.
+        tried: So many sweeps are drawn; the one that leaves out least of a joint is taken. Chosen.
     """
 
     share: float = 0.85
     lowest: float = 1.2
     highest: float = 1.8
     steps: int = 10
+    tried: int = 12
 
 
 def exciting_motion(limits: MotionLimits, duration: float, seed: int) -> Multisine:
@@ -86,15 +88,22 @@ def covering_motion(limits: MotionLimits, duration: float, seed: int) -> Multisi
     random = np.random.default_rng(seed)
     sines = _sines(limits, duration, random)
     settings = SweepSettings()
+    sines = replace(sines, amplitude=settings.share * sines.amplitude)
+    drawn = [_with_sweep(sines, limits, random) for _ in range(settings.tried)]
+    return max(drawn, key=lambda motion: float(coverage([motion], limits).min()))
+
+
+def _with_sweep(sines: Multisine, limits: MotionLimits, random: np.random.Generator) -> Multisine:
+    """Return a motion of the joints with a slow sine of each beside its own."""
+    settings = SweepSettings()
     lower, upper = _of_drives(limits)
     span, n = limits.used * (upper - lower), len(lower)
     cycles = random.uniform(settings.lowest, settings.highest, (1, n))
     phase = random.uniform(0.0, 2.0 * np.pi, (1, n))
     sweep = replace(
-        sines, amplitude=0.5 * span[None], frequency=cycles / duration, phase=phase
-    )  # fmt: skip
-    sines = replace(sines, amplitude=settings.share * sines.amplitude)
-    time = np.arange(0.0, duration + GRID, GRID)
+        sines, amplitude=0.5 * span[None], frequency=cycles / sines.duration, phase=phase
+    )
+    time = np.arange(0.0, sines.duration + GRID, GRID)
     fast, slow = _signals(sines, time), _signals(sweep, time)
     part = _largest(fast, slow, span, limits, slice(None))
     if limits.pair is not None:
@@ -112,6 +121,18 @@ def covering_motion(limits: MotionLimits, duration: float, seed: int) -> Multisi
         phase=np.vstack([sines.phase, sweep.phase]),
     )
     return _placed(motion, limits, np.full(n, 0.5))
+
+
+def coverage(motions: Sequence[Multisine], limits: MotionLimits) -> Array:
+    """Return the (n,) parts of what motions may use of each joint's range that they go through.
+
+    Args:
+        motions: One or more.
+        limits: What they keep; the range is that within its margins.
+    """
+    ways = [motion.at(np.arange(0.0, motion.duration, 20 * GRID))[0] for motion in motions]
+    part: Array = np.ptp(np.vstack(ways), axis=0) / (limits.used * (limits.upper - limits.lower))
+    return part
 
 
 def _of_drives(limits: MotionLimits) -> tuple[Array, Array]:

@@ -168,6 +168,10 @@ class ArmLink:
             "measured_js": self._presence.two_measure(),
         }
 
+    def measured_elsewhere(self) -> list[str]:
+        """Return topics of other namespaces on which an arm is measured, by their full names."""
+        return self._presence.elsewhere()
+
     def commanded_by_others(self) -> bool:
         """Tell whether somebody else has commanded the arm a moment ago."""
         return self.others.heard_lately() or self.rivals.heard_lately()

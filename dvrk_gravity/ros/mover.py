@@ -141,9 +141,11 @@ class Mover:
                 if self._following.last is not None
                 else self._dropped or "nothing publishes it"
             )
+            elsewhere = self._link.measured_elsewhere()
+            seen = f" {', '.join(elsewhere)} is published" if elsewhere else ""
             raise MotionError(
                 f"{self.topic}: waited {timeout:g} s in vain for the arm: {missing}; is its "
-                "console on, and is this its namespace (--namespace)?"
+                f"console on, and is this its namespace (--namespace)?{seen}"
             ) from None
         if self._link.further:
             raise MotionError(

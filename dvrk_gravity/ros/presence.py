@@ -44,6 +44,14 @@ class Presence:
         """Tell whether somebody publishes ``measured_js``."""
         return self._node.count_publishers(self._measured) > 0
 
+    def elsewhere(self) -> list[str]:
+        """Return topics of that name that somebody publishes in other namespaces."""
+        topics = (name for name, _ in self._node.get_topic_names_and_types())
+        found = {name for name in topics if name.rsplit("/", 1)[-1] == MEASURED}
+        return sorted(
+            name for name in found - {self._measured} if self._node.count_publishers(name)
+        )
+
     def listens(self) -> bool:
         """Tell whether the arm subscribes to ``hold``; cheap as long as nobody comes or goes."""
         node = self._node
