@@ -25,6 +25,7 @@ from dvrk_gravity.ros.client import Client
 HERE = Path(__file__).resolve().parent
 MODEL = HERE.parent / "config" / "mtmr_28002.yaml"
 MEDIAN_TARGET, P99_TARGET = 1.15, 1.3
+ANSWERED_TARGET = 0.005  # less of the messages than the relay answers, at most
 WARM_UP = 0.5  # s: a start takes a tenth
 PERCENTILES = {"median": 50.0, "p90": 90.0, "p99": 99.0, "p99.9": 99.9}
 
@@ -84,9 +85,18 @@ def main() -> int:
         figures = "".join(f"{row[key]:>10.0f}" for key in PERCENTILES)
         print(f"{name:<14}{figures}{row['lost']:>6} of {row['sent']}")
     print(f"{'ratio':<14}" + "".join(f"{value:>10.2f}" for value in ratio.values()))
-    reached = ratio["median"] <= MEDIAN_TARGET and ratio["p99"] <= P99_TARGET
+    answered = {name: 1.0 - row["lost"] / row["sent"] for name, row in rows.items()}
+    print("answered      " + ", ".join(f"{name} {part:.1%}" for name, part in answered.items()))
+    reached = (
+        ratio["median"] <= MEDIAN_TARGET
+        and ratio["p99"] <= P99_TARGET
+        and answered["compensator"] >= answered["relay"] - ANSWERED_TARGET
+    )
     verdict = "reached" if reached else "MISSED"
-    print(f"targets: median {MEDIAN_TARGET}, p99 {P99_TARGET}: {verdict}")
+    print(
+        f"targets: median {MEDIAN_TARGET}, p99 {P99_TARGET}, answered the relay's less "
+        f"{ANSWERED_TARGET:.1%}: {verdict}"
+    )
     if arguments.json is not None:
         content = rows | {"ratio": ratio, "reached": reached}
         text_file.write(arguments.json, json.dumps(content, indent=1) + "\n")
