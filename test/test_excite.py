@@ -473,7 +473,7 @@ def test_an_arm_that_was_moved_meanwhile_is_not_driven_back(fake: FakeArm) -> No
         for _ in range(100):  # by hand, while nobody commands it
             fake.position = fake.position + np.radians(0.3) * np.eye(7)[0]
             time.sleep(0.01)
-        with pytest.raises(MotionError, match=r"outer_yaw is \d+\.\d deg from where it is told"):
+        with pytest.raises(MotionError, match=r"outer_yaw is \d+\.\d deg from its set point"):
             moving.follow(to(POSE + 0.1), 1.0)
     assert not fake.told
     assert not fake.holds  # it was never ours

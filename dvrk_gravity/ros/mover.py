@@ -194,8 +194,9 @@ class Mover:
             self._sink = record
             return self._stream(path, duration, progress)
         except MotionError as error:
+            held = "; the arm was told to hold" if self._commanded is not None else ""
             self.hold()
-            raise MotionError(f"{error}; the arm was told to hold") from error
+            raise MotionError(f"{error}{held}") from error
         except BaseException:
             self.hold()
             raise
