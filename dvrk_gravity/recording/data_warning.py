@@ -28,6 +28,8 @@ Kind = Literal[
     "gaps",
     "samples_discarded",
     "velocity_mismatch",
+    "velocity_scale",
+    "time_scale",
     "effort_ripple",
     "effort_saturation",
     "effort_frozen",
