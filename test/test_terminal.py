@@ -127,7 +127,7 @@ def test_which_columns_were_read_is_no_warning():
         ((True,), "ambiguous", "1 finding, certain; what explains it is ambiguous (see `or`)"),
         ((False, False), "explained", "2 findings, none of them certain"),
         ((True, True), "ambiguous",
-         "2 findings, all certain; what explains 1 of them is ambiguous (see `or`)"),
+         "2 findings, certain; what explains 1 of them is ambiguous (see `or`)"),
     ],
 )  # fmt: skip
 def test_how_many_findings_are_certain_contradicts_no_verdict(certain, verdict, said):

@@ -87,7 +87,7 @@ def _counted(findings: Sequence[Finding]) -> str:
     if of == 1:
         return f"1 finding, {'certain' if certain else 'not certain'}"
     some = f"{certain} of them certain" if certain else "none of them certain"
-    return f"{of} findings, {'all certain' if certain == of else some}"
+    return f"{of} findings, {'certain' if certain == of else some}"
 
 
 def _ambiguous(findings: Sequence[Finding]) -> str:
