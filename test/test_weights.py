@@ -1,4 +1,4 @@
-"""A model of wrong efforts predicts them well: the masses in the arm's file contradict it."""
+"""A model of wrong efforts or times predicts them well: what is known otherwise contradicts it."""
 
 from __future__ import annotations
 
@@ -142,6 +142,20 @@ def test_efforts_that_are_noise_make_no_joint_usable(size):
     assert poor(fit) == set(recording.joints)
     assert all(error.r2 < 0.1 for error in fit.held_out.values())
     assert "noise" in fit.verdict.findings[0]
+
+
+@pytest.mark.parametrize(("factor", "times"), [(0.75, 1.3), (2.0, 2)])
+def test_a_wrong_clock_is_named_before_all_else_and_no_such_model_is_used(factor, times):
+    """It is as wrong on data held out: velocities that were measured contradict it."""
+    recording = recorded()
+    clock = replace(recording, time=factor * recording.time)
+    fit = fitted(recording=replace(clock, velocity=recording.velocity))
+    assert poor(fit) == set(recording.joints)
+    assert fit.verdict.findings[0] == (
+        f"velocity is {factor:g} times the differentiated position at all joints: the clock, or "
+        f"all velocities, are wrong by a factor of {times:g}"
+    )
+    assert "clock" in fit.verdict.record
 
 
 def placeholder(folder: Path, mass: float) -> str:
