@@ -198,7 +198,7 @@ def of_clock(warnings: Iterable[DataWarning], arm: Arm) -> tuple[Contradiction, 
             arm.joint_names, POOR, "the clock, or all velocities, are wrong", str(warning), CLOCK
         )
         for warning in warnings
-        if warning.kind == "time_scale"
+        if warning.kind == "wrong_clock"
     )
 
 

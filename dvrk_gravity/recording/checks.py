@@ -168,7 +168,7 @@ def _velocity(recording: Recording) -> list[DataWarning]:
     if common is not None:
         findings.append(
             DataWarning(
-                "time_scale",
+                "wrong_clock",
                 None,
                 {"factor": common},
                 f"velocity is {common:.3g} times the differentiated position at all joints: the "
@@ -187,7 +187,7 @@ def _velocity(recording: Recording) -> list[DataWarning]:
         }
         findings.append(
             DataWarning(
-                "velocity_scale"
+                "velocity_factor"
                 if common is None and fit.of_another_scale
                 else "velocity_mismatch",
                 joint,
