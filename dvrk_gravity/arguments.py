@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.errors import ArgumentError
+from dvrk_gravity.errors import ArgumentError, ConfigError
 
 PATH = (str, os.PathLike)
 _WITH_LINK = re.compile(r"(?P<path>.*\.(urdf|xacro))#(?P<link>[^\n]*)", re.IGNORECASE | re.DOTALL)
@@ -36,6 +36,18 @@ def split_link(text: str) -> tuple[str, str]:
 def is_urdf(path: str | os.PathLike[str]) -> bool:
     """Tell whether a path, or ``robot.urdf#LINK``, is that of a URDF, or one for xacro."""
     return split_link(str(path))[0].lower().endswith((".urdf", ".xacro"))
+
+
+def refuse_json(name: str, path: str | os.PathLike[str]) -> None:
+    """Refuse a console's calibration where a model's file is expected.
+
+    Raises:
+        ConfigError: The path is that of a JSON file; names the way to a model.
+    """
+    file = Path(path)
+    if file.suffix.lower() == ".json":
+        makes = f"`convert {file} {file.stem}.yaml` makes one of the dVRK console's gc-*.json"
+        raise ConfigError(name, "a JSON file", f"a model's .yaml: {makes}", file)
 
 
 def floats(name: str, value: Any) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity.arguments import is_urdf, path_of
+from dvrk_gravity.arguments import is_urdf, path_of, refuse_json
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import State, Term, terms
 from dvrk_gravity.effects.base.arrays import as_array
@@ -135,9 +135,7 @@ class TorqueModel:
         file = path_of("model", path, A_MODEL)
         if is_urdf(file):
             return cls.stated(Arm.load(file))
-        if file.suffix.lower() == ".json":
-            makes = f"`convert {file} {file.stem}.yaml` makes one of the dVRK console's gc-*.json"
-            raise ConfigError("model", "a JSON file", f"a model's .yaml: {makes}", path)
+        refuse_json("model", path)
         content = yaml_file.load(file)
         if "urdf" in content:
             return cls.stated(Arm.load(file))

@@ -150,6 +150,12 @@ def test_a_negative_limit_is_refused_with_its_joint_s_index(domain, model_with):
     assert f"{path}: effort_limit[2]: got -1.0" in line
 
 
+def test_a_console_s_file_as_parameters_names_what_makes_a_model_of_it(domain, tmp_path):
+    path = tmp_path / "gc-MTMR-28002.json"
+    path.write_text('{"ARM_NAME": "MTMR"}')
+    assert f"`convert {path} gc-MTMR-28002.yaml`" in refused(*NODE, str(path))
+
+
 def test_a_missing_parameter_file_is_named(domain):
     assert "/no/such/model.yaml: got 'no such file'" in refused(*NODE, "/no/such/model.yaml")
 

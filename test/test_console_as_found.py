@@ -93,7 +93,7 @@ def test_a_comma_too_many_is_read_and_the_check_has_it_taken_out(comma, tmp_path
     assert convert("--check", path) == 1
     line = plain.count("\n", 0, at)
     said = capsys.readouterr().out
-    assert "answer: repair this (the console does not read it)" in said
+    assert f"{path}: repair this (the console does not read it)\n  take it out: line" in said
     assert f"take it out: line {line} (a comma after the last item)" in said
 
 
@@ -177,8 +177,11 @@ def test_each_fault_has_an_answer_and_what_to_do(code, tmp_path, capsys):
     assert bool(answer.reason) == (answer.use is not Use.USABLE)
     assert answer.todo or answer.use is Use.USABLE
     assert convert("--check", path) == (answer.use is not Use.USABLE)
-    last = capsys.readouterr().out.splitlines()[-1 - len(answer.todo)]
-    assert last.strip().startswith(f"answer: {answer.use}")
+    first, *lines = capsys.readouterr().out.splitlines()
+    assert first.startswith(f"{path}: {answer.use}")
+    assert [line.strip() for line in lines[: len(answer.todo)]] == [
+        line.strip() for line in answer.todo
+    ]
 
 
 @pytest.mark.parametrize("case", BAD_FIELDS)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.__main__ import main
+from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.load import load
@@ -17,6 +18,7 @@ from dvrk_gravity.diagnosis.pool import prepared
 from dvrk_gravity.diagnosis.recording_faults import put_right
 from dvrk_gravity.diagnosis.worsening import worsening
 from dvrk_gravity.effects import Gravity
+from dvrk_gravity.effects.wrong_coordinates import readings
 from dvrk_gravity.identification import evaluate
 from dvrk_gravity.identification.coordinates import decide_coordinates
 from dvrk_gravity.model import TorqueModel
@@ -122,3 +124,16 @@ def test_what_makes_a_joint_worse_where_nothing_was_fitted_is_no_explanation():
     assert "with it the error at elbow_pitch is larger than the given model's" in str(failed)
     assert worsening(HeldOut(prepared(motion)[0]), [offset], noise) == []
     assert worsening(HeldOut(validation), [offset], 100.0 * noise) == []
+
+
+@pytest.mark.parametrize("name", ["mtmr", "psm"])
+def test_the_remedy_of_a_wrong_sign_names_whose_it_is(name):
+    arm = Arm.load(name)
+    found = readings(arm, np.ones(arm.n, dtype=bool))
+    remedies = {reading.words: reading.remedy for reading in found}
+    for words, remedy in remedies.items():
+        assert ("correct the sign of" in remedy) == ("sign" in words), words
+    joint = arm.joint_names[0]
+    assert remedies[f"the effort of {joint} has the wrong sign"] == (
+        f"correct the sign of the effort of {joint}, where it is read or recorded"
+    )

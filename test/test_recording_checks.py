@@ -118,6 +118,27 @@ FAULTS = [
         column(CLEAN, "velocity", "wrist_roll", lambda v: 1.01 * v),
     ),
     (
+        "velocity_factor",
+        "elbow_pitch",
+        column(CLEAN, "velocity", "elbow_pitch", lambda v: -2.0 * v),
+        {"slope": -2.0},
+        column(CLEAN, "velocity", "elbow_pitch", lambda v: 1.18 * v),
+    ),
+    (
+        "wrong_clock",
+        None,
+        replace(CLEAN, time=2.0 * CLEAN.time),
+        {"factor": 2.0},
+        column(CLEAN, "velocity", "elbow_pitch", lambda v: 2.0 * v),
+    ),
+    (
+        "wrong_clock",
+        None,
+        replace(CLEAN, velocity=0.8 * CLEAN.velocity),
+        {"factor": 0.8},
+        replace(CLEAN, velocity=1.05 * CLEAN.velocity),
+    ),
+    (
         "velocity_mismatch",
         "elbow_pitch",
         column(CLEAN, "velocity", "elbow_pitch", lambda v: np.roll(v, 6)),

@@ -729,7 +729,7 @@ def test_while_the_builtin_compensation_is_on_nothing_is_commanded(effort):
     loop.builtin(*effort)
     assert loop.run(0.2) == [None] * 100
     assert loop.status is Status.WAITING
-    assert "use_gravity_compensation" in loop.reason
+    assert "use_gravity_compensation, or set disable_builtin to true" in loop.reason
     assert loop.holds == 0
     loop.builtin(*[0.0] * 7)
     assert "builtin" not in loop.reason
@@ -766,6 +766,7 @@ def test_one_that_we_may_switch_off_is_waited_for():
     loop.first()
     loop.builtin(*[0.1] * 7)
     assert (loop.status, loop.holds) == (Status.WAITING, 1)
+    assert "disable_builtin" not in loop.reason
     assert loop.run(0.2) == [None] * 100
     loop.builtin(*[0.0] * 7)
     assert loop.first() is not None

@@ -16,6 +16,7 @@ from dvrk_gravity.arms.mtm import JOINT_NAMES
 from dvrk_gravity.command_line import Progress, Stages
 from dvrk_gravity.diagnosis import Diagnosis
 from dvrk_gravity.diagnosis.findings import Alternative
+from dvrk_gravity.diagnosis.words import size_of
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.identification.evaluation import Evaluation
 from dvrk_gravity.identification.result import Fit, JointError, JointVerdict, Verdict
@@ -53,13 +54,14 @@ def row_of(lines: list[str], joint: str) -> str:
 def test_beside_a_verdict_that_the_error_alone_does_not_explain_stands_its_reason():
     lines = list(fit_text(of_two_minds()))
     assert row_of(lines, "wrist_roll").endswith(
-        "  0.600  0.400   0.340  good: held-out error 0.5 mN·m, which moves no joint"
+        "  0.600    0.400   0.340  good: held-out error 0.5 mN·m, which moves no joint"
     )
     assert row_of(lines, "outer_yaw").endswith(
-        f"  0.013  0.990   0.082  usable: {EXTRAPOLATED} (to 31 mN·m)"
+        f"  0.013    0.990   0.082  usable: {EXTRAPOLATED} (to 31 mN·m)"
     )
-    assert row_of(lines, "elbow_pitch").endswith("  0.050  0.990   0.191  good")
-    assert any(line.startswith("rule: |e|/|tau| is good up to `good to`") for line in lines)
+    assert row_of(lines, "elbow_pitch").endswith("  0.050    0.990   0.191  good")
+    (rule,) = [line for line in lines if line.startswith("rule: ")]
+    assert "good up to the joint's 'good to', and usable up to the larger of 0.3 and 1.4" in rule
 
 
 def test_the_verdict_on_a_recording_has_its_reason_too():
@@ -92,6 +94,62 @@ def test_an_identification_is_a_table_and_few_lines_and_verbose_says_the_rest():
                    "warning: 95 samples repeat"):  # fmt: skip
         assert detail in said
         assert detail not in "\n".join(lines)
+
+
+@pytest.mark.parametrize("r2", [-80.11, -9999.4, -1e9])
+def test_columns_stand_apart_however_little_is_predicted(r2):
+    errors = dict.fromkeys(JOINT_NAMES, JointError(9.99, 8.969, r2))
+    row = row_of(list(fit_text(replace(of_two_minds(), held_out=errors))), "wrist_roll")
+    assert float(row.split()[3]) == pytest.approx(r2, rel=0.05)
+
+
+@pytest.mark.parametrize(("count", "more"), [(1, ")"), (3, "; 2 more)")])
+def test_where_a_recording_is_outside_the_range_is_said_in_whole_words(count, more):
+    errors = dict.fromkeys(JOINT_NAMES, JointError(1.0, 0.05, 0.5))
+    outside = tuple(f"elbow_pitch to {k} deg" for k in range(count))
+    said = evaluation_text(
+        replace(Evaluation(errors, 9, "joint", "", (), (), ()), outside=outside), LEFT
+    )
+    assert any(line.endswith(f"there, too (elbow_pitch to 0 deg{more}") for line in said)
+
+
+def test_which_columns_were_read_is_no_warning():
+    columns = DataWarning("columns", None, {}, "columns read: a as b, and so on")
+    for verbose in (False, True):
+        assert list(warning_lines([columns], verbose=verbose)) == [f"data: {columns}"]
+
+
+@pytest.mark.parametrize(
+    ("certain", "verdict", "said"),
+    [
+        ((True,), "explained", "1 finding, certain"),
+        ((False,), "explained", "1 finding, not certain"),
+        ((True,), "ambiguous", "1 finding, certain; what explains it is ambiguous (see `or`)"),
+        ((False, False), "explained", "2 findings, none of them certain"),
+        ((True, True), "ambiguous",
+         "2 findings, certain; what explains 1 of them is ambiguous (see `or`)"),
+    ],
+)  # fmt: skip
+def test_how_many_findings_are_certain_contradicts_no_verdict(certain, verdict, said):
+    first, _ = diagnosis().findings
+    alone = replace(first, alternatives=())
+    findings = [first if verdict == "ambiguous" else alone, *[alone] * (len(certain) - 1)]
+    doubts = ["" if sure else "an outlier" for sure in certain]
+    findings = [replace(each, doubt=doubt) for each, doubt in zip(findings, doubts, strict=True)]
+    shown = diagnosis_text(replace(diagnosis(), findings=tuple(findings), verdict=verdict))
+    assert next(iter(shown)) == f"{verdict}: {said}"
+
+
+def test_a_payload_is_shown_as_its_mass_and_where_it_is():
+    middle = {"x": 0.0, "y": 0.03, "z": 0.0}
+    where = {axis: Estimate(at, at - 1e-3, at + 1e-3, "m") for axis, at in middle.items()}
+    moments = {f"first_moment_{axis}": Estimate(0.0, -1e-5, 1e-5, "kg·m") for axis in middle}
+    load = finding("payload", Estimate(0.08, 0.079, 0.081, "kg"), CLEAR, "mass")
+    load = replace(load, parameters={**load.parameters, **moments, **where})
+    assert size_of(load) == (
+        "mass 80.0 ± 1.0 g, its centre at x 0.0 ± 1.0 mm, y 30.0 ± 1.0 mm, z 0.0 ± 1.0 mm in the "
+        "link's frame"
+    )
 
 
 def test_of_many_warnings_few_are_shown_and_the_others_counted():

@@ -1,4 +1,4 @@
-"""A model of wrong efforts predicts them well: the masses in the arm's file contradict it."""
+"""A model of wrong efforts or times predicts them well: what is known otherwise contradicts it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,12 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arms.tree import nominal_inertias
 from dvrk_gravity.identification import identify
 from dvrk_gravity.identification.result import Fit
-from dvrk_gravity.identification.weights import held_weights
+from dvrk_gravity.identification.weights import (
+    HeldWeight,
+    HeldWeightSettings,
+    _gone,
+    held_weights,
+)
 from dvrk_gravity.planning.multisine import Multisine
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
@@ -139,6 +144,20 @@ def test_efforts_that_are_noise_make_no_joint_usable(size):
     assert "noise" in fit.verdict.findings[0]
 
 
+@pytest.mark.parametrize(("factor", "times"), [(0.75, 1.3), (2.0, 2)])
+def test_a_wrong_clock_is_named_before_all_else_and_no_such_model_is_used(factor, times):
+    """It is as wrong on data held out: velocities that were measured contradict it."""
+    recording = recorded()
+    clock = replace(recording, time=factor * recording.time)
+    fit = fitted(recording=replace(clock, velocity=recording.velocity))
+    assert poor(fit) == set(recording.joints)
+    assert fit.verdict.findings[0] == (
+        f"velocity is {factor:g} times the differentiated position at all joints: the clock, or "
+        f"all velocities, are wrong by a factor of {times:g}"
+    )
+    assert "clock" in fit.verdict.record
+
+
 def placeholder(folder: Path, mass: float) -> str:
     text = re.sub(r'<mass value="[^"]*"', f'<mass value="{mass}"', Path(UR5).read_text())
     (folder / "robot.urdf").write_text(text)
@@ -189,6 +208,23 @@ def test_plausible_masses_of_a_shipped_arm_tell_that_gravity_is_not_there(name):
 
     assert fit.verdict.level == POOR
     assert fit.verdict.findings[0].startswith("gravity is not in the efforts of")
+
+
+@pytest.mark.parametrize(
+    ("gone", "sure"),
+    [(("shoulder_pitch",), True), (("wrist_pitch",), False), (("wrist_pitch", "wrist_yaw"), False)],
+)
+def test_plausible_masses_forbid_a_model_where_most_of_the_weight_is_missing(gone, sure):
+    """Found: one joint of several is no majority, and carries three quarters of the weight."""
+    arm = Arm.load("mtmr")
+    weight = {"shoulder_pitch": 0.61, "elbow_pitch": 0.2, "wrist_pitch": 0.09, "wrist_yaw": 0.01}
+    weights = [
+        HeldWeight(joint, 0.0 if joint in gone else 1.0, 0.01, size, stated=False, believed=True)
+        for joint, size in weight.items()
+    ]
+    (found,) = _gone(weights, arm, HeldWeightSettings())
+    assert found.joints == gone
+    assert (found.level == POOR) == sure
 
 
 def test_poses_are_judged_by_the_masses_as_motions_are():

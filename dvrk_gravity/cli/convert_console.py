@@ -143,13 +143,13 @@ def check(paths: Sequence[Path], report: Path | None = None) -> int:
         found, answer = result.findings, result.answer
         if answer.use is not Use.USABLE:
             status = max(status, 1)
-        print(f"{path}: {_summary(found)}")
+        print(f"{path}: {answer.use}{f' ({answer.reason})' if answer.reason else ''}")
+        for line in answer.todo:
+            print(f"  {line}")
+        print(f"  findings: {_summary(found)}")
         width = max((len(finding.subject) for finding in found), default=0)
         for finding in found:
-            print(f"  {finding.severity:<8} {finding.subject:<{width}}  {finding.text}")
-        print(f"  answer: {answer.use}{f' ({answer.reason})' if answer.reason else ''}")
-        for line in answer.todo:
-            print(f"    {line}")
+            print(f"    {finding.severity:<8} {finding.subject:<{width}}  {finding.text}")
     if report is not None:
         content = {name: asdict(result) for name, result in checked.items()}
         text_file.write(report, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
@@ -158,9 +158,7 @@ def check(paths: Sequence[Path], report: Path | None = None) -> int:
 
 def _summary(found: Sequence[ConsoleFinding]) -> str:
     counts = {level: sum(finding.severity is level for finding in found) for level in Severity}
-    return (
-        ", ".join(f"{count} {level}" for level, count in counts.items() if count) or "no findings"
-    )
+    return ", ".join(f"{count} {level}" for level, count in counts.items() if count) or "none"
 
 
 def expect_suffix(path: Path, suffixes: tuple[str, ...]) -> None:

@@ -27,8 +27,9 @@ Array = NDArray[np.float64]
 
 BUILTIN_HELP = (
     "the arm's own gravity compensation is on and would add to ours: publish false (std_msgs/Bool) "
-    "on use_gravity_compensation, or set disable_builtin to true"
+    "on use_gravity_compensation"
 )
+OR_BY_US = ", or set disable_builtin to true"
 
 
 LEFT_OUT = "gravity is left out (gravity_enabled: false): what holds the arm fades out"
@@ -222,7 +223,8 @@ class Supervisor:
         # Whoever switches it on again and again, after a start, is not to be fought.
         self._interruptions += on and not self.builtin_active and not self._asked
         wait = self.settings.disable_builtin and self._interruptions <= SETTINGS.interruptions
-        self.obstruct("builtin", BUILTIN_HELP if on else "", wait)
+        help_ = BUILTIN_HELP if self.settings.disable_builtin else BUILTIN_HELP + OR_BY_US
+        self.obstruct("builtin", help_ if on else "", wait)
         return on and wait and ours
 
     def check_input(self, now: float) -> None:

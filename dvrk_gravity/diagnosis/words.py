@@ -35,7 +35,12 @@ def rows(finding: Finding) -> list[tuple[str, str]]:
 
 
 def size_of(finding: Finding) -> str:
-    """Return how much a finding is, with 95 % intervals: its first sizes, certain ones before."""
+    """Return how much a finding is, with 95 % intervals: its first sizes, certain ones before.
+
+    An effect whose sizes belong together says them in words of its own.
+    """
+    if together := effects.named(finding.effect).in_short(finding.parameters):
+        return together
     found = [f"{label} {value}" for label, value in rows(finding)]
     found.sort(key=lambda text: "perhaps" in text)
     shown = ", ".join(found[:_SIZES]) or finding.place

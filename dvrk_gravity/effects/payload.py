@@ -85,6 +85,11 @@ class Payload(Term):
     weighs: bool = True
 
     @classmethod
+    def in_short(cls, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Effect.in_short`: mass, and centre of mass as far as that is known."""
+        return f"mass {cls.meaning('mass').tell(parameters['mass'])}{_centre(parameters)}"
+
+    @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
         """See :meth:`Term.schema`."""
         return (
@@ -224,19 +229,7 @@ class PayloadHypothesis(Hypothesis):
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`: with its centre, as far as that is known."""
-        known = [
-            axis
-            for axis in AXES
-            if _UNSEEN
-            < parameters[axis].high - parameters[axis].low
-            < 2.0 * max(_PLACED, _PART_OF_WAY * abs(parameters[axis].value))
-        ]
-        where = ""
-        if known:
-            placed = ", ".join(f"{axis} {parameters[axis].shown}" for axis in known)
-            rest = " and ".join(axis for axis in AXES if axis not in known)
-            untold = f" ({rest} cannot be told from this motion)" if rest else ""
-            where = f", its centre at {placed} in the link's frame{untold}"
+        where = _centre(parameters)
         mass = parameters["mass"]
         if mass.value >= 0.0:
             return super().claim(parameters) + where
@@ -263,3 +256,20 @@ class PayloadHypothesis(Hypothesis):
             return {**values, **{f"{name}.{key}": value for key, value in named.items()}}
         change = self._directions(self.setting) @ theta
         return with_link(self.arm, values, self.site.index, change)
+
+
+def _centre(parameters: Mapping[str, Estimate]) -> str:
+    """Return where a load's centre of mass is, as far as that is known; ``""`` if nowhere."""
+    known = [
+        axis
+        for axis in AXES
+        if _UNSEEN
+        < parameters[axis].high - parameters[axis].low
+        < 2.0 * max(_PLACED, _PART_OF_WAY * abs(parameters[axis].value))
+    ]
+    if not known:
+        return ""
+    placed = ", ".join(f"{axis} {parameters[axis].shown}" for axis in known)
+    rest = " and ".join(axis for axis in AXES if axis not in known)
+    untold = f" ({rest} cannot be told from this motion)" if rest else ""
+    return f", its centre at {placed} in the link's frame{untold}"

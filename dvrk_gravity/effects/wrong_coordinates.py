@@ -34,6 +34,7 @@ class Reading:
         effort: (n, n) read effort -> the true one.
         coordinates: That a recording must be said to be in, to be read so; ``""`` if that is not
             enough.
+        sign: Whose sign is wrong, where nothing else is.
         clock: Recorded over true time; ``None``: the times are right.
     """
 
@@ -42,6 +43,7 @@ class Reading:
     motion: Array
     effort: Array
     coordinates: str = ""
+    sign: str = ""
     clock: Estimate | None = None
 
     @property
@@ -64,6 +66,8 @@ class Reading:
         """What to do about it."""
         if self.coordinates:
             return f"say so: --coordinates {self.coordinates}"
+        if self.sign:
+            return f"correct the sign of {self.sign}, where it is read or recorded"
         return self.effect.REMEDY
 
 
@@ -76,21 +80,16 @@ def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
         yield Reading(words.format("actuator", "joint"), (), forth, back.T, "actuator")
         yield Reading(words.format("joint", "actuator"), (), back, forth.T, "joint")
     if len(eye) > 1:
-        yield Reading("the efforts of all joints have the wrong sign", (), eye, -eye)
+        all_of = "the efforts of all joints"
+        yield Reading(f"{all_of} have the wrong sign", (), eye, -eye, sign=all_of)
     for joint in np.flatnonzero(moves).tolist():
         flip = np.diag(np.where(np.arange(len(eye)) == joint, -1.0, 1.0))
-        name = arm.joint_names[joint]
-        yield Reading(f"all signs of {name} are turned round", (joint,), flip, flip)
-        yield Reading(f"the effort of {name} has the wrong sign", (joint,), eye, flip)
-        yield Reading(f"the position of {name} has the wrong sign", (joint,), flip, eye)
+        yield from _of_sign(arm.joint_names[joint], joint, flip, flip)
         # Of a motor that shares joints with others, or whose joint others move, it is another one.
         motion, effort = forth @ flip @ back, back.T @ flip @ forth.T
         if np.allclose(motion, flip) and np.allclose(effort, flip):
             continue
-        name = f"{name}'s motor"
-        yield Reading(f"all signs of {name} are turned round", (joint,), motion, effort)
-        yield Reading(f"the effort of {name} has the wrong sign", (joint,), eye, effort)
-        yield Reading(f"the position of {name} has the wrong sign", (joint,), motion, eye)
+        yield from _of_sign(f"{arm.joint_names[joint]}'s motor", joint, motion, effort)
     for first in range(len(eye)):
         for second in range(first + 1, len(eye)):
             order = np.arange(len(eye))
@@ -100,3 +99,14 @@ def readings(arm: Arm, moves: NDArray[np.bool_]) -> Iterator[Reading]:
             yield Reading(f"{names} are exchanged", pair, exchange, exchange)
             yield Reading(f"the efforts of {names} are exchanged", pair, eye, exchange)
             yield Reading(f"the positions of {names} are exchanged", pair, exchange, eye)
+
+
+def _of_sign(name: str, joint: int, motion: Array, effort: Array) -> Iterator[Reading]:
+    """Yield the readings of a joint or motor by whose signs its motion and effort are turned."""
+    eye, at = np.eye(len(motion)), (joint,)
+    force, place = f"the effort of {name}", f"the position of {name}"
+    moves = f"{place}, and of its velocity"
+    words = f"all signs of {name} are turned round"
+    yield Reading(words, at, motion, effort, sign=f"{moves} and effort")
+    yield Reading(f"{force} has the wrong sign", at, eye, effort, sign=force)
+    yield Reading(f"{place} has the wrong sign", at, motion, eye, sign=moves)

@@ -39,7 +39,7 @@ from dvrk_gravity.identification.result import (
     Trace,
 )
 from dvrk_gravity.identification.selection import ColumnSelection
-from dvrk_gravity.identification.verdict import judge
+from dvrk_gravity.identification.verdict import judge, of_clock
 from dvrk_gravity.identification.weights import contradictions, idle
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.node_parameters import node_parameters
@@ -133,7 +133,10 @@ def fit_dynamic(
     model = _model(columns, chosen, found.solution, found.links)
     q, effort = design.state.q, arm.joint_effort(design.y)
     whole = design.compared.all(axis=1)
-    against = contradictions(model, q[whole], effort[whole], found.holding)
+    against = (
+        *of_clock(motions.warnings, arm),
+        *contradictions(model, q[whole], effort[whole], found.holding),
+    )
     verdict = judge(
         held_out, training, found.holding, arm, coordinates, duration=duration, against=against
     )

@@ -192,12 +192,14 @@ class Contradiction:
         level: The best verdict that they can have, one of ``model.VERDICTS``.
         reason: Short, of each of them.
         line: One line for the head of a result.
+        record: What to record instead.
     """
 
     joints: tuple[str, ...]
     level: str
     reason: str
     line: str
+    record: str = "efforts with gravity, in the unit that the arm's file says (docs/own_arm.md)"
 
 
 @dataclass(frozen=True)

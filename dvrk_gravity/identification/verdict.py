@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
@@ -18,6 +18,7 @@ from dvrk_gravity.identification.result import (
     in_words,
 )
 from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
+from dvrk_gravity.recording import DataWarning
 from dvrk_gravity.recording.checks import CheckSettings
 from dvrk_gravity.recording.data import Array, Coordinates
 
@@ -42,7 +43,7 @@ NOISE = (
     "the efforts of no joint are predicted better than by a constant: noise, or those of another "
     "motion?"
 )
-READINGS = "efforts with gravity, in the unit that the arm's file says (docs/own_arm.md)"
+CLOCK = "times in seconds of one clock, and velocities that go with them"
 THIS_JOINT = ("a motion of {joint}, too", "poses of {joint}, too")
 BOTH_WAYS = "every pose approached from both directions, with a `direction` column that says which"
 
@@ -92,9 +93,9 @@ class VerdictSettings:
     def rule(self) -> str:
         """What decides between good, usable and neither, in a line."""
         return (
-            f"|e|/|tau| is good up to `good to` and usable up to {self.usable:g} or "
-            f"{self.usable_over_good:.2g} times that; below {100 * self.negligible:g} % of its "
-            "effort limit an error moves no joint"
+            "|e|/|tau| is good up to the joint's 'good to', and usable up to the larger of "
+            f"{self.usable:g} and {self.usable_over_good:.2g} times its 'good to'; an error below "
+            f"{100 * self.negligible:g} % of its effort limit moves no joint, and is good"
         )
 
 
@@ -157,7 +158,7 @@ def judge(
             continue
         found = [
             *(
-                JointVerdict(each.level, each.reason, READINGS)
+                JointVerdict(each.level, each.reason, each.record)
                 for each in against
                 if name in each.joints
             ),
@@ -179,6 +180,25 @@ def judge(
         "; ".join(dict.fromkeys(verdict.record for verdict in named.values())),
         joints,
         lines,
+    )
+
+
+def of_clock(warnings: Iterable[DataWarning], arm: Arm) -> tuple[Contradiction, ...]:
+    """Return what speaks against a model of recordings whose times, or all velocities, are wrong.
+
+    Where it is the clock, viscous friction is off by its factor and inertia by the square, on data
+    held out as well: their times are as wrong.
+
+    Args:
+        warnings: What was found in the recordings.
+        arm: The arm.
+    """
+    return tuple(
+        Contradiction(
+            arm.joint_names, POOR, "the clock, or all velocities, are wrong", str(warning), CLOCK
+        )
+        for warning in warnings
+        if warning.kind == "wrong_clock"
     )
 
 

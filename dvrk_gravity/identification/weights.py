@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.description import ANY_UNIT, EFFORT_UNITS
+from dvrk_gravity.arms.description import ANY_UNIT, EFFORT_UNITS, SCALES
 from dvrk_gravity.arms.shipped import PLANTS, plausible_plant
 from dvrk_gravity.effects import State
 from dvrk_gravity.effects.base import rigid_body
@@ -278,8 +278,8 @@ def _gone(
         return
     if none[0].stated:  # of wrong masses only what is nothing at all is told
         sure = any(e.believed or abs(e.ratio) < settings.deviations * e.error for e in none)
-    else:  # plausible ones do not know how a single joint is balanced
-        sure = 2 * len(none) > len(weights)
+    else:  # plausible ones do not know how a single joint is balanced: most of the weight counts
+        sure = 2.0 * _together(none, arm) > _together(weights, arm)
     shown = ", ".join(
         f"{each.joint} ({each.ratio:.2g} of {each.weight:.3g} {_unit(each, arm)})" for each in none
     )
@@ -291,6 +291,12 @@ def _gone(
         f"gravity is not in the efforts of {shown}, RMS, that {masses} there: another unit, or "
         f"does the driver take it out? {_READ} says so",
     )
+
+
+def _together(weights: Sequence[HeldWeight], arm: Arm) -> float:
+    """Return what masses weigh at all of these joints, N·m; forces at the lever of ``SCALES``."""
+    kinds = {joint.name: joint.kind for joint in arm.joints}
+    return sum(each.weight * SCALES[kinds[each.joint]] for each in weights)
 
 
 def _is_gone(each: HeldWeight, settings: HeldWeightSettings) -> bool:

@@ -20,7 +20,7 @@ from dvrk_gravity.recording.signal_checks import (
     sampling,
     saturation,
 )
-from dvrk_gravity.recording.velocity import compare_velocity
+from dvrk_gravity.recording.velocity import common_factor, compare_velocity
 
 UNITS: tuple[Kind, ...] = ("position_unit", "effort_unit", "time_unit")
 
@@ -163,8 +163,19 @@ def _time(recording: Recording) -> list[DataWarning]:
 
 
 def _velocity(recording: Recording) -> list[DataWarning]:
-    findings = []
-    for joint, fit in zip(recording.joints, compare_velocity(recording), strict=True):
+    fits = compare_velocity(recording)
+    findings, common = [], common_factor(fits)
+    if common is not None:
+        findings.append(
+            DataWarning(
+                "wrong_clock",
+                None,
+                {"factor": common},
+                f"velocity is {common:.3g} times the differentiated position at all joints: the "
+                f"clock, or all velocities, are wrong by a factor of {max(common, 1 / common):.2g}",
+            )
+        )
+    for joint, fit in zip(recording.joints, fits, strict=True):
         if fit is None or not fit.worse:
             continue
         sense = "late" if fit.lag > 0.0 else "early"
@@ -176,7 +187,9 @@ def _velocity(recording: Recording) -> list[DataWarning]:
         }
         findings.append(
             DataWarning(
-                "velocity_mismatch",
+                "velocity_factor"
+                if common is None and fit.of_another_scale
+                else "velocity_mismatch",
                 joint,
                 numbers,
                 f"velocity is {fit.slope:.3g} times the differentiated position"

@@ -28,6 +28,8 @@ Kind = Literal[
     "gaps",
     "samples_discarded",
     "velocity_mismatch",
+    "velocity_factor",
+    "wrong_clock",
     "effort_ripple",
     "effort_saturation",
     "effort_frozen",

@@ -154,7 +154,8 @@ def derived_joints(recording: Recording, warnings: tuple[DataWarning, ...]) -> t
     # Once the times are right, the encoders' positions are better than any velocity column.
     if any(warning.kind == "read_jitter" and warning.numbers["corrected"] for warning in warnings):
         return recording.joints
-    worse = {warning.joint for warning in warnings if warning.kind == "velocity_mismatch"}
+    kinds = ("velocity_mismatch", "velocity_factor")
+    worse = {warning.joint for warning in warnings if warning.kind in kinds}
     absent = zip(recording.joints, not_recorded(recording.velocity).tolist(), strict=True)
     worse |= {joint for joint, missing in absent if missing}
     # A filter's delay is no fault of the recording, but would pass for one of the effort.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,11 @@ class ComparisonSettings:
         lag: s that it may be late. Chosen.
         noise: Times the error that the derivative itself has from the encoder's steps: three
             standard deviations.
+        alike: Factor within which the scales of several joints are one, and one scale still is an
+            estimate's: of a real MTM's wrists, whose encoders are coarse, it is up to 1.18 (1.07
+            where all joints of real MTMs, PSMs and UR10es are looked at together). Chosen.
+        clock: Relative error of the scale of all joints from which on it is the clock's. Chosen.
+        clear: Correlation from which on a scale is one. Chosen.
         slowest: RMS velocity below which a joint does not move, rad/s. Chosen: rounding.
     """
 
@@ -34,6 +40,9 @@ class ComparisonSettings:
     residual: float = 0.08
     lag: float = 2e-3
     noise: float = 3.0
+    alike: float = 1.25
+    clock: float = 0.1
+    clear: float = 0.9
     slowest: float = 1e-6
 
 
@@ -69,6 +78,13 @@ class VelocityFit:
         return scaled or self.residual > max(settings.residual, noise)
 
     @property
+    def of_another_scale(self) -> bool:
+        """Whether it is the derivative, surely, times a factor that is no estimate's."""
+        factor = ComparisonSettings().alike
+        clear = abs(self.correlation) > ComparisonSettings().clear
+        return clear and not 1.0 / factor < self.slope < factor
+
+    @property
     def late(self) -> bool:
         """Whether the column is beyond doubt not in step with the positions, however clean."""
         return abs(self.lag) > ComparisonSettings().lag + 4.0 * self.lag_error
@@ -86,6 +102,24 @@ class VelocityFit:
         if abs(self.slope * DEGREE - 1.0) < 0.2:
             return " (deg/s?)"
         return ""
+
+
+def common_factor(fits: Sequence[VelocityFit | None]) -> float | None:
+    """Return by what the velocities of all joints are off alike; ``None`` where they are not.
+
+    Args:
+        fits: Of the joints; at least two of them moved. A known unit's factor is none.
+    """
+    settings = ComparisonSettings()
+    found = [fit for fit in fits if fit is not None]
+    slopes = np.array([fit.slope for fit in found])
+    if len(found) < 2 or slopes.min() <= 0.0:
+        return None
+    factor = float(np.median(slopes))
+    off = np.abs(slopes - 1.0) > settings.clock
+    alike = np.abs(np.log(slopes / factor)) < np.log(settings.alike)
+    clear = all(fit.correlation > settings.clear and not fit.suspicion for fit in found)
+    return factor if clear and bool(np.all(off & alike)) else None
 
 
 def compare_velocity(recording: Recording) -> tuple[VelocityFit | None, ...]:

@@ -37,10 +37,8 @@ def diagnosis_text(
     if not findings:
         yield laid_out(f"{verdict}: {diagnosis.sentence}", width)
     else:
-        certain = sum(finding.certain for finding in findings)
-        sure = "certain" if certain == len(findings) else f"{certain} of them certain"
-        plural = "s" if len(findings) > 1 else ""
-        yield f"{verdict}: {len(findings)} finding{plural}, {sure}"
+        of_what = _ambiguous(findings) if diagnosis.verdict == "ambiguous" else ""
+        yield laid_out(f"{verdict}: {_counted(findings)}{of_what}", width)
         yield from finding_table(findings, diagnosis.model.arm.n, width)
         yield laid_out(_how_good(diagnosis), width)
         yield laid_out(f"next: {findings[0].remedy or 'see the report'}", width)
@@ -81,6 +79,22 @@ def finding_table(findings: Sequence[Finding], n: int, width: int | None = None)
             yield laid_out(
                 f"    or {other.effect} at {', '.join(other.joints) or 'the arm'}", width
             )
+
+
+def _counted(findings: Sequence[Finding]) -> str:
+    """Return how many findings there are, and of how many it is certain that something acts."""
+    certain, of = sum(finding.certain for finding in findings), len(findings)
+    if of == 1:
+        return f"1 finding, {'certain' if certain else 'not certain'}"
+    some = f"{certain} of them certain" if certain else "none of them certain"
+    return f"{of} findings, {'certain' if certain == of else some}"
+
+
+def _ambiguous(findings: Sequence[Finding]) -> str:
+    """Return of how many findings the data allow other explanations; certain ones may be."""
+    several = sum(bool(finding.alternatives) for finding in findings)
+    which = "it" if len(findings) == 1 else f"{several} of them"
+    return f"; what explains {which} is ambiguous (see `or`)"
 
 
 def _where(finding: Finding, n: int) -> str:

@@ -33,7 +33,7 @@ def error_table(
     broad = 1 + max(map(len, errors))
     unit = arm.effort_units[0]
     head = f"RMSE {unit}"
-    yield f"{'joint':<{broad}}{head:>9}{'|e|/|tau|':>10}{'R2':>7}{'good to':>8}  verdict"
+    yield f"{'joint':<{broad}}{head:>9}{'|e|/|tau|':>10}{'R2':>9}{'good to':>8}  verdict"
     said: dict[JointVerdict, str] = {}
     for joint in arm.joints:
         if joint.name not in errors:
@@ -43,7 +43,7 @@ def error_table(
         other = f" (RMSE in {joint.effort_unit})" if joint.effort_unit != unit else ""
         word = "do not compensate" if verdict.level == POOR else verdict.level
         row = (
-            f"{joint.name:<{broad}}{error.rmse:>9.4f}{error.nrmse:>10.3f}{error.r2:>7.3f}"
+            f"{joint.name:<{broad}}{error.rmse:>9.4f}{error.nrmse:>10.3f}{_in_column(error.r2):>9}"
             f"{settings.good_to(joint):>8.3f}  {word}{other}"
         )
         plain = verdict.level == GOOD == settings.level(joint, error.nrmse)
@@ -51,6 +51,11 @@ def error_table(
         yield row if plain or not why else laid_out(why, width, f"{row}: ")
         said.setdefault(verdict, joint.name)
     yield laid_out(f"rule: {settings.rule}", width)
+
+
+def _in_column(r2: float) -> str:
+    """Return a coefficient of determination in eight characters or fewer, a space before it."""
+    return f"{r2:.3f}" if r2 > -1000.0 else f"{r2:.1e}"
 
 
 def fit_text(fit: Fit, verbose: bool = False, width: int | None = None) -> Iterator[str]:
@@ -73,7 +78,8 @@ def fit_text(fit: Fit, verbose: bool = False, width: int | None = None) -> Itera
     yield from error_table(fit.held_out, fit.model.arm, verdict.joints, width)
     if verdict.record:
         yield laid_out(f"record instead: {verdict.record}", width)
-    for line in warning_lines(fit.warnings, fit.handling, verbose):
+    warnings = [each for each in fit.warnings if str(each) not in verdict.findings]
+    for line in warning_lines(warnings, fit.handling, verbose):
         yield laid_out(line, width)
     if verbose:
         yield from (laid_out(line, width) for line in _details(fit))
@@ -124,8 +130,8 @@ def evaluation_text(
     if result.outside:
         for line in result.outside if verbose else ():
             yield laid_out(f"{line}: extrapolated there", width)
-        several = f"{len(result.outside)} times " if len(result.outside) > 1 else ""
-        shown = "" if verbose else f" ({several}; first: {result.outside[0]})"
+        more = len(result.outside) - 1
+        shown = "" if verbose else f" ({result.outside[0]}{f'; {more} more' if more else ''})"
         yield laid_out(
             "outside its range errors say little of a model: identify from recordings there, too"
             + shown, width,

@@ -27,6 +27,8 @@ _DETAIL: frozenset[Kind] = frozenset(
     )
 )  # fmt: skip
 _WARNING = "warning: "
+_DATA = "data: "  # before what was done, and no reason for concern
+_DONE: frozenset[Kind] = frozenset(("columns",))
 # How lines begin of what was done with data that a user has to know.
 _SHOWN = (
     _WARNING,
@@ -80,7 +82,13 @@ def warning_lines(
     """
     detail = [warning for warning in warnings if warning.kind in _DETAIL and not warning.unusable]
     first = contradiction(warnings)
-    rest = [warning for warning in warnings if warning not in detail and str(warning) != first]
+    done = [warning for warning in warnings if warning.kind in _DONE]
+    yield from (f"{_DATA}{line}" for line in brief(done))
+    rest = [
+        warning
+        for warning in warnings
+        if warning not in detail and warning not in done and str(warning) != first
+    ]
     acted_on = [f"{_WARNING}{line}" for line in brief(rest)]
     if verbose:
         yield from acted_on

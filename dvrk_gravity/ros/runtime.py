@@ -20,6 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from dvrk_gravity.arguments import refuse_json
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.named_arm import arm_beside
@@ -58,6 +59,7 @@ def spin(make_node: Callable[[], Node], ros_args: Sequence[str]) -> int:
     files = _parameter_files(ros_args)
     _folders[:] = [Path(path).absolute().parent for path in files]
     for path in files:
+        refuse_json("--params-file", path)
         yaml_file.load(path)  # rcl's own words for a bad file are long and name no cause
     stop = threading.Event()
     with asked_to_end(stop.set):

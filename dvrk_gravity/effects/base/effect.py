@@ -62,6 +62,12 @@ class Effect(ABC):
         return [name for name in names if cls.meaning(name).listed]
 
     @classmethod
+    def in_short(cls, parameters: Mapping[str, Estimate]) -> str:
+        """Return a finding's sizes in a row of a table; ``""``: the first of those listed."""
+        del parameters
+        return ""
+
+    @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """Yield where it can be supposed in a motion, apart from what :meth:`search` finds."""
         del motion
