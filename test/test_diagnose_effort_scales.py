@@ -11,6 +11,8 @@ import pytest
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.diagnosis.effort_scales import effort_scales
 from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.effects.torque_scale import TorqueScale
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording
 from testing.hide import hide
@@ -76,3 +78,9 @@ def test_efforts_that_are_clipped_are_no_scale():
     motion = load([clipped], MODEL).motion
 
     assert not list(effort_scales(motion, ~motion.silent, np.zeros(motion.arm.n)))
+
+
+@pytest.mark.parametrize(("value", "words"), [(10.0, "times"), (0.1, "times"), (2.0, "% too high")])
+def test_a_factor_that_is_far_off_is_told_as_one(value, words):
+    factor = Estimate(value, 0.99 * value, 1.01 * value, "")
+    assert TorqueScale.meaning("factor").tell(factor).endswith(words)
