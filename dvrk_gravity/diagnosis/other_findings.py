@@ -28,6 +28,7 @@ from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.diagnosis.unstated import unstated
 from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.unknown import Unknown
 from dvrk_gravity.quantity import quantity
 
@@ -101,13 +102,17 @@ def reading_finding(
     """Return the finding that the recording was read wrongly."""
     score = reading.score
     joints, gain = reading_gain(score, before, after, held_out)
-    joint_names, clock = held_out.joint_names, score.reading.clock
+    joint_names, factor = held_out.joint_names, score.reading.factor
     names = tuple(joint_names[joint] for joint in score.reading.joints)
+    place = "clock" if score.reading.clock else score.reading.words
+    if score.reading.scale:
+        place = Kind.JOINT.value if names else "all"
+        names = names or tuple(joint_names)
     return Finding(
         effect=score.reading.effect.NAME,
         joints=names,
-        place="clock" if clock else score.reading.words,
-        parameters={"factor": clock} if clock else {},
+        place=place,
+        parameters={"factor": factor} if factor else {},
         gain=gain,
         alternatives=tuple(
             Alternative(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
@@ -96,7 +98,7 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         validation, pool = prepared(motion)
         beside = unstated(validation, pool)
         read = validation.score(beside)
-        gain = read.likelihood - as_it_is.likelihood
+        gain = _gain(scores[0], validation, as_it_is, read)
         held_out = HeldOut(validation)
         # What friction hides tells no reading from another, where a model says little of it.
         after = held_out.as_read() if before is None else held_out.error(beside)
@@ -114,6 +116,8 @@ def read_rightly(loaded: Loaded, say: Callable[[str], None]) -> ReadRightly:
         alternatives = tuple(score for score in scores[1:] if score.gain > limit)
         wrong.append(WrongReading(scores[0], loaded.motion, alternatives))
         loaded = replace(loaded, motion=motion)
+        if scores[0].reading.scale is not None:  # noise is scaled as all else is
+            loaded = replace(loaded, floor=loaded.floor * np.diag(scores[0].reading.effort))
         if scores[0].reading.clock is not None:
             del validation, pool
             loaded = in_true_time(loaded, scores[0].reading)
@@ -139,9 +143,15 @@ def _compared(
             beside = unstated(validation, pool)
         else:
             validation, beside = CrossValidation(FilteredData.of(read)), []
-        gain = validation.score(beside).likelihood - as_it_is.likelihood
+        gain = _gain(score, validation, as_it_is, validation.score(beside))
         found.append(replace(score, gain=gain))
     return sorted(found, key=lambda score: -score.gain)
+
+
+def _gain(score: ReadingScore, validation: CrossValidation, as_it_is: Score, read: Score) -> float:
+    """Return what a reading gains in log-likelihood, of the efforts that were read."""
+    scaled = float((validation.samples * (validation.weight > 0.0)) @ score.reading.density)
+    return read.likelihood - as_it_is.likelihood - scaled
 
 
 def _significant(validation: CrossValidation, before: Score, after: Score, tried: int) -> bool:

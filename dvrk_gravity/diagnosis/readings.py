@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.diagnosis.effort_scales import effort_scales
 from dvrk_gravity.diagnosis.load import Loaded
 from dvrk_gravity.diagnosis.model_error import model_columns
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
@@ -146,7 +147,11 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     before = _beside_friction(few.residual, few, usable) ** 2 * usable
     as_it_is = _expected(few)
     pulling = tuple(term for term in motion.model.terms if not term.FRICTION)
-    alternatives = [*readings(motion.arm, motion.moves), *_clocks(few, usable)]
+    alternatives = [
+        *readings(motion.arm, motion.moves),
+        *_clocks(few, usable),
+        *effort_scales(few, usable, as_it_is),
+    ]
     scores = []
     farthest = _beyond(few) + _SETTINGS.beyond
     for same_motion in _by_motion(alternatives):
@@ -163,7 +168,7 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
             after = _beside_friction(effort - read.modelled, read, usable) ** 2 * usable
             mean = np.maximum(after.mean(axis=0) + expected, 1e-12)
             # Log-likelihood of a sample.
-            gain = 0.5 * float(np.log(scale / mean).sum())
+            gain = float((0.5 * np.log(scale / mean) - reading.density).sum())
             if gain <= 0.0:
                 continue
             pull = read.torque_at(read.q, replace(read.model, terms=pulling))

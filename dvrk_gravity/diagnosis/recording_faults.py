@@ -74,7 +74,7 @@ def put_right(
     """
     right, findings, warnings = [], list[Finding](), list[DataWarning]()
     for recording in recordings:
-        head = _beginning(recording)
+        head = beginning(recording)
         while fault := fault_of_velocities(head, model, still):
             findings.append(_named(fault.finding, head, len(recordings)))
             recording, head = _mended(recording, fault.mend), fault.mend(head)
@@ -91,7 +91,7 @@ def put_right(
     return PutRight(right, tuple(findings), tuple(warnings))
 
 
-def _beginning(recording: Recording | RecordingFile) -> Recording:
+def beginning(recording: Recording | RecordingFile) -> Recording:
     """Return what is looked at of a recording."""
     parts: list[Recording] = []
     for part in recording.parts():

@@ -16,6 +16,7 @@ from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.confirmed import at_the_fit, confirmed
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.fit_to_judge import require_gravity, require_predictable
 from dvrk_gravity.diagnosis.held_out import Unconfirmed
 from dvrk_gravity.diagnosis.in_simulation import in_simulation
 from dvrk_gravity.diagnosis.load import Loaded, load
@@ -168,7 +169,10 @@ def diagnose(
         warnings=(*doubts, *beside, *right.warnings, *loaded.warnings),
         faults=right.findings,
     )
-    if other is not None:
+    if other is None:
+        require_predictable(loaded.motion, whole)
+        require_gravity(loaded.motion, whole[0].head.source)
+    else:
         loaded = _beside_reference(loaded, whole, other, model, still)
     outcome = investigate(loaded, say)
     say("measuring gains on held-out blocks")

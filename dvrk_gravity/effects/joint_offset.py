@@ -31,11 +31,18 @@ class JointOffset(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: of a joint, and of a motor that moves several."""
-        arm = motion.arm
-        sites = [site.joint(joint) for joint in np.flatnonzero(motion.present).tolist()]
+        """See :meth:`Effect.hypotheses`: of a joint, and of a motor that moves several.
+
+        None of what did not move: a constant torque at other joints is all that it would show.
+        """
+        arm, moves = motion.arm, motion.moves
+        sites = [site.joint(joint) for joint in np.flatnonzero(moves).tolist()]
         if motion.present.all():
-            sites += [site.motor(motor) for motor in mixed_motors(arm)]
+            sites += [
+                site.motor(motor)
+                for motor in mixed_motors(arm)
+                if moves[arm.actuator_to_joint[:, motor] != 0.0].any()
+            ]
         for where in sites:
             yield ZeroHypothesis(
                 arm=arm, site=where, joints=(where.index,), setting={"offset": 0.0},

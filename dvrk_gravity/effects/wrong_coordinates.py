@@ -12,6 +12,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects.base.effect import Effect
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.time_scale import TimeScale
+from dvrk_gravity.effects.torque_scale import TorqueScale
 
 Array = NDArray[np.float64]
 
@@ -36,6 +37,7 @@ class Reading:
             enough.
         sign: Whose sign is wrong, where nothing else is.
         clock: Recorded over true time; ``None``: the times are right.
+        scale: Read over true effort; ``None``: it is right.
     """
 
     words: str
@@ -45,11 +47,28 @@ class Reading:
     coordinates: str = ""
     sign: str = ""
     clock: Estimate | None = None
+    scale: Estimate | None = None
 
     @property
     def effect(self) -> type[Effect]:
         """The effect that it is."""
+        if self.scale is not None:
+            return TorqueScale
         return WrongCoordinates if self.clock is None else TimeScale
+
+    @property
+    def factor(self) -> Estimate | None:
+        """What is read over what is true, where a factor is all that is wrong."""
+        return self.clock or self.scale
+
+    @property
+    def density(self) -> Array:
+        """(n,) log-density of a sample of the efforts, of the true less of the read ones.
+
+        Errors of efforts that are read as a tenth are a tenth, and no better for it.
+        """
+        scaled = np.isin(np.arange(len(self.effort)), self.joints) | (not self.joints)
+        return np.where(scaled, 0.0 if self.scale is None else np.log(self.scale.value), 0.0)
 
     @property
     def rate(self) -> float:
@@ -66,8 +85,13 @@ class Reading:
         """What to do about it."""
         if self.coordinates:
             return f"say so: --coordinates {self.coordinates}"
+<<<<<<< HEAD
         if self.sign:
             return f"correct the sign of {self.sign}, where it is read or recorded"
+=======
+        if self.scale is not None and not self.joints:
+            return "check the unit and the scale of all efforts"
+>>>>>>> w-mend1
         return self.effect.REMEDY
 
 

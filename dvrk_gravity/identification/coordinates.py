@@ -16,6 +16,7 @@ from dvrk_gravity.estimation.normal_equations import fit
 from dvrk_gravity.estimation.splits import Folds, make_folds
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import build_design
+from dvrk_gravity.identification.errors import ConstantSettings, beats
 from dvrk_gravity.identification.motion import CalibrationMotion, Source, read, read_motions
 from dvrk_gravity.identification.moves import start_columns
 from dvrk_gravity.identification.selection import training_equations
@@ -156,7 +157,7 @@ def coordinate_errors(recording: Source, arm: Arm) -> CoordinateErrors:
     """
     trajectory = replace(read(recording), coordinates=None)
     systems = get_args(Coordinates)
-    errors, told, folds = zip(
+    errors, told, folds, _ = zip(
         *(_held_out_errors(trajectory, arm, system) for system in systems), strict=True
     )
     # The same samples in both: friction that holds a joint in one reading need not in the other.
@@ -174,6 +175,19 @@ def coordinate_errors(recording: Source, arm: Arm) -> CoordinateErrors:
             for system, error in shown.items()
         },
     )
+
+
+def predictable(recording: Recording, arm: Arm, settings: ConstantSettings) -> bool:
+    """Return whether a plain model predicts any joint's effort better than a constant does.
+
+    Raises:
+        RecordingError: Whatever ``read_motions`` refuses.
+    """
+    system = recording.coordinates
+    plain = replace(read(recording), coordinates=None)
+    error, told, _, off = _held_out_errors(plain, arm, system or "joint")
+    error, off = (np.where(told, each, 0.0) for each in (error, off))
+    return bool(beats(error**2, off**2, settings).any())
 
 
 def _doubt(source: str, errors: CoordinateErrors, given: Coordinates) -> tuple[DataWarning, ...]:
@@ -195,8 +209,8 @@ def _doubt(source: str, errors: CoordinateErrors, given: Coordinates) -> tuple[D
 
 def _held_out_errors(
     recording: Source, arm: Arm, coordinates: Coordinates
-) -> tuple[Array, NDArray[np.bool_], Folds]:
-    """Return (N, n) held-out errors of a plain model, which of them say something, and the folds.
+) -> tuple[Array, NDArray[np.bool_], Folds, Array]:
+    """Return (N, n) held-out errors of a plain model, which say something, folds, and a constant's.
 
     Of the efforts as they were recorded, over the RMS of each.
     """
@@ -219,7 +233,8 @@ def _held_out_errors(
         error, effort = arm.joint_effort(error), arm.joint_effort(effort)
         told = ~arm.joints_of(~told)
     rms = np.maximum(np.sqrt(np.mean(effort**2, axis=0)), 1e-6)
-    return error / rms, told, folds
+    off = effort - effort.mean(axis=0, where=told)
+    return error / rms, told, folds, off / rms
 
 
 def _size(error: Array) -> float:

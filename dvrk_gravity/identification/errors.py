@@ -51,7 +51,7 @@ def joint_errors(
     size = np.mean(measured**2, axis=0)
     spread = np.var(measured, axis=0)
     off = measured - (measured.mean(axis=0) if constant is None else constant)
-    better = _beats(residual**2, off**2, ConstantSettings())
+    better = beats(residual**2, off**2, ConstantSettings())
     if idle is not None and (idle.all() or (better & ~idle).any()):
         better |= idle
     return {
@@ -65,7 +65,7 @@ def joint_errors(
     }
 
 
-def _beats(error: Array, constant: Array, settings: ConstantSettings) -> NDArray[np.bool_]:
+def beats(error: Array, constant: Array, settings: ConstantSettings) -> NDArray[np.bool_]:
     """Return (n,) whether (N, n) squared errors are less than a constant's, surely."""
     blocks = [rows for rows in np.array_split(np.arange(len(error)), settings.blocks) if len(rows)]
     removed = np.array([(constant[rows] - error[rows]).sum(axis=0) for rows in blocks])

@@ -31,7 +31,7 @@ from dvrk_gravity.stated import WEIGHT, stated_weight
 
 _, USABLE, POOR = VERDICTS
 _INSTEAD = "says so, --effort-unit N·m (effort_unit in the arm's file) that its masses are wrong"
-_READ = "effort_has_gravity: {read: false} in the arm's file"
+READ_WITHOUT = "effort_has_gravity: {read: false} in the arm's file"
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def held_weights(
         return ()
     held = _at_rest(model, q)
     size, found = np.sqrt(np.mean(weight**2, axis=0)), np.sqrt(np.mean(held**2, axis=0))
-    counts = _counts(size, arm, settings)
+    counts = bears_weight(size, arm, settings)
     scale = arm.effort_size if arm.read_in == ANY_UNIT else 1.0
     known = arm.newtons_said or arm.read_in not in ("", ANY_UNIT)
     loaded = np.zeros(arm.n, dtype=bool)
@@ -144,13 +144,13 @@ def idle(arm: Arm, q: Array, static: bool) -> NDArray[np.bool_]:
     if weight is None:  # of whatever links of such sizes may weigh
         each = rigid_body.weight_regressor(arm, q, arm.gravity) @ weight_directions(arm)
         weight = np.sqrt((each**2).sum(axis=2))
-    light = ~_counts(np.sqrt(np.mean(weight**2, axis=0)), arm, settings)
+    light = ~bears_weight(np.sqrt(np.mean(weight**2, axis=0)), arm, settings)
     if not static:
         return np.asarray(light & ~arm.rubs)
     return np.asarray(light | (np.ptp(q, axis=0) < HoldingSettings().narrow * arm.scale))
 
 
-def _counts(size: Array, arm: Arm, settings: HeldWeightSettings) -> NDArray[np.bool_]:
+def bears_weight(size: Array, arm: Arm, settings: HeldWeightSettings) -> NDArray[np.bool_]:
     """Return (n,) joints at which a weight of some (n,) RMS size counts."""
     limit = np.where(arm.effort_limit > 0.0, arm.effort_limit, np.inf)
     return np.asarray(size > settings.seen * np.minimum(limit, size.max()))
@@ -289,7 +289,7 @@ def _gone(
         POOR if sure else USABLE,
         f"gravity is not in its efforts: {masses} more there",
         f"gravity is not in the efforts of {shown}, RMS, that {masses} there: another unit, or "
-        f"does the driver take it out? {_READ} says so",
+        f"does the driver take it out? {READ_WITHOUT} says so",
     )
 
 

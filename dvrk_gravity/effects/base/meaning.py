@@ -100,6 +100,8 @@ class Meaning:
 
     def tell(self, estimate: Estimate) -> str:
         """Return an estimate in words; before one whose interval holds zero stands `perhaps`."""
+        if self.percent and not self.least <= estimate.value <= self.greatest:
+            return f"{estimate.shown} times"  # no change that anybody would count in percent
         if self.percent:
             return estimate.percent(self.neutral or 0.0).signed(self.senses or ("", ""))
         if estimate.unit == "rad" and estimate.high - estimate.low > _TURN:
