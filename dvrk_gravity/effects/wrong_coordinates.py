@@ -85,13 +85,10 @@ class Reading:
         """What to do about it."""
         if self.coordinates:
             return f"say so: --coordinates {self.coordinates}"
-<<<<<<< HEAD
         if self.sign:
             return f"correct the sign of {self.sign}, where it is read or recorded"
-=======
         if self.scale is not None and not self.joints:
             return "check the unit and the scale of all efforts"
->>>>>>> w-mend1
         return self.effect.REMEDY
 
 
