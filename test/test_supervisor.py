@@ -965,6 +965,27 @@ def test_what_changes_while_the_arm_is_held_for_another_reason_is_confirmed_too(
     assert "parameters have changed, and measured_js has no usable effort" in loop.reason
 
 
+def test_small_changes_in_one_pause_after_another_do_not_add_up():
+    options = AT_ONCE | {"resume": "automatic"}
+    loop = SupervisorInLoop(**options)
+    loop.first()
+    for mass in (0.08, 0.16, 0.24):
+        loop.wait(0.3)
+        loop.configure(**options, **{"payload.mass": mass})
+        answer = loop.first()
+    assert answer is None
+    assert "parameters have changed" in loop.reason
+
+
+def test_to_enable_what_is_commanded_already_confirms_nothing():
+    loop = SupervisorInLoop(**AT_ONCE)
+    loop.first()
+    loop.supervisor.enable()
+    loop.configure(**AT_ONCE, **BEYOND["a load that is not there"])
+    assert loop.first() is None
+    assert loop.status is Status.FAULT
+
+
 def test_a_change_that_what_is_measured_speaks_against_is_not_taken():
     """Within the tolerance, by an arm that is held as before: nobody has mounted anything."""
     loop = SupervisorInLoop(**AT_ONCE, start_tolerance=0.25)

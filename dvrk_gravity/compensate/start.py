@@ -122,7 +122,7 @@ class Start:
         weight = settings.weight(position)
         if not settings.weightless:
             _compare_with_masses(settings, position)
-        if not self._measures():
+        if not self.measures():
             origin, source = model, "the model's torque, as measured_js has no usable effort"
         elif settings.weightless and not arm.gravity_in_command:
             origin, source = model, "the model's torque, as the arm holds its weight itself"
@@ -166,7 +166,7 @@ class Start:
             return self.origin(settings, tolerance)
         if not measurable:
             why = "nothing that is measured at rest speaks for them"
-        elif not self._measures():
+        elif not self.measures():
             why = "measured_js has no usable effort to compare them with"
         else:
             assert self._position is not None  # there is a sample
@@ -182,7 +182,7 @@ class Start:
             raise StartRefusedError(f"parameters have changed, and {why}: ~/enable takes them")
         return self.origin(settings, tolerance)
 
-    def _measures(self) -> bool:
+    def measures(self) -> bool:
         """Tell whether efforts were measured: in half of the samples, and not all exactly zero."""
         enough = len(self._efforts) >= SETTINGS.usable * len(self._models)
         return enough and bool(np.any(self._efforts))

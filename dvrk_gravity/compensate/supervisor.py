@@ -152,7 +152,8 @@ class Supervisor:
 
     def enable(self) -> None:
         """Start, or start again after a fault; commands follow with the next valid input."""
-        self._asked = True
+        if not self.active:  # while it is commanded there is no start to ask for
+            self._asked = True
         if self.status in (Status.DISABLED, Status.FAULT):
             self._interruptions = 0
             self._wait()
@@ -299,8 +300,11 @@ class Supervisor:
         except StartRefusedError as error:
             self.fail(str(error))
             return
-        self._start, self._accepted = None, Accepted(settings)
-        self._asked = self._changed = False
+        self._start = None
+        if self._asked or start.measures():  # else nothing has been compared, nor confirmed
+            self._accepted = Accepted(settings)
+        self._asked = False
+        self._changed = not settings.asks_as(self._accepted.settings)
         self.change = LEFT_OUT if settings.weightless else ""
         self._watch_energy()
         self._begin_ramp(self._command, sample.position, sample.velocity, now)
