@@ -35,8 +35,10 @@ from dvrk_gravity.diagnosis.beyond_range import BeyondSettings
 from dvrk_gravity.diagnosis.by_recording import DifferenceSettings
 from dvrk_gravity.diagnosis.confirmed import ConfirmationSettings
 from dvrk_gravity.diagnosis.cross_validation import CrossValidationSettings
+from dvrk_gravity.diagnosis.effort_scales import EffortScaleSettings
 from dvrk_gravity.diagnosis.extend import ExtensionSettings
 from dvrk_gravity.diagnosis.filtered_data import FilterSettings
+from dvrk_gravity.diagnosis.fit_to_judge import FitToJudgeSettings
 from dvrk_gravity.diagnosis.friction_by_load import FrictionByLoadSettings
 from dvrk_gravity.diagnosis.held_out import JudgementSettings
 from dvrk_gravity.diagnosis.load import LoadSettings
@@ -327,6 +329,8 @@ CLASSES: tuple[tuple[type, tuple[Callable[[], Figures], ...]], ...] = (
     (ReadingSettings, DIAGNOSIS),
     (ReadRightlySettings, DIAGNOSIS),
     (VelocityFaultSettings, DIAGNOSIS),
+    (EffortScaleSettings, DIAGNOSIS),
+    (FitToJudgeSettings, DIAGNOSIS),
     (WorseningSettings, DIAGNOSIS),
     (ShapelessSettings, DIAGNOSIS),
     (AmbiguitySettings, DIAGNOSIS),
