@@ -33,7 +33,9 @@ PERCENTILES = {"median": 50.0, "p90": 90.0, "p99": 99.0, "p99.9": 99.9}
 def measure(blocks: int, seconds: float) -> dict[str, dict[str, Any]]:
     """Return, for relay and compensator, percentiles of the round trip (µs) and losses."""
     namespaces = {name: f"{PRIVATE}/{name}" for name in ("relay", "compensator")}
-    arguments = ("--params-file", str(MODEL), "-p", "resume:=automatic")
+    # Between two runs nothing is sent for 0.1 s: that is no silence to stop for.
+    waits = ("-p", "resume:=automatic", "-p", "timeout:=0.3")
+    arguments = ("--params-file", str(MODEL), *waits)
     with (
         private_domain(),
         Client() as client,

@@ -149,4 +149,6 @@ class PromptExecutor(SingleThreadedExecutor):
         wait_set.wait(int(timeout * 1e9))
         if not self._context.ok():
             raise ExternalShutdownException
-        return [pointer for kind in _KINDS for pointer in wait_set.get_ready_entities(kind)]
+        ready = [pointer for kind in _KINDS for pointer in wait_set.get_ready_entities(kind)]
+        # Being woken is no work: rclpy's own look at everything would cost a message or two.
+        return [pointer for pointer in ready if pointer != self._guard.handle.pointer]
