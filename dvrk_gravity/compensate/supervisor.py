@@ -301,7 +301,8 @@ class Supervisor:
             self.fail(str(error))
             return
         self._start = None
-        if self._asked or start.measures():  # else nothing has been compared, nor confirmed
+        # Else nothing has been compared, nor confirmed: small changes do not add up.
+        if self._asked or settings.weightless or start.measures():
             self._accepted = Accepted(settings)
         self._asked = False
         self._changed = not settings.asks_as(self._accepted.settings)
