@@ -149,7 +149,7 @@ class Progress:
     """s between renewals of the line of a terminal, at least."""
 
     LEAST = 2.0
-    """s before any time left is told: nothing is known of the pace. Chosen."""
+    """s before any time left is shown: nothing is known of the pace. Chosen."""
 
     def __init__(self, what: str, total: float) -> None:
         """Count up to ``total``."""

@@ -32,7 +32,7 @@ TIMEOUTS = (0.02, 1.0)  # s; as the compensator's
 # s by which a motion may take longer and count as undisturbed. Chosen: a measurement every 10 ms
 # and one late step of 20 ms lie within.
 PAUSED = 0.05
-COVERED = 0.8  # part of a joint's range, below which a person is told. Chosen
+COVERED = 0.8  # part of a joint's range, below which it is reported. Chosen
 REHEARSAL = 3.0  # times as long as the motion: a ninth of its acceleration
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 

@@ -276,7 +276,7 @@ def _gone(
     none = [each for each in weights if _is_gone(each, settings)]
     if not none:
         return
-    if none[0].stated:  # of wrong masses only what is nothing at all is told
+    if none[0].stated:  # of wrong masses only what is nothing at all is reported
         sure = any(e.believed or abs(e.ratio) < settings.deviations * e.error for e in none)
     else:  # plausible ones do not know how a single joint is balanced: most of the weight counts
         sure = 2.0 * _together(none, arm) > _together(weights, arm)

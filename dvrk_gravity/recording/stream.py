@@ -20,7 +20,7 @@ from dvrk_gravity.recording.files import A_PATH
 from dvrk_gravity.recording.pieces import blocks
 from dvrk_gravity.recording.samples import CHUNK, Coordinates, TimeBase, join
 
-HEAD = 10_000  # samples by which what is the same for all of a file is told
+HEAD = 10_000  # samples by which what is the same for all of a file is found out
 
 
 def iterate_recording(
