@@ -42,7 +42,7 @@ setup(
     name=NAME,
     version=VERSION,
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "ros/parameters/*.txt"]},
+    package_data={NAME: ["py.typed", "*/__init__.pyi", "ros/parameters/*.txt"]},
     data_files=shared_files(),
     python_requires=">=3.11",
     install_requires=[
@@ -53,6 +53,7 @@ setup(
         "pyyaml>=6.0",
         "rosbags>=0.10",
         "lz4>=4.0",
+        "lazy_loader>=0.4",
         "backports.zstd>=1.0",
         "matplotlib>=3.6",
         "jinja2>=3.0",

@@ -24,17 +24,21 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.effects import LinkInertia, State
 from dvrk_gravity.gravity import BETA_NAMES
-from dvrk_gravity.identification.base_parameters import base_parameters
-from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.dynamic_fit import estimate
-from dvrk_gravity.identification.motion import read_motions
-from dvrk_gravity.identification.moves import starts
-from dvrk_gravity.identification.problem import Problem, choose, pose, reweighed
-from dvrk_gravity.identification.result import FittedParameter
+from dvrk_gravity.identification import (
+    Columns,
+    FittedParameter,
+    Problem,
+    base_parameters,
+    choose,
+    estimate,
+    pose,
+    read_motions,
+    reweighed,
+    starts,
+)
 from testing.world import World
 
 LOW, HIGH = 0.93, 0.97

@@ -25,7 +25,7 @@ from conftest import MODEL_FILE, FakeArm
 from sensor_msgs.msg import JointState
 
 from dvrk_gravity.files import text_file
-from dvrk_gravity.processes import NodeProcess, ProcessError, private_domain
+from dvrk_gravity.ros import NodeProcess, ProcessError, private_domain
 
 Fault = Callable[[FakeArm, NodeProcess], None]
 TIMEOUT = 0.1

@@ -16,12 +16,11 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.files import text_file
 from dvrk_gravity.planning import MotionLimits, exciting_motion
-from dvrk_gravity.processes import PRIVATE, NodeProcess, private_domain
-from dvrk_gravity.simulate import PlantFile, SimulatedArm
-from dvrk_gravity.simulate.excitation import record_motion
+from dvrk_gravity.ros import PRIVATE, NodeProcess, private_domain
+from dvrk_gravity.simulate import PlantFile, SimulatedArm, record_motion
 
 ARM = "mtmr"
 ALLOWED = 2.0  # times the library's error

@@ -22,14 +22,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import State
-from dvrk_gravity.effects.base.link_prior import base_directions
-from dvrk_gravity.estimation.normal_equations import NormalEquations
+from dvrk_gravity.effects import State, base_directions
+from dvrk_gravity.estimation import NormalEquations
 from dvrk_gravity.files import text_file
-from dvrk_gravity.identification import identify
-from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.design import build_design
-from dvrk_gravity.identification.motion import read, read_motions
+from dvrk_gravity.identification import Columns, build_design, identify, read, read_motions
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording, RecordingFile, save_recording

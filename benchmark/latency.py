@@ -19,8 +19,7 @@ import numpy as np
 from round_trip import RoundTrip
 
 from dvrk_gravity.files import text_file
-from dvrk_gravity.processes import PRIVATE, NodeProcess, private_domain
-from dvrk_gravity.ros.client import Client
+from dvrk_gravity.ros import PRIVATE, Client, NodeProcess, private_domain
 
 HERE = Path(__file__).resolve().parent
 MODEL = HERE.parent / "config" / "mtmr_28002.yaml"

@@ -18,18 +18,19 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from dvrk_gravity.diagnosis.at_calibration import AtCalibration, Expected
-from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.pool import hypotheses
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis import (
+    AtCalibration,
+    Candidate,
+    CrossValidation,
+    Expected,
+    FilteredData,
+    hypotheses,
+    load,
+)
 from testing.clean_motions import clean_motions, of_each_arm
-
-Array = NDArray[np.float64]
 
 EACH = 6  # hypotheses of an effect in a recording
 REGIONS = ("noise", "part", "change", "told")

@@ -31,14 +31,11 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.compensate.limits import slew
-from dvrk_gravity.compensate.passivity import SETTINGS, PassivityObserver
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.compensate import SETTINGS, PassivityObserver, Settings, slew
 from dvrk_gravity.files import text_file
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.node_parameters import node_parameters
+from dvrk_gravity.parameters import node_parameters
 from dvrk_gravity.simulate import Plant, PlantFile, SimulatedArm
 
 TRUTH = PlantFile.load("mtmr_28002")

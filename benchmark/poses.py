@@ -17,7 +17,7 @@ from collections import Counter
 import numpy as np
 
 from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.effects.base.link_prior import weight_directions
+from dvrk_gravity.effects import weight_directions
 from dvrk_gravity.identification import identify
 from testing.posed_arms import POSED, Posed
 

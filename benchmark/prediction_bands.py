@@ -17,9 +17,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.estimation.covariance import NORMAL_95
+from dvrk_gravity.diagnosis import FilteredData, load
+from dvrk_gravity.estimation import NORMAL_95
 from testing.clean_motions import clean_motions, of_each_arm
 from testing.hidden_parts import Hidden
 from testing.score import OUTSIDE, outside

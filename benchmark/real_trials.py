@@ -21,12 +21,11 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import build_tree
-from dvrk_gravity.effects.base.links import links_of_joints
+from dvrk_gravity.arms import Arm, build_tree
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import links_of_joints
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
@@ -35,8 +34,6 @@ from testing.hidden_parts import Hidden
 from testing.lab_effects import Hiding, Setting, left_by
 from testing.lab_physics import Truth
 from testing.session import Laboratory, Session, Trial, hold, hold_all, tell
-
-Array = NDArray[np.float64]
 
 DATA = Path(
     os.environ.get("DVRK_GRAVITY_DATA", Path(__file__).resolve().parents[2] / "shared" / "data")

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.ros.client import Client
+from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.ros import Client
 
 MIDDLE = np.array([-0.2, 0.2, -0.1, 0.8, 0.8, 0.0, 0.0])
 _STAMP = struct.Struct("<iI")  # sec, nanosec: the first fields after the encapsulation

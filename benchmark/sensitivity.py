@@ -27,92 +27,108 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.diagnosis import Diagnosis, diagnose
-from dvrk_gravity.diagnosis.alike import AlikeSettings
-from dvrk_gravity.diagnosis.ambiguity import AmbiguitySettings
-from dvrk_gravity.diagnosis.assemble import ShapelessSettings
-from dvrk_gravity.diagnosis.beyond_range import BeyondSettings
-from dvrk_gravity.diagnosis.by_recording import DifferenceSettings
-from dvrk_gravity.diagnosis.confirmed import ConfirmationSettings
-from dvrk_gravity.diagnosis.cross_validation import CrossValidationSettings
-from dvrk_gravity.diagnosis.effort_scales import EffortScaleSettings
-from dvrk_gravity.diagnosis.extend import ExtensionSettings
-from dvrk_gravity.diagnosis.filtered_data import FilterSettings
-from dvrk_gravity.diagnosis.fit_to_judge import FitToJudgeSettings
-from dvrk_gravity.diagnosis.friction_by_load import FrictionByLoadSettings
-from dvrk_gravity.diagnosis.held_out import JudgementSettings
-from dvrk_gravity.diagnosis.load import LoadSettings
-from dvrk_gravity.diagnosis.model_error import ExtrapolationSettings, FrictionChangeSettings
-from dvrk_gravity.diagnosis.motion import MotionSettings
-from dvrk_gravity.diagnosis.nameless import NamelessSettings
-from dvrk_gravity.diagnosis.nearby import NearbySettings
-from dvrk_gravity.diagnosis.no_news import NoNewsSettings
-from dvrk_gravity.diagnosis.overlap import OverlapSettings
-from dvrk_gravity.diagnosis.places import PlaceSettings
-from dvrk_gravity.diagnosis.read_rightly import ReadRightlySettings
-from dvrk_gravity.diagnosis.readings import ReadingSettings
-from dvrk_gravity.diagnosis.reference import ReferenceSettings
-from dvrk_gravity.diagnosis.reference_error import ReferenceErrorSettings
-from dvrk_gravity.diagnosis.refinement import RefinementSettings
-from dvrk_gravity.diagnosis.relinearised import RelinearisationSettings
-from dvrk_gravity.diagnosis.run import RunSettings
-from dvrk_gravity.diagnosis.selection import SelectionSettings
-from dvrk_gravity.diagnosis.significance import SignificanceSettings
-from dvrk_gravity.diagnosis.tangent import TangentSettings
-from dvrk_gravity.diagnosis.velocity_faults import VelocityFaultSettings
-from dvrk_gravity.diagnosis.worsening import WorseningSettings
-from dvrk_gravity.estimation.covariance import CovarianceSettings
-from dvrk_gravity.estimation.evidence import EvidenceSettings
-from dvrk_gravity.estimation.noise import NoiseSettings
-from dvrk_gravity.estimation.repetition import RepetitionSettings
-from dvrk_gravity.estimation.robust import RobustSettings
-from dvrk_gravity.estimation.same_motion import SameMotionSettings
-from dvrk_gravity.estimation.scales import ScaleSettings
-from dvrk_gravity.estimation.splits import BlockSettings, FoldSettings, GridSettings
-from dvrk_gravity.identification import Evaluation, Fit, evaluate, identify
-from dvrk_gravity.identification.coordinates import CoordinateSettings
-from dvrk_gravity.identification.design import DesignSettings
-from dvrk_gravity.identification.drive_gains import GainSettings
-from dvrk_gravity.identification.effort_unit import UnitSettings
-from dvrk_gravity.identification.errors import ConstantSettings
-from dvrk_gravity.identification.hand import HandSettings
-from dvrk_gravity.identification.holding import HoldingSettings
-from dvrk_gravity.identification.identifiability import IdentifiabilitySettings
-from dvrk_gravity.identification.kinematic_calibration import KinematicSettings
-from dvrk_gravity.identification.kinematic_search import KinematicSearchSettings
-from dvrk_gravity.identification.kinematic_statements import KinematicStatementSettings
-from dvrk_gravity.identification.model_uncertainty import PosteriorSettings
-from dvrk_gravity.identification.motion import RateSettings
-from dvrk_gravity.identification.mounting import MountingSettings
-from dvrk_gravity.identification.nominal_torque import NominalSettings
-from dvrk_gravity.identification.physical import BodySettings
-from dvrk_gravity.identification.problem import WeightSettings
-from dvrk_gravity.identification.selection import ColumnSelectionSettings
-from dvrk_gravity.identification.static_columns import PoseColumnSettings
-from dvrk_gravity.identification.static_gravity import PoseGravitySettings
-from dvrk_gravity.identification.static_model import DirectionSettings
-from dvrk_gravity.identification.static_poses import PosedSettings
-from dvrk_gravity.identification.static_report import PoseReportSettings
-from dvrk_gravity.identification.static_selection import PoseSelectionSettings
-from dvrk_gravity.identification.static_solver import PoseSettings
-from dvrk_gravity.identification.verdict import VerdictSettings
-from dvrk_gravity.identification.weights import HeldWeightSettings
+from dvrk_gravity.diagnosis import (
+    AlikeSettings,
+    AmbiguitySettings,
+    BeyondSettings,
+    ConfirmationSettings,
+    CrossValidationSettings,
+    Diagnosis,
+    DifferenceSettings,
+    EffortScaleSettings,
+    ExtensionSettings,
+    ExtrapolationSettings,
+    FilterSettings,
+    FitToJudgeSettings,
+    FrictionByLoadSettings,
+    FrictionChangeSettings,
+    JudgementSettings,
+    LoadSettings,
+    MotionSettings,
+    NamelessSettings,
+    NearbySettings,
+    NoNewsSettings,
+    OverlapSettings,
+    PlaceSettings,
+    ReadingSettings,
+    ReadRightlySettings,
+    ReferenceErrorSettings,
+    ReferenceSettings,
+    RefinementSettings,
+    RelinearisationSettings,
+    RunSettings,
+    SelectionSettings,
+    ShapelessSettings,
+    SignificanceSettings,
+    TangentSettings,
+    VelocityFaultSettings,
+    WorseningSettings,
+    diagnose,
+)
+from dvrk_gravity.estimation import (
+    BlockSettings,
+    CovarianceSettings,
+    EvidenceSettings,
+    FoldSettings,
+    GridSettings,
+    NoiseSettings,
+    RepetitionSettings,
+    RobustSettings,
+    SameMotionSettings,
+    ScaleSettings,
+)
+from dvrk_gravity.identification import (
+    BodySettings,
+    ColumnSelectionSettings,
+    ConstantSettings,
+    CoordinateSettings,
+    DesignSettings,
+    DirectionSettings,
+    Evaluation,
+    Fit,
+    GainSettings,
+    HandSettings,
+    HeldWeightSettings,
+    HoldingSettings,
+    IdentifiabilitySettings,
+    KinematicSearchSettings,
+    KinematicSettings,
+    KinematicStatementSettings,
+    MountingSettings,
+    NominalSettings,
+    PoseColumnSettings,
+    PosedSettings,
+    PoseGravitySettings,
+    PoseReportSettings,
+    PoseSelectionSettings,
+    PoseSettings,
+    PosteriorSettings,
+    RateSettings,
+    UnitSettings,
+    VerdictSettings,
+    WeightSettings,
+    evaluate,
+    identify,
+)
 from dvrk_gravity.planning import MotionLimits
-from dvrk_gravity.recording import Recording, prepare
-from dvrk_gravity.recording.acceleration import AccelerationSettings
-from dvrk_gravity.recording.checks import CheckSettings
-from dvrk_gravity.recording.frozen import FrozenSettings
-from dvrk_gravity.recording.gaps import LossSettings
-from dvrk_gravity.recording.grid import TimingSettings
-from dvrk_gravity.recording.impossible import PossibleSettings
-from dvrk_gravity.recording.pieces import PieceSettings
-from dvrk_gravity.recording.quantization import QuantumSettings
-from dvrk_gravity.recording.read_before import ReadBeforeSettings
-from dvrk_gravity.recording.repair import RepairSettings
-from dvrk_gravity.recording.sample_times import RetimingSettings
-from dvrk_gravity.recording.signal_checks import SignalSettings
-from dvrk_gravity.recording.steps import StepSettings
-from dvrk_gravity.recording.velocity import ComparisonSettings
+from dvrk_gravity.recording import (
+    AccelerationSettings,
+    CheckSettings,
+    ComparisonSettings,
+    FrozenSettings,
+    LossSettings,
+    PieceSettings,
+    PossibleSettings,
+    QuantumSettings,
+    ReadBeforeSettings,
+    Recording,
+    RepairSettings,
+    RetimingSettings,
+    SignalSettings,
+    StepSettings,
+    TimingSettings,
+    prepare,
+)
 from testing.lab_effects import hide
 from testing.lab_motion import draw_calibration, draw_other, fourier
 from testing.mujoco_world import MujocoWorld

@@ -25,8 +25,7 @@ import matplotlib.pyplot as plt
 from round_trip import RoundTrip
 
 from dvrk_gravity.files import text_file
-from dvrk_gravity.processes import PRIVATE, NodeProcess, private_domain
-from dvrk_gravity.ros.client import Client
+from dvrk_gravity.ros import PRIVATE, Client, NodeProcess, private_domain
 
 MODEL = Path(__file__).resolve().parents[1] / "config" / "mtmr_28002.yaml"
 BLOCK = 5.0  # s

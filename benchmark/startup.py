@@ -23,8 +23,7 @@ from round_trip import RoundTrip
 
 from dvrk_gravity.command_line import VERBS
 from dvrk_gravity.files import text_file
-from dvrk_gravity.processes import PRIVATE, NodeProcess, private_domain
-from dvrk_gravity.ros.client import Client
+from dvrk_gravity.ros import PRIVATE, Client, NodeProcess, private_domain
 
 HERE = Path(__file__).resolve().parent
 RELAY = HERE / "relay.py"

@@ -20,17 +20,14 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential, slabs
-from dvrk_gravity.identification.static_fit import predict_unseen
-from dvrk_gravity.identification.static_poses import Poses, read_poses
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.estimation import inner_slabs, masks, sequential, slabs
+from dvrk_gravity.identification import Poses, predict_unseen, read_poses
 from dvrk_gravity.recording import Recording
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 SHOWN = slice(1, 6)  # the joints that were posed
 
 

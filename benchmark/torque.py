@@ -24,11 +24,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.mtm.beta import beta_tree
-from dvrk_gravity.compensate.limits import slew
-from dvrk_gravity.compensate.sample import Sample, SampleReader
-from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.compensate.supervisor import Status, Supervisor
+from dvrk_gravity.arms import beta_tree
+from dvrk_gravity.compensate import Sample, SampleReader, Settings, Status, Supervisor, slew
 from dvrk_gravity.files import text_file
 from dvrk_gravity.model import TorqueModel
 

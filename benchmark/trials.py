@@ -21,9 +21,7 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from dvrk_gravity.diagnosis import Diagnosis, diagnose
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis import Diagnosis, FilteredData, diagnose, load
 from testing.hide import HIDERS, Hidden, hide
 from testing.world import World
 

@@ -13,9 +13,8 @@ from pathlib import Path
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.model import all_parameters
-from dvrk_gravity.node_parameters import node_parameters
-from dvrk_gravity.parameter import Parameter
-from dvrk_gravity.ros.node_help import parameter_file
+from dvrk_gravity.parameters import Parameter, node_parameters
+from dvrk_gravity.ros import parameter_file
 
 PAGE = Path(__file__).resolve().with_name("parameters.md")
 ARM = Arm.load("mtmr")  # whose joints stand in the table
@@ -49,9 +48,7 @@ def _row(name: str, entry: Parameter, meaning: str) -> str:
 
 def helps() -> dict[Path, str]:
     """Return the lists of the nodes' parameters that their help shows, by the files they lie in."""
-    from dvrk_gravity.ros.command_topic import PARAMETERS
-    from dvrk_gravity.ros.simulator_node import SIMULATOR_PARAMETERS
-    from dvrk_gravity.ros.watchdog_node import OWN_PARAMETERS
+    from dvrk_gravity.ros import OWN_PARAMETERS, PARAMETERS, SIMULATOR_PARAMETERS
 
     every, nodes = all_parameters(ARM), node_parameters(ARM)
     arm = {"arm": every["arm"]}

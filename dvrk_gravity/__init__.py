@@ -18,7 +18,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Arm": "dvrk_gravity.arms",
-    "TorqueModel": "dvrk_gravity.model",
+    "TorqueModel": "dvrk_gravity.model.torque_model",
     "Recording": "dvrk_gravity.recording",
     "diagnose": "dvrk_gravity.diagnosis",
     "evaluate": "dvrk_gravity.identification",

@@ -104,7 +104,7 @@ def run(module_name: str, argv: Sequence[str] | None = None) -> int:
 def _status_of_signal(error: BaseException) -> int | None:
     """Return the exit status if an error is what compiled code made of a signal, its cause then.
 
-    Ctrl-C is a ``KeyboardInterrupt``; :func:`dvrk_gravity.processes.end_on_signals` raises
+    Ctrl-C is a ``KeyboardInterrupt``; :func:`dvrk_gravity.ros.processes.end_on_signals` raises
     ``SystemExit``.
     """
     cause = error.__cause__
@@ -117,7 +117,7 @@ def _status_of_signal(error: BaseException) -> int | None:
 
 def _slip_of_an_effect(error: Exception) -> EffectError | None:
     """Return an error that arose in the code of an effect of another package, by its name."""
-    from dvrk_gravity.effects.base.registry import of_others
+    from dvrk_gravity.effects import of_others
 
     named = of_others()
     for frame, line in reversed(list(traceback.walk_tb(error.__traceback__))):

@@ -1,6 +1,6 @@
 """Closed-form gravity model of the dVRK master arm, ``tau = Y(q) beta``; see ``arms/mtm``."""
 
-from dvrk_gravity.arms.mtm.gravity import (
+from dvrk_gravity.arms import (
     BETA_NAMES,
     COLUMNS,
     GRAVITY,

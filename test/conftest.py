@@ -63,7 +63,7 @@ def measured_data() -> Path:
 @pytest.fixture(scope="session", autouse=True)
 def quick_nodes() -> Iterator[None]:
     """Fork nodes from a process that has loaded what they load; let them find each other soon."""
-    from dvrk_gravity.processes import ENVIRONMENT
+    from dvrk_gravity.ros import ENVIRONMENT
 
     profile = REPOSITORY / "test" / "discovery.xml"
     with pytest.MonkeyPatch.context() as patch, forked_nodes():
@@ -74,7 +74,7 @@ def quick_nodes() -> Iterator[None]:
 @pytest.fixture(scope="session", autouse=True)
 def ambient_domain(quick_nodes: None) -> Iterator[int]:
     """Keep a ROS domain for each worker: no two meet, not even in tests that ask for none."""
-    from dvrk_gravity.processes import private_domain
+    from dvrk_gravity.ros import private_domain
 
     with private_domain() as number:
         yield number
@@ -86,7 +86,7 @@ def few_folds(count: int = 4) -> Iterator[None]:
 
     What identification does is the same; intervals and choices are told by fewer blocks.
     """
-    from dvrk_gravity.estimation.splits import FoldSettings, make_folds
+    from dvrk_gravity.estimation import FoldSettings, make_folds
     from dvrk_gravity.identification import coordinates, problem
 
     few = partial(make_folds, settings=FoldSettings(count=count))
@@ -120,12 +120,12 @@ def four_folds() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def brief_simulation() -> Iterator[None]:
     """Simulate for moments what `diagnose` shows of two models, where nothing is said of that."""
-    from dvrk_gravity.diagnosis import in_simulation
+    from dvrk_gravity.diagnosis import simulation_check
 
-    brief = partial(in_simulation.let_go, duration=0.3)
+    brief = partial(simulation_check.let_go, duration=0.3)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(in_simulation, "let_go", brief)
-        patch.setattr(in_simulation, "_WINDOWS", 6)
+        patch.setattr(simulation_check, "let_go", brief)
+        patch.setattr(simulation_check, "_WINDOWS", 6)
         yield
 
 
@@ -145,7 +145,7 @@ def blank_pictures() -> Iterator[None]:
 @pytest.fixture
 def domain() -> Iterator[int]:
     """Return a ROS domain that no other test, demo or benchmark uses at the same time."""
-    from dvrk_gravity.processes import private_domain
+    from dvrk_gravity.ros import private_domain
 
     with private_domain() as number:
         yield number
@@ -170,8 +170,8 @@ class FakeArm:
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Bool
 
-        from dvrk_gravity.arms.mtm import JOINT_NAMES
-        from dvrk_gravity.ros.client import Client
+        from dvrk_gravity.arms import JOINT_NAMES
+        from dvrk_gravity.ros import Client
 
         self.client = Client()
         self.names = list(JOINT_NAMES)

@@ -28,10 +28,7 @@ MESSAGES = (
     "rosgraph_msgs.msg", "sensor_msgs.msg", "std_msgs.msg", "std_srvs.srv",
     "type_description_interfaces.srv",
 )  # fmt: skip
-LOADED = (
-    "dvrk_gravity.compensate.supervisor", "dvrk_gravity.recording",
-    "dvrk_gravity.simulate.simulated_arm",
-)  # fmt: skip
+LOADED = ("dvrk_gravity.compensate.supervisor", "dvrk_gravity.simulate.simulated_arm")
 
 
 class Forked:
@@ -112,7 +109,7 @@ class Forking:
 @contextlib.contextmanager
 def forked_nodes() -> Iterator[None]:
     """Let the package's ``NodeProcess`` fork its nodes for as long as the context lasts."""
-    from dvrk_gravity import processes
+    from dvrk_gravity.ros import processes
 
     forking = Forking()
     real = processes.subprocess
@@ -127,7 +124,7 @@ def forked_nodes() -> Iterator[None]:
 @contextlib.contextmanager
 def loading_itself() -> Iterator[None]:
     """Let ``NodeProcess`` start an interpreter that loads everything, as it does elsewhere."""
-    from dvrk_gravity import processes
+    from dvrk_gravity.ros import processes
 
     forked = processes.subprocess
     processes.subprocess = subprocess
@@ -162,7 +159,7 @@ def _serve(control: socket.socket) -> list[str]:
 
     There are no more once the tests' process has ended, and with this one end those it has forked.
     """
-    from dvrk_gravity.processes import end_with
+    from dvrk_gravity.ros import end_with
 
     server = os.getpid()
     status_of: dict[int, tuple[int, int]] = {}  # pidfd -> process, where to write its status

@@ -9,22 +9,28 @@ from typing import Self
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import Hypothesis, LinearTerm, State
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.arrays import (
-    Array,
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import (
+    MORE,
+    PART,
+    Hypothesis,
+    LinearTerm,
+    Motion,
+    Range,
+    Setting,
+    State,
+    Values,
+    added,
     as_array,
     as_value,
     diagonal_columns,
     joint_array,
+    meanings,
+    size,
+    spread,
 )
-from dvrk_gravity.effects.base.effect import Setting, Values, spread
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.meaning import MORE, meanings, size
-from dvrk_gravity.effects.base.merging import added
-from dvrk_gravity.effects.base.polynomial import Range
-from dvrk_gravity.effects.base.unknowns import PART
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.effects.base import site
+from dvrk_gravity.parameters import Parameter, Value
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,11 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.recording import BagWriter, Recording
-from dvrk_gravity.recording.bag import JOINT_STATE
-from dvrk_gravity.recording.cdr import encode_joint_state
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.recording import JOINT_STATE, BagWriter, Recording, encode_joint_state
 
 TOPIC = "/MTMR/measured_js"
 ARM = Arm.load("mtmr")

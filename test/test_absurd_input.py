@@ -16,13 +16,13 @@ import yaml
 from conftest import MODEL_FILE, REPOSITORY
 
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.parameter import unflatten
+from dvrk_gravity.parameters import unflatten
 from dvrk_gravity.recording import BagReader, Recording
-from dvrk_gravity.simulate.plant_file import PlantFile
+from dvrk_gravity.simulate import PlantFile
 
 HUGE = [1e308, 1e200, 1e29, 1e13]
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvrk_gravity.recording import LowPass, Recording
-from dvrk_gravity.recording.prepare import prepare
+from dvrk_gravity.recording import LowPass, Recording, prepare
 
 RATE, BAND = 200.0, 8.0  # Hz
 COARSE = 3e-3  # rad: an encoder step of an MTM's wrist

@@ -16,23 +16,26 @@ import pytest
 from made_up_arm import made_up_arm, random_inertias
 from test_arms_dynamics import PANDA, ROBOTS, UR5
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import nominal_inertias
+from dvrk_gravity.arms import Arm, nominal_inertias
 from dvrk_gravity.cli.replay import replay
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.estimation.splits import FoldSettings, make_folds
-from dvrk_gravity.identification import evaluate, identify, problem
-from dvrk_gravity.identification.columns import identified
-from dvrk_gravity.identification.dynamic_fit import estimate
-from dvrk_gravity.identification.motion import read_motions
-from dvrk_gravity.identification.moves import start_columns
-from dvrk_gravity.identification.physical import certificate
-from dvrk_gravity.identification.result import Fit
+from dvrk_gravity.estimation import FoldSettings, make_folds
+from dvrk_gravity.identification import (
+    Fit,
+    certificate,
+    estimate,
+    evaluate,
+    identified,
+    identify,
+    problem,
+    read_motions,
+    start_columns,
+)
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.processes import NodeProcess
 from dvrk_gravity.recording import BagReader, Recording
+from dvrk_gravity.ros import NodeProcess
 from dvrk_gravity.simulate import PlantFile
 from testing.mujoco_arms import KINOVA
 from testing.plain_world import NOISE, PlainWorld
@@ -234,7 +237,7 @@ def under_compensation(known: Identified, start: np.ndarray, listen: bool) -> Re
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Empty, Float64MultiArray
 
-    from dvrk_gravity.ros.client import Client
+    from dvrk_gravity.ros import Client
 
     step = 1e-3
     arm = known.world.simulated(5, LITTLE, step)

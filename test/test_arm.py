@@ -8,8 +8,7 @@ import yaml
 from conftest import CONFIG
 from scipy.spatial.transform import Rotation
 
-from dvrk_gravity.arms import Arm, gravity_in_base
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES, Arm, gravity_in_base
 from dvrk_gravity.errors import ConfigError
 from testing.mujoco_arms import dh_table
 
@@ -165,7 +164,7 @@ def test_a_name_that_is_no_shipped_arm_is_refused(name):
 
 
 def test_the_arms_that_are_said_to_be_supported_load():
-    from dvrk_gravity.arms.arm import SUPPORTED
+    from dvrk_gravity.arms import SUPPORTED
     from dvrk_gravity.files.resources import config_path
 
     names = SUPPORTED.split(", ")

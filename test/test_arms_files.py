@@ -11,10 +11,8 @@ import yaml
 from made_up_arm import FILE, made_up_arm, write
 from test_arms_dynamics import PANDA, UR5
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.effects.base.link_prior import link_sizes, prior_scale
-from dvrk_gravity.effects.base.links import links_of_joints
+from dvrk_gravity.arms import Arm, is_mtm
+from dvrk_gravity.effects import link_sizes, links_of_joints, prior_scale
 from dvrk_gravity.errors import ConfigError
 
 

@@ -9,17 +9,20 @@ from test_arms_dynamics import PANDA, UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.cli.still_joints import still_joints
-from dvrk_gravity.compensate.limits import EffortLimits, slew
-from dvrk_gravity.compensate.passivity import PassivityObserver
-from dvrk_gravity.compensate.plausibility import MotionCheck
-from dvrk_gravity.compensate.sample import DroppedSampleError, SampleReader
-from dvrk_gravity.compensate.speed_guard import SpeedGuard
+from dvrk_gravity.compensate import (
+    DroppedSampleError,
+    EffortLimits,
+    MotionCheck,
+    PassivityObserver,
+    SampleReader,
+    SpeedGuard,
+    slew,
+)
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.node_parameters import node_parameters
+from dvrk_gravity.parameters import node_parameters
 from dvrk_gravity.planning import MotionLimits, Multisine, exciting_motion
-from dvrk_gravity.recording import Recording
-from dvrk_gravity.recording.checks import check
-from dvrk_gravity.report.units import effort_in_table, milli_effort, milli_position
+from dvrk_gravity.recording import Recording, check
+from dvrk_gravity.report import effort_in_table, milli_effort, milli_position
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,8 @@ import pytest
 from test_arms_dynamics import UR5
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.processes import PRIVATE, NodeProcess
-from dvrk_gravity.stated import stated_weight
+from dvrk_gravity.model import TorqueModel, stated_weight
+from dvrk_gravity.ros import PRIVATE, NodeProcess
 
 POSE = np.array([0.2, -0.8, 1.1, -0.4, 0.5, 0.1])
 
@@ -40,7 +39,7 @@ def state_of(file, effort: np.ndarray, until: str) -> tuple[str, int]:
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Empty, Float64MultiArray
 
-    from dvrk_gravity.ros.client import Client
+    from dvrk_gravity.ros import Client
 
     commands: list[object] = []
     settings = ("output:=array", "timeout:=1.0", "max_stamp_age:=0.0")

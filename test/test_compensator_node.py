@@ -12,8 +12,8 @@ import pytest
 from conftest import CONFIG, MODEL_FILE, FakeArm
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.processes import NodeProcess
+from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.ros import NodeProcess
 
 # A loaded machine may stall a test for a while: only tests of the time-out use a short one.
 PATIENT = ("-p", "timeout:=1.0", "-p", "input_depth:=100")

@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity import command_line
-from dvrk_gravity.console.check import check_file
-from dvrk_gravity.console.export import FormError, export
-from dvrk_gravity.console.file import ConsoleFile
-from dvrk_gravity.console.finding import Severity
+from dvrk_gravity.console import ConsoleFile, FormError, Severity, check_file, export
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 

@@ -20,9 +20,7 @@ from test_console import (
 )
 
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.console.answer import Use
-from dvrk_gravity.console.check import check_file
-from dvrk_gravity.console.file import ConsoleFile
+from dvrk_gravity.console import ConsoleFile, Use, check_file
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from test_console import console_regressor, console_torque, convert, own_model
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.console.conversion import convert_model
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.compensate import Settings
+from dvrk_gravity.console import convert_model
 from dvrk_gravity.model import TorqueModel
 
 ARM = Arm.load("mtmr")

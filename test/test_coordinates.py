@@ -11,16 +11,9 @@ import pytest
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.held_out import HeldOut
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.pool import prepared
-from dvrk_gravity.diagnosis.recording_faults import put_right
-from dvrk_gravity.diagnosis.worsening import worsening
-from dvrk_gravity.effects import Gravity
-from dvrk_gravity.effects.wrong_coordinates import readings
-from dvrk_gravity.identification import evaluate
-from dvrk_gravity.identification.coordinates import decide_coordinates
+from dvrk_gravity.diagnosis import FilteredData, HeldOut, load, prepared, put_right, worsening
+from dvrk_gravity.effects import Gravity, readings
+from dvrk_gravity.identification import decide_coordinates, evaluate
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing.world import COARSE, World

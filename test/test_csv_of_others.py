@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from recording_samples import ARM, wave
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.command_line import run
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.recording import Recording, check

@@ -17,14 +17,20 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.processes import PRIVATE
 from dvrk_gravity.recording import BagReader
-from dvrk_gravity.report.units import shown_position
-from dvrk_gravity.ros.client import Client
+from dvrk_gravity.report import shown_position
+from dvrk_gravity.ros import (
+    COMMANDS,
+    MODEL,
+    PRIVATE,
+    Client,
+    Phase,
+    Scenario,
+    Schedule,
+    Stage,
+    StageSettings,
+)
 from dvrk_gravity.ros.demo import picture
-from dvrk_gravity.ros.demo.scenario import Phase, Scenario, Schedule
-from dvrk_gravity.ros.demo.stage import MODEL, Stage, StageSettings
-from dvrk_gravity.ros.others import COMMANDS
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 
 NAMES = ("made_up", "ur5", "panda", "mtml", "mtmr")

@@ -79,9 +79,9 @@ def diagnosed(recording):
 
 
 def test_a_name_in_the_report_cannot_become_markup(diagnosed):
-    from dvrk_gravity.report.diagnosis import render
+    from dvrk_gravity.report import diagnosis_page
 
-    page = render(diagnosed[0], ["<script>alert(1)</script>.csv"])
+    page = diagnosis_page(diagnosed[0], ["<script>alert(1)</script>.csv"])
 
     assert "<script>" not in page
 

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.effects import CoulombFriction, State
+from dvrk_gravity.effects import AllFrictionHypothesis, CoulombFriction, PreslidingHypothesis, State
 from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.coulomb_friction import AllFrictionHypothesis
-from dvrk_gravity.effects.presliding_hysteresis import PreslidingHypothesis
 from dvrk_gravity.identification import identify
 from testing.lab_effects import payload
 from testing.lab_motion import draw_calibration, draw_other

@@ -7,16 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dvrk_gravity.calibration_samples import CalibrationSamples, KeptSettings
-from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.diagnosis.at_calibration import AtCalibration
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.effects.presliding_hysteresis import PreslidingHysteresis
-from dvrk_gravity.effects.time_delay import TimeDelay
+from dvrk_gravity.diagnosis import AtCalibration, FilteredData, diagnose, load
+from dvrk_gravity.effects import PreslidingHysteresis, TimeDelay
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify
-from dvrk_gravity.model import TorqueModel, uncertainty_file
+from dvrk_gravity.model import CalibrationSamples, KeptSettings, TorqueModel, uncertainty_file
 from dvrk_gravity.recording import LowPass
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld

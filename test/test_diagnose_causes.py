@@ -14,17 +14,19 @@ import pytest
 from scipy import signal
 
 from dvrk_gravity import TorqueModel, diagnose, gravity
-from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.held_out import HeldOut
-from dvrk_gravity.diagnosis.load import UNREAD, load
-from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.readings import try_readings
-from dvrk_gravity.effects import Gravity
-from dvrk_gravity.effects.time_delay import TimeDelay
+from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.diagnosis import (
+    UNREAD,
+    CrossValidation,
+    FilteredData,
+    HeldOut,
+    MeasuredMotion,
+    load,
+    try_readings,
+)
+from dvrk_gravity.effects import Gravity, TimeDelay
 from dvrk_gravity.recording import Recording, check, prepare
-from dvrk_gravity.report.diagnosis import render
+from dvrk_gravity.report import diagnosis_page
 from testing.world import World
 
 MODEL = World.draw(5).model()
@@ -186,7 +188,7 @@ def test_torque_that_friction_holds_at_a_joint_that_stands_still_is_no_finding(h
     assert json.loads(result.to_json())["rmse"]["after"][JOINT_NAMES[6]] is None
     (line,) = [note for note in result.notes if note.startswith("not judged")]
     assert ", ".join(JOINT_NAMES[5:]) in line
-    assert "unknown" in render(result, ["motion.csv"])
+    assert "unknown" in diagnosis_page(result, ["motion.csv"])
 
 
 def test_a_joint_that_stands_still_bears_its_load_where_nothing_rubs_and_at_poses():

@@ -9,7 +9,7 @@ import pytest
 
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.report.fit_in_terminal import evaluation_text
+from dvrk_gravity.report import evaluation_text
 from testing.lab_effects import payload
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld

@@ -8,11 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.diagnosis.effort_scales import effort_scales
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.effects.base.meaning import Estimate
-from dvrk_gravity.effects.torque_scale import TorqueScale
+from dvrk_gravity.diagnosis import diagnose, effort_scales, load
+from dvrk_gravity.effects import Estimate, TorqueScale
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording
 from testing.hide import hide

@@ -8,9 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.diagnosis.fit_to_judge import require_gravity, require_predictable
-from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis import diagnose, load, require_gravity, require_predictable
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording

@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.diagnosis.friction_by_load import FrictionByLoadSettings, friction_by_load
-from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis import FrictionByLoadSettings, diagnose, friction_by_load, load
 from dvrk_gravity.identification import identify
 from testing.lab_motion import draw_calibration, draw_other
 from testing.mujoco_world import MujocoWorld

@@ -8,11 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dvrk_gravity.diagnosis import Diagnosis, diagnose
-from dvrk_gravity.diagnosis.beyond_range import beyond_range
-from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis import Diagnosis, beyond_range, diagnose, load
+from dvrk_gravity.effects import WallHypothesis
 from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.contact import WallHypothesis
 from dvrk_gravity.identification import identify
 from dvrk_gravity.recording import Recording
 from testing import lab_effects

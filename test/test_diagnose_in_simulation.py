@@ -11,18 +11,13 @@ import pytest
 from made_up_arm import made_up_arm
 from test_arms_dynamics import UR5
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.diagnosis import in_simulation as comparison
-from dvrk_gravity.diagnosis.in_simulation import in_simulation, let_go
-from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.diagnosis import diagnose, in_simulation, let_go, load
+from dvrk_gravity.diagnosis import simulation_check as comparison
 from dvrk_gravity.effects import Gravity, LinkInertia, State
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine
-from dvrk_gravity.simulate import PlantFile, SimulatedArm
-from dvrk_gravity.simulate.excitation import record_motion
-from dvrk_gravity.simulate.model_plant import ModelArm
+from dvrk_gravity.simulate import ModelArm, PlantFile, SimulatedArm, record_motion
 from testing.hide import hide
 from testing.world import COARSE, World
 

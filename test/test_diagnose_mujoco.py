@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.effects import Gravity, LinkInertia
 from dvrk_gravity.model import TorqueModel

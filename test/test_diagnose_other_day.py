@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.other_day import OtherDay
+from dvrk_gravity.diagnosis import Candidate, OtherDay
+from dvrk_gravity.effects import OffsetHypothesis
 from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.torque_offset import OffsetHypothesis
 
 ARM = Arm.load("mtmr")
 SAMPLES = 400

@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 from test_arms_dynamics import UR5
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import nominal_inertias
-from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.read_rightly import read_rightly
-from dvrk_gravity.diagnosis.readings import try_readings
+from dvrk_gravity.arms import Arm, nominal_inertias
+from dvrk_gravity.diagnosis import diagnose, load, read_rightly, try_readings
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording

@@ -8,13 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dvrk_gravity.diagnosis import Diagnosis, diagnose
-from dvrk_gravity.diagnosis.recording_faults import put_right
+from dvrk_gravity.diagnosis import Diagnosis, diagnose, put_right
 from dvrk_gravity.effects import Gravity
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate import PlantFile, SimulatedArm
-from dvrk_gravity.simulate.excitation import record_motion
+from dvrk_gravity.simulate import PlantFile, SimulatedArm, record_motion
 from testing.hide import hide
 from testing.world import COARSE, World
 

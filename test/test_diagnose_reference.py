@@ -11,12 +11,11 @@ import pytest
 from test_arms_dynamics import UR5
 from test_own_arm import record, run
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import build_tree, nominal_inertias
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.arms import Arm, build_tree, nominal_inertias
+from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.estimation.same_motion import Track, same_motion
+from dvrk_gravity.estimation import Track, same_motion
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing.lab_motion import Sines, draw_calibration

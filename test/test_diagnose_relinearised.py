@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 from test_arms_dynamics import UR5
 
 from dvrk_gravity.arms import Arm, gravity_in_base
-from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.refinement import refined
-from dvrk_gravity.diagnosis.relinearised import relinearised
-from dvrk_gravity.effects import Gravity
-from dvrk_gravity.effects.base_tilt import BaseTilt
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.diagnosis import (
+    Candidate,
+    CrossValidation,
+    FilteredData,
+    load,
+    refined,
+    relinearised,
+)
+from dvrk_gravity.effects import BaseTilt, Gravity
+from dvrk_gravity.model import ModelUncertainty, TorqueModel
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.uncertainty import ModelUncertainty
 
 ARM = Arm.load(UR5)
 LEANS = 0.3, -0.2  # rad, roll and pitch

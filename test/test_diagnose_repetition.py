@@ -10,18 +10,14 @@ import pytest
 from recording_samples import shared_data
 
 from dvrk_gravity import diagnose, identify
-from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.cli import diagnose as command
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.estimation.noise import repetition_noise
-from dvrk_gravity.estimation.repetition import Repetition, find_common_time, find_repetition
-from dvrk_gravity.identification.columns import identified
-from dvrk_gravity.identification.kinematic_calibration import KINEMATIC
+from dvrk_gravity.diagnosis import FilteredData, load
+from dvrk_gravity.estimation import Repetition, find_common_time, find_repetition, repetition_noise
+from dvrk_gravity.identification import KINEMATIC, identified
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate.excitation import record_motion
-from dvrk_gravity.simulate.simulated_arm import SimulatedArm
+from dvrk_gravity.simulate import SimulatedArm, record_motion
 from testing.hide import hide
 from testing.world import COARSE, World
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dvrk_gravity.diagnosis.significance import Significance
+from dvrk_gravity.diagnosis import Significance
 
 KNOWN = np.array([0.02, 0.01, 0.0])  # N·m; the last joint's is not known
 SAMPLES = np.full(3, 100.0)

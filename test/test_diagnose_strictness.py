@@ -10,22 +10,31 @@ import numpy as np
 import pytest
 
 from dvrk_gravity import effects
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious
-from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.findings import Gain
-from dvrk_gravity.diagnosis.held_out import HeldOut, JudgementSettings, Unconfirmed
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.model_error import friction_change, like_changed_friction
-from dvrk_gravity.diagnosis.selection import Selection, SelectionSettings
-from dvrk_gravity.diagnosis.tried import Tried
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.diagnosis import (
+    Candidate,
+    CrossValidation,
+    FilteredData,
+    Gain,
+    HeldOut,
+    JudgementSettings,
+    Score,
+    Selection,
+    SelectionSettings,
+    Tried,
+    Unconfirmed,
+    friction_change,
+    like_changed_friction,
+    load,
+    most_parsimonious,
+)
+from dvrk_gravity.effects import (
+    OffsetHypothesis,
+    PayloadHypothesis,
+    PushHypothesis,
+    ViscousHypothesis,
+)
 from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.contact import PushHypothesis
-from dvrk_gravity.effects.payload import PayloadHypothesis
-from dvrk_gravity.effects.torque_offset import OffsetHypothesis
-from dvrk_gravity.effects.viscous_friction import ViscousHypothesis
 from dvrk_gravity.estimation import evidence
 from dvrk_gravity.recording import Recording
 from testing.world import World
@@ -225,7 +234,7 @@ def commonest(*names: str) -> str:
 def test_an_error_of_poses_that_tell_no_noise_is_told_against_what_the_model_expects():
     """Static poses without directions: no noise is known, and none may become a NaN in a file."""
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.diagnosis.other_findings import shapeless_finding
+    from dvrk_gravity.diagnosis import shapeless_finding
 
     finding = shapeless_finding(Arm.load("ecm"), 2, 5.0, float("nan"), 3.0, "nothing")
 

@@ -9,15 +9,9 @@ from scipy.optimize import minimize_scalar
 from test_arms_dynamics import UR5
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.refinement import refined
-from dvrk_gravity.diagnosis.tangent import tangents
+from dvrk_gravity.diagnosis import Candidate, CrossValidation, FilteredData, load, refined, tangents
+from dvrk_gravity.effects import DelayHypothesis, TorqueOffset
 from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.time_delay import DelayHypothesis
-from dvrk_gravity.effects.torque_offset import TorqueOffset
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass, Recording
 

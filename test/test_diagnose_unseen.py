@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis import Diagnosis, diagnose
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.diagnosis import Diagnosis, FilteredData, diagnose, load
 from dvrk_gravity.recording import Recording
 from testing.world import World
 

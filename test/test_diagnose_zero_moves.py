@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.effects.joint_offset import JointOffset
+from dvrk_gravity.diagnosis import load
+from dvrk_gravity.effects import JointOffset
 from testing.world import COARSE, World
 
 KNOWN = World.draw(3, step=COARSE)

@@ -10,8 +10,7 @@ from made_up_arm import made_up_arm
 
 from dvrk_gravity import TorqueModel, effects
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import LinearTerm, State, Term
-from dvrk_gravity.effects.base.polynomial import Range
+from dvrk_gravity.effects import LinearTerm, Range, State, Term
 
 ARM = Arm.load("mtmr")
 LEVELS = [0.01 * (j + 1) for j in range(ARM.n)]

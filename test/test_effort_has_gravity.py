@@ -12,15 +12,12 @@ from test_arms_dynamics import UR5
 from test_weights import FEW, recorded
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate.sample import SampleReader
-from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.compensate.supervisor import Status, Supervisor
+from dvrk_gravity.compensate import SampleReader, Settings, Status, Supervisor
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.model import TorqueModel, stated_weight
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
-from dvrk_gravity.stated import stated_weight
 
 POSE = np.array([0.2, -0.8, 1.1, -0.4, 0.5, 0.1])
 STEP = 1e-3

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from recording_samples import shared_data
 
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.estimation.repetition import CommonTime, find_common_time, find_period
-from dvrk_gravity.estimation.splits import BlockSettings, FoldSettings, make_blocks, make_folds
-from dvrk_gravity.identification import problem
-from dvrk_gravity.identification.dynamic_fit import how_validated
-from dvrk_gravity.identification.motion import read_motions
-from dvrk_gravity.identification.moves import start_columns
-from dvrk_gravity.identification.problem import Problem
+from dvrk_gravity.diagnosis import FilteredData, load
+from dvrk_gravity.estimation import (
+    BlockSettings,
+    CommonTime,
+    FoldSettings,
+    find_common_time,
+    find_period,
+    make_blocks,
+    make_folds,
+)
+from dvrk_gravity.identification import Problem, how_validated, problem, read_motions, start_columns
 from dvrk_gravity.planning import Multisine
-from dvrk_gravity.recording import Recording
-from dvrk_gravity.recording.data import Coordinates
-from dvrk_gravity.simulate.excitation import record_motion
-from dvrk_gravity.simulate.simulated_arm import SimulatedArm
+from dvrk_gravity.recording import Coordinates, Recording
+from dvrk_gravity.simulate import SimulatedArm, record_motion
 from testing.world import COARSE, World
 
 RATE, PERIOD = 45.0, 11.67

@@ -7,26 +7,30 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
-from dvrk_gravity.estimation import normal_equations
-from dvrk_gravity.estimation.fold_fits import HeldOutSums, SeenSums, SignedFits
-from dvrk_gravity.estimation.normal_equations import (
+from dvrk_gravity.estimation import (
+    BlockSettings,
+    CommonTime,
+    HeldOutSums,
     NormalEquations,
     NotConvergedError,
     Regression,
+    SearchSettings,
+    SeenSums,
+    SignedFits,
     SingularError,
+    Trial,
+    eliminate_backward,
+    find_period,
     fit,
-    solve,
-    solve_signed,
-)
-from dvrk_gravity.estimation.repetition import CommonTime, find_period
-from dvrk_gravity.estimation.selection import SearchSettings, Trial, eliminate_backward, select
-from dvrk_gravity.estimation.splits import (
-    BlockSettings,
     inner_slabs,
     make_blocks,
     make_folds,
+    normal_equations,
+    select,
     sequential,
     slabs,
+    solve,
+    solve_signed,
 )
 
 

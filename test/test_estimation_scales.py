@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dvrk_gravity.estimation.scales import solve_scales
+from dvrk_gravity.estimation import solve_scales
 
 GAIN, RATE, COUNT = np.array([10.0, 4.0]), 50.0, 600
 

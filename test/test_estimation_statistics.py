@@ -7,32 +7,29 @@ import pytest
 from scipy import optimize, stats
 from scipy.signal import lfilter
 
-from dvrk_gravity.estimation import evidence
-from dvrk_gravity.estimation.covariance import (
+from dvrk_gravity.estimation import (
     CovarianceSettings,
+    NormalEquations,
+    Repetition,
+    RobustSettings,
+    RobustState,
     autocorrelated_scores,
+    band_noise,
     block_jackknife,
     clustered_scores,
-    sandwich,
-)
-from dvrk_gravity.estimation.noise import (
-    band_noise,
     correlation_time,
     design_effect,
+    evidence,
+    fit,
     intraclass_correlation,
     pairs_a_period_apart,
     repetition_noise,
-)
-from dvrk_gravity.estimation.normal_equations import NormalEquations, fit
-from dvrk_gravity.estimation.repetition import Repetition
-from dvrk_gravity.estimation.robust import (
-    RobustSettings,
-    RobustState,
     reweighted,
     robust_scale,
     robust_weights,
+    sandwich,
+    sequential,
 )
-from dvrk_gravity.estimation.splits import sequential
 
 
 def coloured(random: np.random.Generator, shape: tuple[int, ...], a: float) -> np.ndarray:
@@ -325,7 +322,7 @@ def test_autocorrelated_scores_are_those_of_the_whole_matrix():
     settings = CovarianceSettings(longest=0.4)
     weight, measured = np.array([1.0, 2.0]), np.ones((90, 2), dtype=bool)
     meat = autocorrelated_scores(x, residual, residual, part, 20.0, weight, measured, settings)
-    from dvrk_gravity.estimation.noise import autocorrelation
+    from dvrk_gravity.estimation import autocorrelation
 
     u = np.arange(9) / 9.0
     taper = np.where(u <= 0.5, 1.0 - 6.0 * u**2 + 6.0 * u**3, 2.0 * (1.0 - u) ** 3)

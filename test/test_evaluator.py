@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.compensate.evaluator import prepare_sum
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.compensate import Settings, prepare_sum
 from dvrk_gravity.effects import State, Term
 
 # All of the friction is compensated: the torque to apply is the model's.

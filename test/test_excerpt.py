@@ -7,13 +7,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.load import LoadSettings, load
-from dvrk_gravity.diagnosis.pool import hypotheses
-from dvrk_gravity.effects import Cogging
-from dvrk_gravity.effects.contact import _window
+from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.diagnosis import CrossValidation, FilteredData, LoadSettings, hypotheses, load
+from dvrk_gravity.effects import Cogging, push_window
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, RecordingFile, excerpt
 from testing.world import World
@@ -149,7 +145,7 @@ def test_a_push_is_looked_for_in_samples_and_not_in_the_time_between_them():
     residual = 0.1 * np.random.default_rng(0).normal(size=len(time))
     residual[(time > 86420.0) & (time < 86425.0)] += 1.0
     tracemalloc.start()
-    begin, end = _window(time, residual)
+    begin, end = push_window(time, residual)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert (begin, end) == (pytest.approx(86420.0, abs=0.25), pytest.approx(86425.0, abs=0.25))

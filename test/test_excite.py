@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.cli import excite
 from dvrk_gravity.planning import (
     MotionLimits,
@@ -26,8 +25,8 @@ from dvrk_gravity.planning import (
     covering_motion,
     exciting_motion,
 )
-from dvrk_gravity.processes import PRIVATE
 from dvrk_gravity.recording import Recording
+from dvrk_gravity.ros import PRIVATE
 
 POSE = np.array([0.0, 0.2, 0.1, 0.0, 1.5, 0.0, 0.0])
 
@@ -193,7 +192,7 @@ class FakeArm:
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Empty
 
-        from dvrk_gravity.ros.client import Client
+        from dvrk_gravity.ros import Client
 
         self.client, self.time = Client(name="fake_arm"), Time
         self.position = POSE.copy()
@@ -260,8 +259,7 @@ def fake(domain: int) -> Iterator[FakeArm]:
 
 @contextlib.contextmanager
 def mover(fake: FakeArm):
-    from dvrk_gravity.ros.client import Client
-    from dvrk_gravity.ros.mover import Mover
+    from dvrk_gravity.ros import Client, Mover
 
     with Client(name="excite") as client, Mover(client, Arm.load("mtmr"), 200.0, 0.3) as moving:
         yield moving
@@ -328,7 +326,7 @@ def test_an_arm_that_somebody_else_commands_is_left_alone(
 ) -> None:
     from std_msgs.msg import Empty
 
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     other = fake.client.node.create_publisher(Empty, "hold", 10)
     send = {
@@ -382,7 +380,7 @@ def second_arm(fake: FakeArm, position: np.ndarray, ahead: float = 0.0) -> None:
 @pytest.mark.parametrize("ahead", [0.0, 0.03])
 @pytest.mark.parametrize("when", ["before", "on the way"])
 def test_two_arms_on_one_topic_are_not_driven(fake: FakeArm, when: str, ahead: float) -> None:
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     elsewhere = POSE + np.radians(30.0)
     with mover(fake) as moving:
@@ -410,7 +408,7 @@ def test_two_arms_on_one_topic_are_not_driven(fake: FakeArm, when: str, ahead: f
 @pytest.mark.parametrize("wrong", [1, 5, 60])
 def test_wrong_readings_at_the_start_command_nothing_wrong(fake: FakeArm, wrong: int) -> None:
     """An encoder that reads 123 deg off for a moment, as when an arm is homed."""
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     readings = iter([POSE + np.radians(123.0) * np.eye(7)[3]] * wrong)
     speak = fake.speak
@@ -436,7 +434,7 @@ def test_wrong_readings_at_the_start_command_nothing_wrong(fake: FakeArm, wrong:
 def test_an_encoder_that_slips_on_the_way_stops_the_arm_where_it_was_told_to_be(
     fake: FakeArm,
 ) -> None:
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     slip = np.radians(25.0) * np.eye(7)[2]
 
@@ -454,7 +452,7 @@ def test_an_encoder_that_slips_on_the_way_stops_the_arm_where_it_was_told_to_be(
 
 
 def test_an_arm_that_moves_by_itself_is_not_driven(fake: FakeArm) -> None:
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     def drift() -> None:
         fake.position = fake.position + 0.001 * np.eye(7)[1]
@@ -466,7 +464,7 @@ def test_an_arm_that_moves_by_itself_is_not_driven(fake: FakeArm) -> None:
 
 
 def test_an_arm_that_was_moved_meanwhile_is_not_driven_back(fake: FakeArm) -> None:
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     with mover(fake) as moving:
         moving.connect()
@@ -484,7 +482,7 @@ def test_a_stuck_arm_is_not_pressed_far_and_is_let_go_of(
     fake: FakeArm, speed: float, most: float
 ) -> None:
     """A console's hold keeps the set point: it must be where the arm is by then, deg, deg/s."""
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     rate = np.radians(speed) * np.eye(7)[0]
     step = np.zeros(7) if speed else np.radians(9.0) * np.eye(7)[0]
@@ -510,7 +508,7 @@ def test_a_command_that_cannot_be_read_here_is_noticed_by_who_may_give_it(
     """The types of newer consoles' commands come with the dVRK's workspace."""
     from std_msgs.msg import String
 
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     node = fake.client.node
     node.create_publisher(String, topic, 10)
@@ -535,7 +533,7 @@ def test_a_command_that_cannot_be_read_here_is_noticed_by_who_may_give_it(
     ],
 )
 def test_what_goes_wrong_on_the_way_holds_the_arm(fake: FakeArm, name: str, says: str) -> None:
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     with mover(fake) as moving:
         moving.connect()
@@ -566,7 +564,7 @@ def test_an_arm_that_measures_in_another_order_is_told_in_that_order(fake: FakeA
 
 
 def test_joints_beside_the_arm_s_are_no_arm_to_be_told_by_index(fake: FakeArm) -> None:
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     def speak() -> None:
         message = fake.message(name=["wheel", *JOINT_NAMES], position=[0.0, *fake.position])
@@ -582,7 +580,7 @@ def test_joints_beside_the_arm_s_are_no_arm_to_be_told_by_index(fake: FakeArm) -
 
 def test_after_a_long_sleep_the_arm_is_held_and_sent_nowhere(fake: FakeArm) -> None:
     """Ctrl-Z, and somebody else moves it meanwhile."""
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     slept: list[int] = []
 
@@ -605,7 +603,7 @@ def test_after_a_long_sleep_the_arm_is_held_and_sent_nowhere(fake: FakeArm) -> N
 
 
 def test_one_joint_that_is_blocked_is_let_go_of_while_another_is_fast(fake: FakeArm) -> None:
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     rate = np.radians([0.0, 0.0, 0.0, 0.0, 0.0, 30.0, 170.0])
 
@@ -626,7 +624,7 @@ def test_one_joint_that_is_blocked_is_let_go_of_while_another_is_fast(fake: Fake
 def test_whoever_frees_the_arm_finds_it_free(fake: FakeArm) -> None:
     from std_msgs.msg import Empty
 
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     other = fake.client.node.create_publisher(Empty, "free", 10)
 
@@ -673,7 +671,7 @@ def test_whatever_signal_asks_for_the_end_the_arm_is_held(
 
 
 def test_the_other_hand_s_arm_is_refused(fake: FakeArm) -> None:
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     fake.position[3] = np.radians(-170.0)  # a left arm reaches it, a right one does not
     with (
@@ -684,7 +682,7 @@ def test_the_other_hand_s_arm_is_refused(fake: FakeArm) -> None:
 
 
 def test_without_an_arm_the_error_says_what_is_missing(fake: FakeArm) -> None:
-    from dvrk_gravity.ros.mover import MotionError
+    from dvrk_gravity.ros import MotionError
 
     fake.speaks = False
     with (
@@ -703,7 +701,7 @@ def test_the_simulator_is_driven_recorded_and_held(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pytest.importorskip("rclpy")
-    from dvrk_gravity.processes import NodeProcess
+    from dvrk_gravity.ros import NodeProcess
 
     out = tmp_path / "bag"
     monkeypatch.setattr(excite, "PAUSED", -1.0)  # as if it had been kept waiting
@@ -734,8 +732,7 @@ def test_however_the_process_is_ended_the_arm_is_held(
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Empty
 
-    from dvrk_gravity.processes import NodeProcess
-    from dvrk_gravity.ros.client import Client
+    from dvrk_gravity.ros import Client, NodeProcess
 
     begin = covering_motion(MotionLimits.of(Arm.load("mtmr")), 8.0, 1).middle + 0.01
     words = ["--arm", "mtmr", "--out", str(tmp_path / "bag"), "--duration", "8", "--timeout", "1"]

@@ -7,8 +7,8 @@ import time
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
+from dvrk_gravity.ros import PromptExecutor, PromptNode, kept_awake
 from dvrk_gravity.ros import executor as of_nodes
-from dvrk_gravity.ros.executor import PromptExecutor, PromptNode, kept_awake
 
 LONG = 10.0  # s, as if the clock on which the middleware waits had been set back
 

@@ -10,17 +10,16 @@ import numpy as np
 import pytest
 
 from dvrk_gravity import effects
-from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.diagnosis.extend import extended
-from dvrk_gravity.diagnosis.findings import NO_TERM, NOT_AS_FOUND
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.pool import hypotheses
-from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.compensate import Settings
+from dvrk_gravity.diagnosis import NO_TERM, NOT_AS_FOUND, MeasuredMotion, extended, hypotheses, load
+from dvrk_gravity.effects import (
+    CableHypothesis,
+    Hypothesis,
+    PushHypothesis,
+    RippleHypothesis,
+    WallHypothesis,
+)
 from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.cogging import RippleHypothesis
-from dvrk_gravity.effects.contact import PushHypothesis, WallHypothesis
-from dvrk_gravity.effects.elastic_cable import CableHypothesis
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import PlantFile
 from testing.world import COARSE, World

@@ -16,11 +16,9 @@ from conftest import MODEL_FILE, FakeArm
 from forking import loading_itself
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.node_parameters import node_parameters
-from dvrk_gravity.processes import PRIVATE, NodeProcess
-from dvrk_gravity.ros.client import Client
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.parameters import node_parameters
+from dvrk_gravity.ros import PRIVATE, Client, NodeProcess
 
 # A loaded machine may stall a test for a while: only tests of a time-out use a short one.
 PATIENT = ("-p", "timeout:=1.0", "-p", "input_depth:=100")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.compensate import Settings
 
 FILES = Path(__file__).resolve().parent / "files"
 MODEL = FILES / "model_0_1_0.yaml"

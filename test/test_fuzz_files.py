@@ -23,8 +23,8 @@ from recording_samples import wave
 
 from dvrk_gravity import TorqueModel
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.console.file import ConsoleFile
+from dvrk_gravity.compensate import Settings
+from dvrk_gravity.console import ConsoleFile
 from dvrk_gravity.errors import ConfigError, DvrkGravityError
 from dvrk_gravity.newton_euler import reader as mechanism
 from dvrk_gravity.recording import Recording

@@ -6,20 +6,20 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import gravity
-from dvrk_gravity.arms.mtm.gravity import (
+from dvrk_gravity.arms import (
     BETA_NAMES,
     LENGTHS,
     LINKS,
+    Arm,
     Lengths,
     LinkMass,
     beta_from_links,
     beta_from_pinocchio,
+    build_tree,
     regressor,
     torque,
 )
-from dvrk_gravity.arms.tree import build_tree
+from dvrk_gravity.arms.mtm import gravity
 from dvrk_gravity.errors import ConfigError, ShapeError
 
 DOWN = (0.0, 0.0, -9.81)

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from test_identify import truth
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.identification.hand import beyond_limits, by_weight
-from dvrk_gravity.identification.result import FittedParameter
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.diagnosis import load
+from dvrk_gravity.identification import (
+    FittedParameter,
+    beyond_limits,
+    by_weight,
+    evaluate,
+    identify,
+)
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 

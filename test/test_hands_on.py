@@ -14,8 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray, String
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.processes import PRIVATE, NodeProcess, private_domain
-from dvrk_gravity.ros.others import COMMANDS
+from dvrk_gravity.ros import COMMANDS, PRIVATE, NodeProcess, private_domain
 
 # A loaded machine may stall a test for a while: only tests of a time-out use a short one.
 PATIENT = ("-p", "timeout:=1.0", "-p", "input_depth:=100")

@@ -11,20 +11,23 @@ import pytest
 from conftest import few_folds
 
 from dvrk_gravity import command_line
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.arms.tree import build_tree
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.arms import JOINT_NAMES, Arm, build_tree
+from dvrk_gravity.compensate import Settings
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.identification.coordinates import CoordinateSettings, decide_coordinates
-from dvrk_gravity.identification.dynamic_fit import estimate
-from dvrk_gravity.identification.motion import read_motions, stands
-from dvrk_gravity.identification.moves import start_columns
-from dvrk_gravity.identification.problem import pose
+from dvrk_gravity.identification import (
+    CoordinateSettings,
+    decide_coordinates,
+    estimate,
+    evaluate,
+    identify,
+    pose,
+    read_motions,
+    stands,
+    start_columns,
+)
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.report.fit_in_terminal import fit_text
+from dvrk_gravity.report import fit_text
 from testing.lab_motion import draw_calibration
 from testing.mujoco_world import DURATION, MujocoWorld
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.identification import identify
-from dvrk_gravity.recording.frozen import clipped_efforts
+from dvrk_gravity.recording import clipped_efforts
 from testing.lab_motion import draw_calibration
 from testing.mujoco_world import MujocoWorld
 

@@ -15,8 +15,7 @@ from test_static_fit import NOISE, RECORDED, between, grid, record
 from test_static_fit import truth as arm_of_poses
 
 from dvrk_gravity import command_line
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.arms.tree import build_tree
+from dvrk_gravity.arms import JOINT_NAMES, build_tree
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel

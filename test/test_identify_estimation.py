@@ -6,16 +6,11 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import State
+from dvrk_gravity.effects import State, base_directions, beta_map
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.link_prior import base_directions, beta_map
-from dvrk_gravity.estimation.covariance import autocorrelated_scores, sandwich
-from dvrk_gravity.estimation.normal_equations import NormalEquations, fit
+from dvrk_gravity.estimation import NormalEquations, autocorrelated_scores, fit, sandwich
 from dvrk_gravity.gravity import regressor as gravity_regressor
-from dvrk_gravity.identification.base_parameters import base_parameters
-from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.errors import joint_errors
-from dvrk_gravity.identification.problem import Weighting
+from dvrk_gravity.identification import Columns, Weighting, base_parameters, joint_errors
 
 ARM = Arm.load("mtmr")
 
@@ -147,7 +142,7 @@ def test_error_measures():
 def test_pseudo_inertia_of_a_sphere_is_positive_and_of_an_impossible_body_is_not():
     import pinocchio as pin
 
-    from dvrk_gravity.identification.physical import certificate, pseudo_inertia
+    from dvrk_gravity.identification import certificate, pseudo_inertia
 
     body = pin.Inertia.FromEllipsoid(0.7, 0.1, 0.2, 0.3)
     body.lever = np.array([0.1, -0.2, 0.05])
@@ -162,8 +157,8 @@ def test_pseudo_inertia_of_a_sphere_is_positive_and_of_an_impossible_body_is_not
 def test_constrained_links_are_bodies_and_fit_data_of_such_bodies():
     import pinocchio as pin
 
-    from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
-    from dvrk_gravity.identification.physical import certificate, physical_links
+    from dvrk_gravity.arms import BODIES as TREE_LINKS
+    from dvrk_gravity.identification import certificate, physical_links
 
     columns = Columns(ARM, ARM.lower, ARM.upper)
     chosen = columns.select(effect="link_inertia")

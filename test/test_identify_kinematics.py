@@ -12,17 +12,21 @@ import pytest
 from conftest import few_folds
 from test_identify import ARM, parameter, truth
 
-from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
-from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.arms.tree import build_tree, link_frames
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.arms import BODIES as TREE_LINKS
+from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS, build_tree, link_frames
+from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification import evaluate, identify, kinematic_search
-from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.kinematic_calibration import KinematicCalibration, offset_joints
-from dvrk_gravity.identification.kinematic_search import KinematicSearchSettings
-from dvrk_gravity.identification.motion import read_motions
+from dvrk_gravity.identification import (
+    Columns,
+    KinematicCalibration,
+    KinematicSearchSettings,
+    evaluate,
+    identify,
+    kinematic_search,
+    offset_joints,
+    read_motions,
+)
 from dvrk_gravity.model import TorqueModel
 
 TERMS = ("coulomb_friction", "viscous_friction", "elastic_cable", "base_tilt", "joint_offset")

@@ -9,11 +9,9 @@ import pytest
 from test_identify import ARM, truth
 
 from dvrk_gravity import command_line
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.identification.motion import motors_measured, read_motions
+from dvrk_gravity.identification import evaluate, identify, motors_measured, read_motions
 from dvrk_gravity.recording import Recording, RecordingFile, read_trajectory, trajectory
 
 pytestmark = pytest.mark.usefixtures("four_folds")

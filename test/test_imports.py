@@ -57,6 +57,20 @@ def names(nodes: Iterable[ast.AST]) -> Iterator[tuple[str, str]]:
 
 
 @cache
+def face(package: str) -> dict[str, str]:
+    """Return which module has each public name of a package, as its stub says."""
+    stub = PACKAGE.parent.joinpath(*package.split("."), "__init__.pyi")
+    if not stub.exists():
+        return {}
+    return {
+        alias.name: f"{package}.{node.module}" if node.module else f"{package}.{alias.name}"
+        for node in syntax(stub)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+
+
+@cache
 def graph(
     package: Path, walk: Callable[[Path], Iterable[ast.AST]] = everywhere
 ) -> dict[str, set[str]]:
@@ -67,6 +81,7 @@ def graph(
         imported = found.setdefault(module, set())
         for source, name in names(walk(path)):
             inside = f"{source}.{name}" if f"{source}.{name}" in known else source
+            inside = face(source).get(name, inside)
             imported.add(inside if inside in known else source.split(".")[0])
     return found
 

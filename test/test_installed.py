@@ -18,7 +18,7 @@ from conftest import CONFIG, REPOSITORY, executables
 from test_console import synthetic, write
 from test_processes import runs
 
-from dvrk_gravity.processes import PRIVATE
+from dvrk_gravity.ros import PRIVATE
 from testing.world import COARSE, World
 
 EXECUTABLES = executables()
@@ -136,7 +136,7 @@ def test_the_example_of_an_executable_runs(verb, words, installed, domain, tmp_p
 
 @pytest.mark.parametrize(("verb", "words"), examples(NODES), ids=str)
 def test_the_example_of_a_node_starts_and_ends_with_ctrl_c(verb, words, installed, domain):
-    from dvrk_gravity.ros.client import Client
+    from dvrk_gravity.ros import Client
 
     # The help's example names a model as a launch file finds it; here it lies in config/.
     words = words.replace("--params-file mtmr", "--params-file config/mtmr")

@@ -16,9 +16,8 @@ from conftest import MODEL_FILE, REPOSITORY, executables
 from rclpy.duration import Duration
 from std_msgs.msg import Empty
 
-from dvrk_gravity.node_parameters import node_parameters
-from dvrk_gravity.processes import NodeProcess
-from dvrk_gravity.ros.client import Client
+from dvrk_gravity.parameters import node_parameters
+from dvrk_gravity.ros import Client, NodeProcess
 
 LAUNCH = REPOSITORY / "launch"
 REAL = ("arm", "psm", "ecm", "mtm_pair")
@@ -143,7 +142,7 @@ def test_no_real_arm_is_started_without_a_model_of_its_own(name, launched):
 @pytest.mark.parametrize("name", [*REAL, "demo"])
 def test_the_parameters_of_launched_nodes_are_those_of_the_nodes(name, launched):
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.ros.simulator_node import SIMULATOR_PARAMETERS
+    from dvrk_gravity.ros import SIMULATOR_PARAMETERS
 
     known = {*node_parameters(Arm.load("mtmr")), *SIMULATOR_PARAMETERS}
     models = dict.fromkeys(("namespace", "model", "left_model", "right_model"), "m")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate.limits import EffortLimits, slew
+from dvrk_gravity.compensate import EffortLimits, slew
 
 ARM = Arm.load("mtmr")
 STANDARD = EffortLimits(ARM, ARM.effort_limit, ARM.actuator_effort_limit)

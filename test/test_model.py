@@ -17,9 +17,8 @@ from hypothesis import strategies as st
 from test_arms_dynamics import UR5
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.effects import State
-from dvrk_gravity.effects.base.polynomial import Range
+from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.effects import Range, State
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.files import yaml_file
 

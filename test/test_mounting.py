@@ -9,16 +9,10 @@ import pytest
 import yaml
 from test_arms_dynamics import PANDA, UR5
 
-from dvrk_gravity.arms import Arm, gravity_in_base
-from dvrk_gravity.arms.tree import nominal_inertias
-from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.readings import try_readings
+from dvrk_gravity.arms import Arm, gravity_in_base, nominal_inertias
+from dvrk_gravity.diagnosis import diagnose, load, try_readings
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification import evaluate
-from dvrk_gravity.identification.effort_unit import in_their_unit
-from dvrk_gravity.identification.mounting import Mounting, mounting
-from dvrk_gravity.identification.nominal_torque import NominalTorque
+from dvrk_gravity.identification import Mounting, NominalTorque, evaluate, in_their_unit, mounting
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing.plain_world import PlainWorld

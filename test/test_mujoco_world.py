@@ -8,11 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import build_tree, nominal_inertias
-from dvrk_gravity.effects import named
+from dvrk_gravity.arms import Arm, build_tree, nominal_inertias
+from dvrk_gravity.effects import links_of_joints, named
 from dvrk_gravity.effects.base import meaning
-from dvrk_gravity.effects.base.links import links_of_joints
 from dvrk_gravity.planning import MotionLimits
 from testing import lab_effects, mujoco_arms
 from testing.hidden_parts import Hidden

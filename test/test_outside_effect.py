@@ -22,16 +22,14 @@ from test_identify import truth
 from dvrk_gravity import TorqueModel, diagnose, effects, identify
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.diagnosis.load import load
+from dvrk_gravity.compensate import Settings
+from dvrk_gravity.diagnosis import load
+from dvrk_gravity.effects import Column, Range, added
 from dvrk_gravity.effects.base import registry
-from dvrk_gravity.effects.base.merging import added
-from dvrk_gravity.effects.base.polynomial import Range
-from dvrk_gravity.effects.base.unknowns import Column
 from dvrk_gravity.errors import ConfigError, EffectError
-from dvrk_gravity.identification.columns import identified
+from dvrk_gravity.identification import identified
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.report.diagnosis import render
+from dvrk_gravity.report import diagnosis_page
 from dvrk_gravity.simulate import PlantFile
 from testing.hidden_parts import on_joint
 from testing.world import COARSE, World
@@ -138,7 +136,7 @@ def test_hidden_in_an_arm_it_is_found_with_its_size(hidden):
 
 def test_the_report_tells_it_in_its_own_words(hidden):
     diagnosis, _ = hidden
-    text = render(diagnosis, ["run.csv"])
+    text = diagnosis_page(diagnosis, ["run.csv"])
     assert "shoulder_pitch stirs a fluid" in text
     assert "more drag than the model" in text
     assert json.loads(diagnosis.to_json())["findings"][0]["effect"] == "quadratic_drag"
@@ -274,7 +272,7 @@ def test_a_finding_that_a_model_file_refuses_is_told_with_the_file_s_reason(worl
     (finding,) = diagnosis.findings
     reason = "a model file refuses it: quadratic_drag: "
     assert finding.left_out == f"{reason}got '8 numbers', expected 7 numbers"
-    assert f"no: {reason}" in render(diagnosis, ["run.csv"])
+    assert f"no: {reason}" in diagnosis_page(diagnosis, ["run.csv"])
 
 
 def test_coefficients_without_a_column_are_told_by_the_effect_s_name(monkeypatch):

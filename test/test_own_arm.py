@@ -19,19 +19,16 @@ from made_up_arm import write as write_made_up
 from test_arms_dynamics import PANDA, UR5
 
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import build_tree, nominal_inertias
-from dvrk_gravity.compensate.sample import DroppedSampleError, SampleReader
+from dvrk_gravity.arms import Arm, build_tree, nominal_inertias
+from dvrk_gravity.compensate import DroppedSampleError, SampleReader
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.effects import Payload, State
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
-from dvrk_gravity.identification.effort_unit import in_their_unit
+from dvrk_gravity.identification import KnownPayload, drive_gains, evaluate, identify, in_their_unit
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import MotionLimits, exciting_motion
 from dvrk_gravity.recording import Recording, RecordingFile
-from dvrk_gravity.simulate.excitation import record_motion
+from dvrk_gravity.simulate import record_motion
 from testing.plain_world import PlainWorld
 
 pytestmark = pytest.mark.usefixtures("four_folds", "brief_simulation", "blank_pictures")

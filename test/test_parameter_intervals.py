@@ -7,14 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.held_out import estimates
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.pool import hypotheses
-from dvrk_gravity.estimation.covariance import NORMAL_95
+from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.diagnosis import (
+    Candidate,
+    CrossValidation,
+    FilteredData,
+    estimates,
+    hypotheses,
+    load,
+)
+from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.recording import Recording
 from testing.world import World
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import (
@@ -20,11 +20,10 @@ from dvrk_gravity.model import (
     UNCERTAINTY_PARAMETER,
     VERDICT_PARAMETER,
     all_parameters,
+    arm_parameters,
     model_parameters,
 )
-from dvrk_gravity.named_arm import arm_parameters
-from dvrk_gravity.node_parameters import node_parameters
-from dvrk_gravity.parameter import Parameter, check_all, flatten, unflatten
+from dvrk_gravity.parameters import Parameter, check_all, flatten, node_parameters, unflatten
 
 ARM = Arm.load("mtmr")
 ALL_PARAMETERS = all_parameters(ARM)

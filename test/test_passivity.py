@@ -12,13 +12,17 @@ import pytest
 from conftest import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.compensate import speed_guard
-from dvrk_gravity.compensate.passivity import SETTINGS, PassivityObserver
-from dvrk_gravity.compensate.sample import SampleReader
-from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.compensate.speed_guard import SpeedGuard
-from dvrk_gravity.compensate.supervisor import Status, Supervisor
+from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.compensate import (
+    SETTINGS,
+    PassivityObserver,
+    SampleReader,
+    Settings,
+    SpeedGuard,
+    Status,
+    Supervisor,
+    speed_guard,
+)
 from dvrk_gravity.effects import DirectionalCable, State
 from dvrk_gravity.simulate import SimulatedArm
 

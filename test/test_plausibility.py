@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.compensate.plausibility import MotionCheck
-from dvrk_gravity.compensate.sample import DroppedSampleError, Sample
+from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.compensate import DroppedSampleError, MotionCheck, Sample
 
 TIMEOUT = 0.1
 

@@ -15,15 +15,12 @@ from test_report import Page
 
 from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.diagnosis import diagnose, in_simulation
+from dvrk_gravity.compensate import Settings
+from dvrk_gravity.diagnosis import diagnose, simulation_check
 from dvrk_gravity.effects import State
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.identification.base_parameters import base_weights
-from dvrk_gravity.identification.result import Fit
-from dvrk_gravity.identification.static_gravity import gravity_of
+from dvrk_gravity.identification import Fit, base_weights, evaluate, gravity_of, identify
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing import mujoco_arms
@@ -188,7 +185,7 @@ def test_the_compensator_takes_the_model_and_sends_what_holds_the_links(known):
 
 
 def test_from_a_file_of_three_joints_to_a_load_on_the_command_line(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(in_simulation.let_go, "__defaults__", (0.1, 1.0))  # s; of friction
+    monkeypatch.setattr(simulation_check.let_go, "__defaults__", (0.1, 1.0))  # s; of friction
     posed, model, out = ecm(), tmp_path / "model.yaml", tmp_path / "diagnosis"
     for name, seed, load in (("poses", 1, 0.0), ("other", 7, 0.0), ("loaded", 8, posed.load)):
         posed.record(seed, 80, load).save(tmp_path / f"{name}.csv")

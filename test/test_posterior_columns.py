@@ -7,9 +7,7 @@ import pytest
 from conftest import few_folds
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.identification import identify
-from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.identification.model_uncertainty import held_by_terms
+from dvrk_gravity.identification import Columns, held_by_terms, identify
 from testing.world import COARSE, World
 
 

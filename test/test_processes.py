@@ -13,14 +13,13 @@ from pathlib import Path
 import pytest
 from conftest import MODEL_FILE
 
-from dvrk_gravity.processes import PRIVATE, NodeProcess, ProcessError, private_domain
-from dvrk_gravity.ros.client import Client
+from dvrk_gravity.ros import PRIVATE, Client, NodeProcess, ProcessError, private_domain
 
 # Begins to look for a free domain where this process does.
 CHILD = """
 import os, sys
 os.getpid = lambda: int(sys.argv[1])
-from dvrk_gravity.processes import private_domain
+from dvrk_gravity.ros.processes import private_domain
 with private_domain() as number:
     print(number)
 """
@@ -88,7 +87,7 @@ def test_a_node_is_started_in_no_namespace_that_an_arm_may_have(namespace):
 # Starts a compensator and waits to be killed.
 PARENT = """
 import sys, time
-from dvrk_gravity.processes import NodeProcess
+from dvrk_gravity.ros.processes import NodeProcess
 node = NodeProcess("compensator", "--params-file", sys.argv[1], "-p", "timeout:=1.0")
 print(node.process.pid, flush=True)
 time.sleep(60.0)
@@ -120,7 +119,7 @@ def test_a_node_ends_with_the_process_that_started_it_and_holds_the_arm_first(ar
 # Takes a while to leave in order, and is sent the signal again meanwhile.
 ENDING = """
 import os, signal, sys, time
-from dvrk_gravity.processes import end_on_signals
+from dvrk_gravity.ros.processes import end_on_signals
 end_on_signals()
 try:
     print("runs", flush=True)
@@ -154,7 +153,7 @@ def test_a_node_whose_starter_has_ended_meanwhile_does_not_start():
     """The system is asked for the signal too late: who started it is not its parent any more."""
     orphan = """
 import os, signal, sys
-from dvrk_gravity.processes import end_with
+from dvrk_gravity.ros.processes import end_with
 end_with(os.getppid() + 1)
 print("goes on")
 """

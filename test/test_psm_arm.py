@@ -12,9 +12,8 @@ import pinocchio as pin
 import pytest
 from made_up_arm import random_inertias, random_motion
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import build_tree
-from dvrk_gravity.effects.base.links import joint_of_link, links_told_apart
+from dvrk_gravity.arms import Arm, build_tree
+from dvrk_gravity.effects import joint_of_link, links_told_apart
 from testing import mujoco_arms
 
 TILTED = np.array([1.3, -2.1, -9.4])

@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 from conftest import few_folds
 
-from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.diagnosis.findings import Finding
+from dvrk_gravity.diagnosis import Finding, diagnose
 from dvrk_gravity.identification import evaluate, identify
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.planning.multisine import Multisine
+from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate import PlantFile, SimulatedArm
-from dvrk_gravity.simulate.excitation import record_motion
+from dvrk_gravity.simulate import PlantFile, SimulatedArm, record_motion
 from testing.world import COARSE
 
 # Of a PSM on another trajectory than the fit's, |e|/|tau| by motor: the physically consistent model

@@ -13,9 +13,9 @@ from test_identify import ARM, truth
 
 import dvrk_gravity
 from dvrk_gravity import Arm, Recording, TorqueModel, diagnose, evaluate, identify
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import ArgumentError, DvrkGravityError
-from dvrk_gravity.identification.result import Fit
+from dvrk_gravity.identification import Fit
 from dvrk_gravity.recording import RecordingFile
 
 pytestmark = pytest.mark.usefixtures("four_folds")
@@ -154,7 +154,7 @@ def test_the_package_says_that_it_is_typed_and_installs_that():
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup"
     )
     data = {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
-    assert data["package_data"] == "{NAME: ['py.typed', 'ros/parameters/*.txt']}"
+    assert data["package_data"] == "{NAME: ['py.typed', '*/__init__.pyi', 'ros/parameters/*.txt']}"
     assert data["zip_safe"] == "False"  # type checkers do not look into archives
 
 

@@ -10,18 +10,19 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from recording_samples import ARM, START, TOPIC, joint_state, shared_data, wave, write_messages
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.errors import DvrkGravityError, RecordingError
 from dvrk_gravity.recording import (
+    JOINT_STATE,
     BagReader,
     BagWriter,
+    CdrError,
+    JointStateLayout,
     Recording,
     check,
     prepare,
     read_joint_states,
 )
-from dvrk_gravity.recording.bag import JOINT_STATE
-from dvrk_gravity.recording.cdr import CdrError, JointStateLayout
 
 HEAD = "time,outer_yaw.position,outer_yaw.effort\n"
 

@@ -6,16 +6,22 @@ import numpy as np
 import pytest
 from recording_samples import shared_data, wave
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording import DataWarning, Recording, brief, check, prepare
-from dvrk_gravity.recording.frozen import frozen_efforts
-from dvrk_gravity.recording.grid import resample, stale
-from dvrk_gravity.recording.impossible import jumps
-from dvrk_gravity.recording.quantization import quantum
-from dvrk_gravity.recording.signal_checks import quantisation
-from dvrk_gravity.recording.velocity import compare_velocity
+from dvrk_gravity.recording import (
+    DataWarning,
+    Recording,
+    brief,
+    check,
+    compare_velocity,
+    frozen_efforts,
+    jumps,
+    prepare,
+    quantisation,
+    quantum,
+    resample,
+    stale,
+)
 
 CLEAN = wave(6000)
 RUBS = 0.02 * np.sign(CLEAN.velocity)  # N·m, friction alone
@@ -282,7 +288,7 @@ def test_a_clean_recording_has_no_findings():
 def test_every_kind_of_finding_has_a_case():
     from typing import get_args
 
-    from dvrk_gravity.recording.data_warning import Kind
+    from dvrk_gravity.recording import Kind
 
     # A recording does not tell its arm or its coordinates: `identify` finds these.
     of_the_arm = {"coordinates", "arm_limits", "other_hand", "arm_file"}

@@ -20,18 +20,18 @@ from recording_samples import (
     write_messages,
 )
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.errors import RecordingError, ShapeError
 from dvrk_gravity.recording import (
+    JOINT_STATE,
     BagReader,
     BagWriter,
     Recording,
     iterate_recording,
     read_joint_states,
     save_recording,
+    typestore,
 )
-from dvrk_gravity.recording.bag import JOINT_STATE, typestore
 
 STORAGES = ("sqlite3", "mcap")
 

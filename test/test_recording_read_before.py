@@ -11,10 +11,8 @@ from recording_samples import shared_data
 from test_identify import ARM, truth
 
 from dvrk_gravity import TorqueModel, diagnose, identify
-from dvrk_gravity.identification import static_fit
-from dvrk_gravity.identification.result import Verdict
-from dvrk_gravity.recording import DataWarning, Recording, RecordingFile
-from dvrk_gravity.recording.read_before import ReadBefore, counted_once
+from dvrk_gravity.identification import Verdict, static_fit
+from dvrk_gravity.recording import DataWarning, ReadBefore, Recording, RecordingFile, counted_once
 from testing.world import COARSE, World
 
 pytestmark = pytest.mark.usefixtures("four_folds")

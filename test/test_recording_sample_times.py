@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.recording import Recording, prepare
-from dvrk_gravity.recording.sample_times import retimed
+from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.recording import Recording, prepare, retimed
 
 RATE = 200.0
 STEP = np.array([2.5e-5, 3e-5, 2.6e-5, 1.5e-4, 3e-3, 3e-3, 6e-3])  # rad, encoders

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording import Recording, RecordingFile, prepare, read_trajectory
 

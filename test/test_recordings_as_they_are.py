@@ -12,22 +12,21 @@ from recording_samples import ARM, START, TOPIC, joint_state, same, wave, write_
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.command_line import run
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.recording import (
+    JOINT_STATE,
     BagReader,
     BagWriter,
     Recording,
     RecordingFile,
     check,
+    encode_joint_state,
     prepare,
     read_trajectory,
 )
-from dvrk_gravity.recording.bag import JOINT_STATE
-from dvrk_gravity.recording.cdr import encode_joint_state
 
 CLEAN = wave(1200)
 
@@ -638,7 +637,7 @@ def test_a_message_of_hundreds_of_megabytes_is_left_out_unread(tmp_path):
 
 
 def test_bz2_of_a_ros1_bag_unpacks_no_further_than_declared(tmp_path):
-    from dvrk_gravity.recording.unpack import UnpackError, unpacked
+    from dvrk_gravity.recording import UnpackError, unpacked
 
     with pytest.raises(UnpackError, match="another size than the 1000 bytes"):
         unpacked(bz2.compress(bytes(50_000_000)), "bz2", 1000)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import MODEL_FILE
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES
 from dvrk_gravity.cli.replay import _expected, replay
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import BagWriter, Recording, read_joint_states

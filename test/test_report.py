@@ -10,9 +10,8 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.identification.result import (
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.identification import (
     Choice,
     Fit,
     FittedParameter,
@@ -24,8 +23,7 @@ from dvrk_gravity.identification.result import (
     improvement,
 )
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.report.fit_pictures import torque_picture
-from dvrk_gravity.report.identification import render
+from dvrk_gravity.report import identification_page, torque_picture
 
 ERRORS = {name: JointError(0.01 * k, 0.1 * k, 0.9) for k, name in enumerate(JOINT_NAMES, start=1)}
 
@@ -64,7 +62,7 @@ TIME = np.arange(200) / 50.0
 @cache
 def page_of(kind: str) -> str:
     """Return the report of a trajectory or of poses."""
-    return render(fit_of(TIME if kind == "trajectory" else None), "run.csv")
+    return identification_page(fit_of(TIME if kind == "trajectory" else None), "run.csv")
 
 
 class Page(HTMLParser):
@@ -127,7 +125,7 @@ def test_a_gain_that_is_too_small_is_not_called_none():
 
 
 def test_names_of_files_and_parameters_are_escaped():
-    text = render(fit_of(None), "<script>alert(1)</script>.csv")
+    text = identification_page(fit_of(None), "<script>alert(1)</script>.csv")
     assert "<script>" not in text
     assert "mcx(&lt;crank&gt;)" in text
 

@@ -12,10 +12,8 @@ from recording_samples import wave
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.processes import PRIVATE, NodeProcess
 from dvrk_gravity.recording import BagReader
-from dvrk_gravity.ros import operating_state
-from dvrk_gravity.ros.others import COMMANDS, UNHEARD
+from dvrk_gravity.ros import COMMANDS, PRIVATE, UNHEARD, NodeProcess, operating_state
 
 POLICIES = {arm: CONFIG / "security" / f"{arm}.policy.xml" for arm in ("mtml", "mtmr")}
 ACCESS = {"topics": ("publish", "subscribe"), "services": ("reply", "request")}

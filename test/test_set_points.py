@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.planning import Multisine
-from dvrk_gravity.recording import Recording, check
-from dvrk_gravity.recording.filters import lowpass
-from dvrk_gravity.simulate import PlantFile, SimulatedArm, simulate
-from dvrk_gravity.simulate.excitation import record_motion
-from dvrk_gravity.simulate.set_point import LAGS, TIME_CONSTANT, SetPointFilter
+from dvrk_gravity.recording import Recording, check, lowpass
+from dvrk_gravity.simulate import (
+    LAGS,
+    TIME_CONSTANT,
+    PlantFile,
+    SetPointFilter,
+    SimulatedArm,
+    record_motion,
+    simulate,
+)
 
 CUTOFF = 5.65  # Hz, of identification
 DT = 1e-3

@@ -19,8 +19,15 @@ from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.files.resources import config_path
 from dvrk_gravity.gravity import LinkMass, beta_from_links
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.simulate import Mode, Plant, PlantFile, Sensors, SimulatedArm, simulate
-from dvrk_gravity.simulate.friction import FrictionSolver
+from dvrk_gravity.simulate import (
+    FrictionSolver,
+    Mode,
+    Plant,
+    PlantFile,
+    Sensors,
+    SimulatedArm,
+    simulate,
+)
 from testing.mujoco_arms import dh_table
 
 ROTORS = np.array([0.0043, 0.0026, 0.0038, 0.00012, 0.000062, 0.000062, 0.000015])

@@ -12,8 +12,7 @@ import pytest
 from conftest import REPOSITORY
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import CoulombFriction, PlantPart, State, Term
-from dvrk_gravity.effects.base.plant_part import SLOWEST, secant_damping
+from dvrk_gravity.effects import SLOWEST, CoulombFriction, PlantPart, State, Term, secant_damping
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import Plant, PlantFile, SimulatedArm
 

@@ -19,12 +19,15 @@ from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Bool, Empty, Float64MultiArray  # noqa: E402
 
-from dvrk_gravity.arms import Arm  # noqa: E402
-from dvrk_gravity.arms.mtm import JOINT_NAMES  # noqa: E402
+from dvrk_gravity.arms import JOINT_NAMES, Arm  # noqa: E402
 from dvrk_gravity.errors import ConfigError  # noqa: E402
-from dvrk_gravity.processes import PRIVATE, NodeProcess, private_domain  # noqa: E402
-from dvrk_gravity.ros.client import Client as ROSClient  # noqa: E402
-from dvrk_gravity.ros.command_topic import CommandTopic  # noqa: E402
+from dvrk_gravity.ros import (  # noqa: E402
+    PRIVATE,
+    CommandTopic,
+    NodeProcess,
+    private_domain,
+)
+from dvrk_gravity.ros import Client as ROSClient  # noqa: E402
 from dvrk_gravity.simulate import PlantFile  # noqa: E402
 
 TIMEOUT = 10.0

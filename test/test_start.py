@@ -7,10 +7,8 @@ import pytest
 from conftest import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.compensate.sample import SampleReader
-from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.compensate.supervisor import Status, Supervisor
+from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.compensate import SampleReader, Settings, Status, Supervisor
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 
 STEP = 1e-3

@@ -17,8 +17,7 @@ from conftest import CONFIG, MODEL_FILE
 from test_arms_dynamics import PANDA, UR5
 
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import nominal_inertias
+from dvrk_gravity.arms import Arm, nominal_inertias
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.identification import evaluate

@@ -9,18 +9,22 @@ import numpy as np
 import pytest
 from conftest import first_slab
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.effects.base.polynomial import Range
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.effects import Range
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.estimation.splits import inner_slabs, slabs
-from dvrk_gravity.identification import static_report
-from dvrk_gravity.identification.static_columns import joint_columns
-from dvrk_gravity.identification.static_fit import fit_model, fit_static, predict_unseen
-from dvrk_gravity.identification.static_gravity import gravity_of
-from dvrk_gravity.identification.static_model import fit_poses
-from dvrk_gravity.identification.static_poses import read_poses
-from dvrk_gravity.identification.static_solver import Composition, Table
+from dvrk_gravity.estimation import inner_slabs, slabs
+from dvrk_gravity.identification import (
+    Composition,
+    Table,
+    fit_model,
+    fit_poses,
+    fit_static,
+    gravity_of,
+    joint_columns,
+    predict_unseen,
+    read_poses,
+    static_report,
+)
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 

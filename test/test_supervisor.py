@@ -7,11 +7,15 @@ import pytest
 from conftest import MODEL_FILE
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
-from dvrk_gravity.compensate.sample import DroppedSampleError, SampleReader
-from dvrk_gravity.compensate.settings import CHANGE, Settings
-from dvrk_gravity.compensate.supervisor import Status, Supervisor
+from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.compensate import (
+    CHANGE,
+    DroppedSampleError,
+    SampleReader,
+    Settings,
+    Status,
+    Supervisor,
+)
 
 Q = np.array([0.05, 0.2, 0.1, 0.3, 1.0, 0.1, 0.2])
 HELD = np.array([0.1, 0.3, 0.1, 0.0, 0.02, -0.01, 0.0])  # what the arm holds itself with

@@ -17,10 +17,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dvrk_gravity import TorqueModel
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, SampleReader
-from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.compensate.supervisor import Status, Supervisor
+from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.compensate import (
+    CAUSES,
+    DroppedSampleError,
+    SampleReader,
+    Settings,
+    Status,
+    Supervisor,
+)
 
 TOLERANCE = 1e-9  # N·m
 HICCUP = 0.02  # s; the longest time in which a command may change at its slew rate

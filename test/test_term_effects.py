@@ -8,10 +8,9 @@ import pytest
 from conftest import MODEL_FILE
 from scipy.optimize import brentq
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import build_tree
-from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.console.export import export
+from dvrk_gravity.arms import Arm, build_tree
+from dvrk_gravity.compensate import Settings
+from dvrk_gravity.console import export
 from dvrk_gravity.effects import (
     CoulombFriction,
     PreslidingHysteresis,
@@ -22,8 +21,7 @@ from dvrk_gravity.effects import (
 )
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.simulate import PlantFile, SimulatedArm
-from dvrk_gravity.simulate.plant import Plant
+from dvrk_gravity.simulate import Plant, PlantFile, SimulatedArm
 
 ARM = Arm.load("mtmr")
 ZERO = np.zeros(7)

@@ -11,21 +11,28 @@ from test_report import fit_of
 from test_wording import CLEAR, finding
 
 from dvrk_gravity import command_line
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.command_line import Progress, Stages
-from dvrk_gravity.diagnosis import Diagnosis
-from dvrk_gravity.diagnosis.findings import Alternative
-from dvrk_gravity.diagnosis.words import size_of
-from dvrk_gravity.effects.base.meaning import Estimate
-from dvrk_gravity.identification.evaluation import Evaluation
-from dvrk_gravity.identification.result import Fit, JointError, JointVerdict, Verdict
-from dvrk_gravity.identification.verdict import by_errors
+from dvrk_gravity.diagnosis import Alternative, Diagnosis, size_of
+from dvrk_gravity.effects import Estimate
+from dvrk_gravity.identification import (
+    Evaluation,
+    Fit,
+    JointError,
+    JointVerdict,
+    Verdict,
+    by_errors,
+)
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
-from dvrk_gravity.report.diagnosis_in_terminal import diagnosis_text
-from dvrk_gravity.report.fit_in_terminal import evaluation_text, fit_text
-from dvrk_gravity.report.terminal import MOST_WARNINGS, laid_out, warning_lines
+from dvrk_gravity.report import (
+    MOST_WARNINGS,
+    diagnosis_text,
+    evaluation_text,
+    fit_text,
+    laid_out,
+    warning_lines,
+)
 
 ARM = Arm.load("mtmr")
 LEFT = TorqueModel.from_parameters({"arm": "mtml", "beta": (0.1,) * 10})

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import (
     CoulombFriction,
     DirectionalCable,

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
-from dvrk_gravity.arms.tree import build_tree, link_frames
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.arms import BODIES as TREE_LINKS
+from dvrk_gravity.arms import Arm, build_tree, link_frames
+from dvrk_gravity.compensate import Settings
 from dvrk_gravity.effects import (
     CoulombFriction,
     ElasticCable,
     Gravity,
     LinkInertia,
     PreslidingHysteresis,
+    Range,
     RotorInertia,
     State,
     StribeckFriction,
@@ -22,7 +22,6 @@ from dvrk_gravity.effects import (
     ViscousFriction,
 )
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.gravity import regressor as gravity_regressor
 from dvrk_gravity.model import TorqueModel

@@ -10,7 +10,7 @@ import pytest
 from test_arms_dynamics import UR5
 
 from dvrk_gravity import Arm, diagnose, evaluate, identify
-from dvrk_gravity.arms.tree import nominal_inertias
+from dvrk_gravity.arms import nominal_inertias
 from dvrk_gravity.effects import base_tilt
 from dvrk_gravity.model import TorqueModel
 from testing.plain_world import PlainWorld

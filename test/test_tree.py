@@ -7,9 +7,7 @@ import pinocchio as pin
 import pytest
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import BODIES, beta_tree
-from dvrk_gravity.arms.tree import build_tree, link_frames
+from dvrk_gravity.arms import BODIES, Arm, beta_tree, build_tree, link_frames
 from testing.mujoco_arms import CRANK_FRAME, SIDE, dh_table, fixed_part, mtm, turn
 
 ARM = Arm.load("mtmr")

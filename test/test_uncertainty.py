@@ -11,10 +11,9 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.effects import LinearTerm, State
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate, identify
-from dvrk_gravity.model import TorqueModel, uncertainty_file
+from dvrk_gravity.model import ModelUncertainty, TorqueModel, uncertainty_file
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.report.fit_in_terminal import evaluation_text
-from dvrk_gravity.uncertainty import ModelUncertainty
+from dvrk_gravity.report import evaluation_text
 from testing.world import COARSE, World
 
 STEP = 0.1  # of a standard deviation; torque is linear in coefficients

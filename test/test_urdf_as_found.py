@@ -15,9 +15,8 @@ from test_arms_dynamics import PANDA, ROBOTS, UR5
 from test_arms_files import LIMIT, LINK, a_joint, urdf
 
 from dvrk_gravity.__main__ import main
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import nominal_inertias
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.arms import Arm, nominal_inertias
+from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis import diagnose
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify

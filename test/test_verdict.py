@@ -13,16 +13,21 @@ from test_static_fit import grid, record
 from test_static_fit import truth as posed
 
 from dvrk_gravity import command_line
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.compensate import Settings
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification import identify
-from dvrk_gravity.identification.result import Holding, JointError, Verdict
-from dvrk_gravity.identification.verdict import VerdictSettings, compared, judge
+from dvrk_gravity.identification import (
+    Holding,
+    JointError,
+    Verdict,
+    VerdictSettings,
+    compared,
+    identify,
+    judge,
+)
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.report.fit_in_terminal import error_table
+from dvrk_gravity.report import error_table
 
 pytestmark = pytest.mark.usefixtures("four_folds", "blank_pictures")
 

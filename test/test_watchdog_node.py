@@ -9,7 +9,7 @@ from conftest import MODEL_FILE
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
-from dvrk_gravity.processes import NodeProcess
+from dvrk_gravity.ros import NodeProcess
 
 
 @pytest.fixture

@@ -12,21 +12,19 @@ import pinocchio as pin
 import pytest
 from test_arms_dynamics import PANDA, UR5
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import nominal_inertias
-from dvrk_gravity.identification import identify
-from dvrk_gravity.identification.result import Fit
-from dvrk_gravity.identification.weights import (
+from dvrk_gravity.arms import Arm, nominal_inertias
+from dvrk_gravity.identification import (
+    Fit,
     HeldWeight,
     HeldWeightSettings,
-    _gone,
     held_weights,
+    identify,
+    missing_weights,
 )
-from dvrk_gravity.planning.multisine import Multisine
+from dvrk_gravity.model import stated_weight
+from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate import PlantFile, SimulatedArm
-from dvrk_gravity.simulate.excitation import record_motion
-from dvrk_gravity.stated import stated_weight
+from dvrk_gravity.simulate import PlantFile, SimulatedArm, record_motion
 from testing.plain_world import PlainWorld
 from testing.posed_arms import ur5
 from testing.world import COARSE
@@ -222,7 +220,7 @@ def test_plausible_masses_forbid_a_model_where_most_of_the_weight_is_missing(gon
         HeldWeight(joint, 0.0 if joint in gone else 1.0, 0.01, size, stated=False, believed=True)
         for joint, size in weight.items()
     ]
-    (found,) = _gone(weights, arm, HeldWeightSettings())
+    (found,) = missing_weights(weights, arm, HeldWeightSettings())
     assert found.joints == gone
     assert (found.level == POOR) == sure
 

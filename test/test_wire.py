@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
-from dvrk_gravity.compensate.sample import DroppedSampleError
-from dvrk_gravity.recording.cdr import encode_joint_state
-from dvrk_gravity.ros.wire import CommandWriter, JointStateReader
+from dvrk_gravity.compensate import DroppedSampleError
+from dvrk_gravity.recording import encode_joint_state
+from dvrk_gravity.ros import CommandWriter, JointStateReader
 
 NAMES = st.lists(st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9),
                  max_size=9)  # fmt: skip

@@ -10,29 +10,28 @@ import pytest
 from test_report import Page
 
 from dvrk_gravity import effects
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.diagnosis.findings import (
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.diagnosis import (
     Alternative,
     Ambiguity,
     Contender,
+    Diagnosis,
+    FilteredData,
     Finding,
     Gain,
     Known,
     Rejected,
+    hypotheses,
+    load,
     ordered,
+    rows,
+    sentence_of,
+    told,
 )
-from dvrk_gravity.diagnosis.load import load
-from dvrk_gravity.diagnosis.pool import hypotheses
-from dvrk_gravity.diagnosis.result import Diagnosis
-from dvrk_gravity.diagnosis.words import rows, sentence_of, told
-from dvrk_gravity.effects.base.effect import Hypothesis
-from dvrk_gravity.effects.base.evidence import Residual
-from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.effects import Estimate, Hypothesis, Residual
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.quantity import quantity
-from dvrk_gravity.report.diagnosis import render
+from dvrk_gravity.report import diagnosis_page
+from dvrk_gravity.units import quantity
 from testing.world import World
 
 CLEAR = Gain(0.4, 0.3, 0.5, 0.001)
@@ -292,7 +291,7 @@ def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
     )  # fmt: skip
     known = Known("model_error", ("elbow_pitch",), {}, "elbow_pitch is left as it was")
     by_joint = dict.fromkeys(JOINT_NAMES, 0.01)
-    text = render(
+    text = diagnosis_page(
         Diagnosis(
             "ambiguous", (found,), (known,), by_joint, by_joint,
             dict.fromkeys(JOINT_NAMES, np.nan), by_joint, "nothing", 100, 30, (), (),

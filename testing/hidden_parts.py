@@ -6,12 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from testing.hidden_plant import Torque
 
-Array = NDArray[np.float64]
 Random = np.random.Generator
 
 # Effort noise of the joints sets the scale of what is hidden, N·m.

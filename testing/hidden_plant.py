@@ -6,13 +6,12 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import PlantPart
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.simulate.plant import Plant
-
-Array = NDArray[np.float64]
+from dvrk_gravity.simulate import Plant
 
 Torque = Callable[[float, Array, Array], Array]
 """(time, (n,) position, (n,) velocity) -> (n,) torque that the actuators must apply, N·m."""

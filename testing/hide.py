@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.arm import gravity_in_base
+from dvrk_gravity.arms import gravity_in_base
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.planning import Multisine
 from testing.hidden_parts import (

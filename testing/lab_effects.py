@@ -12,10 +12,10 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from dvrk_gravity.arms.arm import gravity_in_base
+from dvrk_gravity.arms import gravity_in_base
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import evaluate
 from dvrk_gravity.model import TorqueModel
@@ -23,7 +23,6 @@ from dvrk_gravity.recording import Recording
 from testing.hidden_parts import Hidden, found
 from testing.lab_physics import Truth, lagging
 
-Array = NDArray[np.float64]
 Random = np.random.Generator
 G = 9.81
 

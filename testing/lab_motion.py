@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.planning import MotionLimits, exciting_motion
 
-Array = NDArray[np.float64]
 Random = np.random.Generator
 
 HARMONICS = 6  # of a series, as published exciting motions have them

@@ -9,13 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording import Recording
 
-Array = NDArray[np.float64]
 Random = np.random.Generator
 
 AFTER = 0.1  # s, that a truth goes on after what is recorded of it

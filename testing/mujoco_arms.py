@@ -12,15 +12,13 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.dh import DHRow
+from dvrk_gravity.arms import Arm, DHRow
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.files.resources import config_path
-
-Array = NDArray[np.float64]
 
 SIDE = 0.1  # m, the short side of the master arms' parallelogram
 CRANK_FRAME = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # in frame 3

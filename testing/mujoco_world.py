@@ -6,18 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm, mtm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate.plant_file import PlantFile
+from dvrk_gravity.simulate import PlantFile
 from testing import mujoco_arms
 from testing.lab_effects import Setting
 from testing.lab_motion import Sines
 from testing.lab_physics import AFTER, Cable, Friction, LabSensors, Spring, Truth
 from testing.mujoco_arms import MujocoArm
 
-Array = NDArray[np.float64]
 Random = np.random.Generator
 
 NAMES = (

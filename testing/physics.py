@@ -6,11 +6,9 @@ The formulas are the textbook's; what is shared with the package is how its plan
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import PlantPart
-
-Array = NDArray[np.float64]
 
 
 def coulomb(levels: Array) -> PlantPart:

@@ -7,21 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import build_tree
+from dvrk_gravity.arms import Arm, build_tree
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import PlantPart
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import MotionLimits, exciting_motion
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate.excitation import record_motion
-from dvrk_gravity.simulate.sensors import Sensors
-from dvrk_gravity.simulate.simulated_arm import SimulatedArm
+from dvrk_gravity.simulate import Sensors, SimulatedArm, record_motion
 from testing import physics
 from testing.hidden_plant import HiddenPlant
-
-Array = NDArray[np.float64]
 
 STEP = 2e-3  # s, of the simulation: a fifth of the servo's time constant
 # Of a joint's largest effort: friction as industrial arms have it, at rest and at one rad/s (0.1

@@ -11,15 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import build_tree
+from dvrk_gravity.arms import Arm, build_tree
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import PlantFile
 from testing import mujoco_arms
-
-Array = NDArray[np.float64]
 
 NOISE = 0.003  # of a joint's effort limit
 USED = 0.8  # of each joint's range

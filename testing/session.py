@@ -16,8 +16,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification import identify
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Recording
-from dvrk_gravity.recording.data import Coordinates
+from dvrk_gravity.recording import Coordinates, Recording
 from testing.hidden_parts import Hidden
 from testing.score import Outcome, report, run_trial
 

@@ -7,31 +7,24 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm.gravity import LinkMass, beta_from_links
-from dvrk_gravity.arms.tree import link_frames
+from dvrk_gravity.arms import Arm, LinkMass, beta_from_links, link_frames
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import (
     CoulombFriction,
     ElasticCable,
     Gravity,
     LinkInertia,
+    Range,
     RotorInertia,
     ViscousFriction,
 )
-from dvrk_gravity.effects.base.polynomial import Range
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
-from dvrk_gravity.simulate.excitation import record_motion, record_poses
-from dvrk_gravity.simulate.plant_file import PlantFile
-from dvrk_gravity.simulate.sensors import Sensors
-from dvrk_gravity.simulate.simulated_arm import SimulatedArm
+from dvrk_gravity.simulate import PlantFile, Sensors, SimulatedArm, record_motion, record_poses
 from testing import physics
 from testing.hidden_plant import HiddenPlant, Torque
-
-Array = NDArray[np.float64]
 
 # s: steps of a quarter of the servo's time constant do where many arms are recorded.
 COARSE = 2.5e-3

@@ -20,13 +20,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dvrk_gravity import TorqueModel, diagnose, identify
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import build_tree
-from dvrk_gravity.diagnosis.findings import FLOORS
-from dvrk_gravity.diagnosis.result import Diagnosis
+from dvrk_gravity.arms import Arm, build_tree
+from dvrk_gravity.diagnosis import FLOORS, Diagnosis
 from dvrk_gravity.effects import Payload, State
-from dvrk_gravity.identification import evaluate
-from dvrk_gravity.identification.evaluation import Evaluation
+from dvrk_gravity.identification import Evaluation, evaluate
 from dvrk_gravity.recording import LowPass, Recording
 
 Array = NDArray[np.float64]

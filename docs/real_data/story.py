@@ -18,12 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity import Recording, TorqueModel, diagnose, gravity, identify
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.diagnosis.findings import FLOORS, Finding
-from dvrk_gravity.diagnosis.result import Diagnosis
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.diagnosis import FLOORS, Diagnosis, Finding
 from dvrk_gravity.effects import Gravity
-from dvrk_gravity.report.diagnosis import png
+from dvrk_gravity.report import png
 
 FOLDER = Path(__file__).resolve().parent
 PAGE = FOLDER.parent / "real_data.md"

@@ -1,6 +1,5 @@
 """Arms as data: what joints there are, what they move, and how far."""
 
-from dvrk_gravity.arms.arm import Arm, gravity_in_base
-from dvrk_gravity.arms.description import GRAVITY, Body, Joint, JointKind
+import lazy_loader
 
-__all__ = ["GRAVITY", "Arm", "Body", "Joint", "JointKind", "gravity_in_base"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -11,18 +11,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arguments import PATH, is_urdf, path_of, split_link
 from dvrk_gravity.arms import held, urdf_arm, yaml_arm
-from dvrk_gravity.arms.description import (
-    GRAVITY,
-    SCALES,
-    Array,
-    Description,
-    in_newtons,
-    read_in,
-)
+from dvrk_gravity.arms.description import GRAVITY, SCALES, Description, in_newtons, read_in
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ArgumentError, ConfigError
 from dvrk_gravity.files.resources import config_path
+from dvrk_gravity.validation import PATH, is_urdf, path_of, split_link
 
 SUPPORTED = (
     "mtml, mtmr, psm, ecm, or the path of an arm's .yaml file (written like config/arms/mtmr.yaml) "

@@ -10,11 +10,10 @@ from typing import Literal
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 
-Array = NDArray[np.float64]
 JointKind = Literal["revolute", "prismatic"]
 
 GRAVITY = 9.81  # m/s^2

@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.description import Array, Body, JointKind
+from dvrk_gravity.arms.description import Body, JointKind
+from dvrk_gravity.arrays import Array
 
 Convention = Literal["standard", "modified"]
 CONVENTIONS: tuple[Convention, ...] = ("standard", "modified")

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.description import GRAVITY, SCALES, Array, Body, Description
+from dvrk_gravity.arms.description import GRAVITY, SCALES, Body, Description
 from dvrk_gravity.arms.tree import nominal_inertias, pinocchio_model
+from dvrk_gravity.arrays import Array
 
 # Of the joints of ten arms of example-robot-data (panda, ur3, ur5, ur10, j2s6s200, xarm7, z1,
 # so101, talos_left_arm, tiago_no_hand), a quarter state less than 2.6 times what their masses need

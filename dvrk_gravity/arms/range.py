@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import is_finite
+from dvrk_gravity.parameters import is_finite
 
 # Chosen: no arm's length (m), mass (kg), effort (N·m, N), angle (deg) or ratio is as large, and the
 # products of some of them that a fit makes are far from overflow.

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.description import Array, Body, Description
+from dvrk_gravity.arms.description import Body, Description
+from dvrk_gravity.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

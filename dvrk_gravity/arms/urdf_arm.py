@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.description import Array, Body, Description, Joint
+from dvrk_gravity.arms.description import Body, Description, Joint
 from dvrk_gravity.arms.plausible_effort import with_plausible_efforts
 from dvrk_gravity.arms.urdf_file import (
     KINDS,
@@ -30,6 +30,7 @@ from dvrk_gravity.arms.urdf_file import (
 )
 from dvrk_gravity.arms.urdf_inertia import doubts
 from dvrk_gravity.arms.xacro_file import XacroError, expand
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file
 

@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from dvrk_gravity.arms.description import Array
 from dvrk_gravity.arms.urdf_file import INERTIA, PLACEHOLDER, attribute
+from dvrk_gravity.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -52,13 +52,14 @@ import numpy as np
 import pinocchio as pin
 
 from dvrk_gravity.arms import urdf_arm
-from dvrk_gravity.arms.description import Array, Description, Joint, JointKind, in_newtons
+from dvrk_gravity.arms.description import Description, Joint, JointKind, in_newtons
 from dvrk_gravity.arms.dh import CONVENTIONS, Convention, DHRow, Follower, chain, link_frames
 from dvrk_gravity.arms.mtm import parallelogram
 from dvrk_gravity.arms.mtm.published import PUBLISHED_ERROR
 from dvrk_gravity.arms.mtm.sizes import SIZES
 from dvrk_gravity.arms.range import check_range
 from dvrk_gravity.arms.travel import check_travel
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 

@@ -91,7 +91,7 @@ def of_model(model: TorqueModel, arguments: argparse.Namespace) -> TorqueModel:
         ConfigError: Another unit than the model's, or see :func:`with_drive_gains`.
     """
     # Here and not above, as Pinocchio is slow to load.
-    from dvrk_gravity.arms.description import in_newtons
+    from dvrk_gravity.arms import in_newtons
 
     given, arm, gains = arguments.effort_unit, model.arm, arguments.drive_gains
     if gains is not None and arm.read_in:

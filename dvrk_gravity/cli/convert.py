@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from dvrk_gravity import command_line
-from dvrk_gravity.arguments import is_urdf
 from dvrk_gravity.cli import arm_options
 from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.validation import is_urdf
 
 NAME = "convert"
 EXAMPLE = "python -m dvrk_gravity convert sweep.csv sweep_bag --topic /MTMR/measured_js"

@@ -12,11 +12,17 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.command_line import one_line
-from dvrk_gravity.console.answer import Use
-from dvrk_gravity.console.check import Checked, check_file
-from dvrk_gravity.console.conversion import Conversion, convert_model
-from dvrk_gravity.console.file import FILE_NAME, ConsoleFile
-from dvrk_gravity.console.finding import ConsoleFinding, Severity
+from dvrk_gravity.console import (
+    FILE_NAME,
+    Checked,
+    ConsoleFile,
+    ConsoleFinding,
+    Conversion,
+    Severity,
+    Use,
+    check_file,
+    convert_model,
+)
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 from dvrk_gravity.model import TorqueModel

@@ -17,7 +17,7 @@ from dvrk_gravity.files import outputs
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.ros.demo.scenario import Phase, Scenario
+    from dvrk_gravity.ros import Phase, Scenario
 
 NAME = "demo"
 EXAMPLE = "python -m dvrk_gravity demo --arm mtmr --out out/demo"
@@ -47,11 +47,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the demonstration; print a table as it goes, then draw it."""
     # Here and not above: ROS and matplotlib are slow to load and --help needs neither.
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.processes import end_on_signals, private_domain
+    from dvrk_gravity.ros import (
+        MODEL,
+        SIMULATOR_PARAMETERS,
+        Scenario,
+        Stage,
+        end_on_signals,
+        private_domain,
+    )
     from dvrk_gravity.ros.demo import picture
-    from dvrk_gravity.ros.demo.scenario import Scenario
-    from dvrk_gravity.ros.demo.stage import MODEL, Stage
-    from dvrk_gravity.ros.simulator_node import SIMULATOR_PARAMETERS
 
     scale = SIMULATOR_PARAMETERS["friction_scale"]
     replace(scale, name="--friction-scale").check(arguments.friction_scale)
@@ -89,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _file(plant: str) -> Path | None:
     """Return the file that is a plant, ``None`` of one that comes with the package."""
-    from dvrk_gravity.arguments import is_urdf, split_link
+    from dvrk_gravity.validation import is_urdf, split_link
 
     file = Path(split_link(plant)[0])
     return file if is_urdf(file) or file.suffix.lower() in (".yaml", ".yml") else None
@@ -108,7 +112,7 @@ def _arm(arguments: argparse.Namespace) -> Arm:
 
 def _play(scenario: Scenario, arm: Arm) -> tuple:
     """Play all parts and print a row of each."""
-    from dvrk_gravity.report.units import shown_position
+    from dvrk_gravity.report import shown_position
 
     units = shown_position(arm)
     widths = [max(len(name), 8) + 2 for name in arm.joint_names]

@@ -15,7 +15,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
 if TYPE_CHECKING:
-    from dvrk_gravity.recording.data import Coordinates
+    from dvrk_gravity.recording import Coordinates
 
 NAME = "diagnose"
 EXAMPLE = (
@@ -76,14 +76,11 @@ def run(args: argparse.Namespace) -> int:
     """
     # Here and not above: Pinocchio and SciPy are slow to load and --help needs none of it.
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.diagnosis import diagnose
-    from dvrk_gravity.diagnosis.reference import arm_for
-    from dvrk_gravity.identification.hand import contradiction
+    from dvrk_gravity.diagnosis import arm_for, diagnose
+    from dvrk_gravity.identification import contradiction
     from dvrk_gravity.model import TorqueModel, uncertainty_file
     from dvrk_gravity.recording import RecordingFile
-    from dvrk_gravity.report.diagnosis import render
-    from dvrk_gravity.report.diagnosis_in_terminal import diagnosis_text
-    from dvrk_gravity.report.terminal import columns
+    from dvrk_gravity.report import columns, diagnosis_page, diagnosis_text
 
     read = [] if args.model is None else [args.model, uncertainty_file(args.model)]
     read += [] if args.arm is None else [Arm.file(args.arm)]
@@ -122,7 +119,9 @@ def run(args: argparse.Namespace) -> int:
         finding.sentence for finding in diagnosis.findings if finding.in_model
     )
     diagnosis.model.save(out / EXTENDED, comment)
-    text_file.write(out / REPORT, render(diagnosis, [str(path) for path in args.recordings]))
+    text_file.write(
+        out / REPORT, diagnosis_page(diagnosis, [str(path) for path in args.recordings])
+    )
     if args.json:
         print(diagnosis.to_json())
     else:

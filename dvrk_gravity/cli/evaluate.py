@@ -40,13 +40,10 @@ def run(arguments: argparse.Namespace) -> int:
         0, or 1 if the model is not to be compensated with, by these errors or by the verdict in
         its file, or if the recordings are of the other arm.
     """
-    from dvrk_gravity.identification import evaluate
-    from dvrk_gravity.identification.hand import contradiction
-    from dvrk_gravity.identification.verdict import POOR, by_errors
+    from dvrk_gravity.identification import POOR, by_errors, contradiction, evaluate
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.recording import RecordingFile
-    from dvrk_gravity.report.fit_in_terminal import evaluation_text
-    from dvrk_gravity.report.terminal import columns
+    from dvrk_gravity.report import columns, evaluation_text
 
     outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
     model = arm_options.of_model(TorqueModel.load(arguments.model), arguments)

@@ -20,7 +20,7 @@ from dvrk_gravity.files import outputs
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.planning import Multisine
-    from dvrk_gravity.ros.mover import Mover
+    from dvrk_gravity.ros import Mover
 
 NAME = "excite"
 EXAMPLE = "python -m dvrk_gravity excite --arm mtmr --out my_bag"
@@ -77,9 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError("--seed", arguments.seed, "0 or more")
 
     # Here and not above: rclpy is slow to load, and bad arguments need none of it.
-    from dvrk_gravity.ros.client import Client
-    from dvrk_gravity.ros.mover import Mover
-    from dvrk_gravity.ros.namespace import namespace_of
+    from dvrk_gravity.ros import Client, Mover, namespace_of
 
     namespace = namespace_of(arm, arguments.namespace)
     with (

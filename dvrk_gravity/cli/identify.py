@@ -18,8 +18,8 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
 if TYPE_CHECKING:
-    from dvrk_gravity.identification.drive_gains import KnownPayload
-    from dvrk_gravity.recording.data import Coordinates
+    from dvrk_gravity.identification import KnownPayload
+    from dvrk_gravity.recording import Coordinates
 
 NAME = "identify"
 EXAMPLE = (
@@ -84,14 +84,12 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         0, or 1 if the model, which is written all the same, is not to be compensated with.
     """
-    from dvrk_gravity.arguments import is_urdf
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.identification import identify
     from dvrk_gravity.model import VERDICTS, uncertainty_file
     from dvrk_gravity.recording import RecordingFile
-    from dvrk_gravity.report.fit_in_terminal import fit_text
-    from dvrk_gravity.report.identification import render
-    from dvrk_gravity.report.terminal import columns
+    from dvrk_gravity.report import columns, fit_text, identification_page
+    from dvrk_gravity.validation import is_urdf
 
     if is_urdf(arguments.out) or not arguments.out.name:
         raise ConfigError("--out", str(arguments.out), "a .yaml file for the model")
@@ -135,7 +133,7 @@ def run(arguments: argparse.Namespace) -> int:
         "Held-out |e|/|tau|: "
         + ", ".join(f"{name} {error.nrmse:.3f}" for name, error in fit.held_out.items()),
     )
-    text_file.write(report, render(fit, sources))
+    text_file.write(report, identification_page(fit, sources))
     if arguments.json is not None:
         text_file.write(arguments.json, json.dumps(fit.to_json(), indent=1) + "\n")
     for line in fit_text(fit, arguments.verbose, columns()):
@@ -145,7 +143,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _known_payload(arguments: argparse.Namespace) -> KnownPayload | None:
-    from dvrk_gravity.identification.drive_gains import KnownPayload
+    from dvrk_gravity.identification import KnownPayload
 
     link, centre = arguments.payload_link, arguments.payload_centre
     if arguments.known_payload is None:
@@ -163,7 +161,7 @@ def _known_payload(arguments: argparse.Namespace) -> KnownPayload | None:
 def _coordinates(text: str | None) -> Coordinates | list[Coordinates] | None:
     if text is None:
         return None
-    from dvrk_gravity.recording.data import Coordinates
+    from dvrk_gravity.recording import Coordinates
 
     known: dict[str, Coordinates] = {system: system for system in get_args(Coordinates)}
     found = [known.get(name) for name in text.split(",")]

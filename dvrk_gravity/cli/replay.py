@@ -16,17 +16,11 @@ from dvrk_gravity import command_line
 from dvrk_gravity.cli import arm_options
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import outputs, text_file
-from dvrk_gravity.processes import (
-    PRIVATE,
-    NodeProcess,
-    ProcessError,
-    end_on_signals,
-    private_domain,
-)
+from dvrk_gravity.ros import PRIVATE, NodeProcess, ProcessError, end_on_signals, private_domain
 
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.compensate.sample import Sample
+    from dvrk_gravity.compensate import Sample
     from dvrk_gravity.model import TorqueModel
 
 NAME = "replay"
@@ -104,9 +98,9 @@ def replay(
         ConfigError: A model that cannot be used.
         ProcessError: The node did not start, or stopped answering.
     """
-    from dvrk_gravity.model import TorqueModel  # Pinocchio takes a while: not for --help
+    from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.recording import BagReader
-    from dvrk_gravity.ros.namespace import namespace_of
+    from dvrk_gravity.ros import namespace_of
 
     model = TorqueModel.load(model_file)
     arm_options.require_parameters(model, model_file)
@@ -136,7 +130,7 @@ def _expected(bag: Path, topic: str, model: TorqueModel) -> list[Sample]:
     Raises:
         RecordingError: All are to be dropped; why, is told of the first.
     """
-    from dvrk_gravity.compensate.sample import DroppedSampleError, SampleReader
+    from dvrk_gravity.compensate import DroppedSampleError, SampleReader
     from dvrk_gravity.recording import read_joint_states
 
     reader = SampleReader(model.arm.joint_names, held=model.arm.held)
@@ -163,7 +157,7 @@ def _offline(model: TorqueModel, samples: Sequence[Sample]) -> np.ndarray:
     In N·m, or in what the arm takes.
     """
     from dvrk_gravity.cli.replay_reference import compensation
-    from dvrk_gravity.node_parameters import node_parameters
+    from dvrk_gravity.parameters import node_parameters
 
     # As the node gets them: the model file's settings, and over them those of the replay.
     settings, defaults = {**model.node, **_bare(model.arm.n)}, node_parameters(model.arm)
@@ -194,9 +188,7 @@ def _play(
     from rclpy.serialization import deserialize_message
     from sensor_msgs.msg import JointState
 
-    from dvrk_gravity.ros.client import Client
-    from dvrk_gravity.ros.namespace import namespace_of
-    from dvrk_gravity.ros.replayed import COMMANDS, MEASURED
+    from dvrk_gravity.ros import REPLAYED_COMMANDS, REPLAYED_MEASURED, Client, namespace_of
 
     answers: list[tuple[int, int, Any, bytes]] = []
 
@@ -214,15 +206,15 @@ def _play(
         Client(namespace) as client,
         NodeProcess(None, *arguments, namespace=namespace, program=program) as node,
     ):
-        publisher = client.node.create_publisher(JointState, MEASURED, 1000)
-        client.node.create_subscription(JointState, COMMANDS, on_answer, 1000, raw=True)
+        publisher = client.node.create_publisher(JointState, REPLAYED_MEASURED, 1000)
+        client.node.create_subscription(JointState, REPLAYED_COMMANDS, on_answer, 1000, raw=True)
         client.watch_state("compensator")
         try:
             client.wait(
                 lambda: (
                     (client.state("compensator") != "" and
                      client.connected(publisher) and
-                     client.node.count_publishers(COMMANDS) > 0)
+                     client.node.count_publishers(REPLAYED_COMMANDS) > 0)
                     or node.process.poll() is not None
                 ),
                 "the compensator",

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State
-from dvrk_gravity.effects.base.arrays import Array
 from dvrk_gravity.model import TorqueModel
 
 

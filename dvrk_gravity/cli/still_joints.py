@@ -51,7 +51,7 @@ def _entries(texts: Sequence[str]) -> Iterator[tuple[str, str, str]]:
 
 def _require_within_reach(entry: str, arm: Arm, name: str, position: float) -> None:
     """Refuse a position that is as far beyond the arm's limits as no zero is off."""
-    from dvrk_gravity.identification.hand import HandSettings
+    from dvrk_gravity.identification import HandSettings
 
     index = arm.joint_names.index(name)
     joint, lower, upper = arm.joints[index], float(arm.lower[index]), float(arm.upper[index])

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.settings import CHANGE, Settings
 from dvrk_gravity.compensate.start import SETTINGS as START
 from dvrk_gravity.compensate.start import Start
-
-Array = NDArray[np.float64]
 
 
 class Deviation(NamedTuple):

@@ -12,12 +12,10 @@ from collections.abc import Callable, Iterable
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.effects import Term
-from dvrk_gravity.effects.base.term import Evaluator
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import Evaluator, Term
 
-Array = NDArray[np.float64]
 Parts = Callable[[Array, "Array | None", "Array | None"], tuple[Array, Array]]
 """Torque without friction and friction, (n,) each, from positions, velocities, and the velocities
 at which friction is taken."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm, mtm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.sample import Sample
 from dvrk_gravity.errors import DvrkGravityError
-
-Array = NDArray[np.float64]
 
 FOLLOWING_ERROR = np.radians(8.0)
 """How far an arm that is no MTM may be from its set point, rad (see Arm.scale), beside its lag: as

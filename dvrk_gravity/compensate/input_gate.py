@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.freshness import Freshness
 from dvrk_gravity.compensate.plausibility import MotionCheck
 from dvrk_gravity.compensate.sample import Sample
-
-Array = NDArray[np.float64]
 
 
 class Admitted(NamedTuple):

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-
-Array = NDArray[np.float64]
+from dvrk_gravity.arrays import Array
 
 # N·m that stand for a limit of zero: what rounding leaves of zero in the other space is less.
 _NOTHING = 1e-12

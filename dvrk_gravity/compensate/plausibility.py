@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arms.description import FASTEST, UNTIMED_STEP
+from dvrk_gravity.arms import FASTEST, UNTIMED_STEP
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

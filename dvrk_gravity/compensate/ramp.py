@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.compensate.settings import CHANGE, Settings
-
-Array = NDArray[np.float64]
 
 # N·m; less than this is rounding.
 _NOTHING = 1e-9

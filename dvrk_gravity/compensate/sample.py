@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity.arms.held import STAYS
-from dvrk_gravity.arms.shipped import larger_arm
+from dvrk_gravity.arms import STAYS, larger_arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import DvrkGravityError
-
-Array = NDArray[np.float64]
 
 
 class DroppedSampleError(DvrkGravityError):

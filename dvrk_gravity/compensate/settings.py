@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.evaluator import Parts, prepare_parts
 from dvrk_gravity.compensate.limits import EffortLimits
 from dvrk_gravity.effects import State, Term, terms
@@ -21,12 +21,10 @@ from dvrk_gravity.model import (
     VERDICTS,
     TorqueModel,
     all_parameters,
+    arm_of,
     model_parameters,
 )
-from dvrk_gravity.named_arm import arm_of
-from dvrk_gravity.parameter import Value, check_all
-
-Array = NDArray[np.float64]
+from dvrk_gravity.parameters import Value, check_all
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.description import ANY_UNIT, EFFORT_UNITS
+from dvrk_gravity.arms import ANY_UNIT, EFFORT_UNITS, Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.sample import Sample
 from dvrk_gravity.compensate.settings import CHANGE, Settings
 from dvrk_gravity.errors import DvrkGravityError
-from dvrk_gravity.stated import WEIGHT, stated_weight
-
-Array = NDArray[np.float64]
+from dvrk_gravity.model import WEIGHT, stated_weight
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.accepted import Accepted
 from dvrk_gravity.compensate.input_gate import InputGate
 from dvrk_gravity.compensate.limits import slew
@@ -22,8 +23,6 @@ from dvrk_gravity.compensate.sample import CAUSES, DroppedSampleError, Sample
 from dvrk_gravity.compensate.settings import Settings
 from dvrk_gravity.compensate.speed_guard import SpeedGuard
 from dvrk_gravity.compensate.start import Start, StartRefusedError
-
-Array = NDArray[np.float64]
 
 BUILTIN_HELP = (
     "the arm's own gravity compensation is on and would add to ours: publish false (std_msgs/Bool) "

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.compensate.sample import DroppedSampleError, Sample
 from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.compensate.supervisor import Array, Status, Supervisor
+from dvrk_gravity.compensate.supervisor import Status, Supervisor
 
 
 class Unsupervised(Supervisor):

@@ -1,5 +1,5 @@
 """The dVRK console's JSON: read, written, checked, converted."""
 
-from dvrk_gravity.console.file import ARMS, N_GRAVITY, N_POLYNOMIALS, N_POWERS, ConsoleFile
+import lazy_loader
 
-__all__ = ["ARMS", "N_GRAVITY", "N_POLYNOMIALS", "N_POWERS", "ConsoleFile"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

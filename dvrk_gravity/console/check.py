@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.arms import GRAVITY, Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import GRAVITY, JOINT_NAMES, Arm
 from dvrk_gravity.console.answer import Answer, answer
 from dvrk_gravity.console.file import (
     FILE_NAME,

@@ -12,11 +12,11 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES
+from dvrk_gravity.arms import JOINT_NAMES
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.console.check import check
-from dvrk_gravity.console.export import Export, FormError, export, require_arm
+from dvrk_gravity.console.exported import Export, FormError, export, require_arm
 from dvrk_gravity.console.file import N_POLYNOMIALS, ConsoleFile
 from dvrk_gravity.console.finding import ConsoleFinding, Severity
 from dvrk_gravity.console.projection import (
@@ -30,8 +30,6 @@ from dvrk_gravity.console.projection import (
 from dvrk_gravity.effects import DirectionalCable
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

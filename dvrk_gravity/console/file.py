@@ -18,19 +18,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms import GRAVITY
-from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms import GRAVITY, JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.console.configuration import refuse_configuration
-from dvrk_gravity.effects import DirectionalCable
-from dvrk_gravity.effects.base.arrays import as_value
+from dvrk_gravity.effects import DirectionalCable, as_value
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.parameter import Value
-
-Array = NDArray[np.float64]
+from dvrk_gravity.parameters import Value
 
 N_PARAMETERS = 40
 N_GRAVITY = 10

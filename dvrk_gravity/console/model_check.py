@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.arms import GRAVITY
-from dvrk_gravity.arms.mtm import JOINT_NAMES
-from dvrk_gravity.console.file import Array, ConsoleFile, sample_torques
+from dvrk_gravity.arms import GRAVITY, JOINT_NAMES
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.console.file import ConsoleFile, sample_torques
 from dvrk_gravity.console.finding import ConsoleFinding, Severity
-from dvrk_gravity.effects import DirectionalCable
-from dvrk_gravity.effects.base.polynomial import evaluate
+from dvrk_gravity.effects import DirectionalCable, evaluate
 from dvrk_gravity.model import TorqueModel
 
 

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS, gravity
+from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms.mtm import gravity
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.console.file import N_GRAVITY, N_POLYNOMIALS, N_POWERS
 from dvrk_gravity.effects import (
     CoulombFriction,
@@ -24,14 +25,13 @@ from dvrk_gravity.effects import (
     ElasticCable,
     Gravity,
     HeldLoad,
+    Range,
     State,
+    evaluate,
 )
-from dvrk_gravity.effects.base.polynomial import Range, evaluate
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.node_parameters import node_parameters
-
-Array = NDArray[np.float64]
+from dvrk_gravity.parameters import node_parameters
 
 RATIO, DEAD_BAND = "friction_compensation.ratio", "friction_compensation.dead_band"
 LEVEL = (0.0, 0.0, -gravity.GRAVITY)

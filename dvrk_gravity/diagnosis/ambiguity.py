@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.findings import Ambiguity, Contender
@@ -17,9 +17,7 @@ from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.overlap import reproduced
 from dvrk_gravity.diagnosis.selection import SelectionSettings
 from dvrk_gravity.diagnosis.words import told
-from dvrk_gravity.quantity import pose, quantity
-
-Array = NDArray[np.float64]
+from dvrk_gravity.units import pose, quantity
 
 _DEGREE = np.pi / 180.0
 

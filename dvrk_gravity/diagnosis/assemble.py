@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.ambiguity import ambiguities
 from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.at_once import REMEDY as RECORD_ALONE
 from dvrk_gravity.diagnosis.at_once import at_once
-from dvrk_gravity.diagnosis.beyond_range import REMEDY as GO_THERE
-from dvrk_gravity.diagnosis.beyond_range import beyond_range
 from dvrk_gravity.diagnosis.by_recording import REMEDY as DIAGNOSE_ALONE
 from dvrk_gravity.diagnosis.by_recording import difference
 from dvrk_gravity.diagnosis.candidate import Candidate, slices_of
@@ -30,7 +28,7 @@ from dvrk_gravity.diagnosis.findings import (
 )
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed, estimates, setting_columns
 from dvrk_gravity.diagnosis.known import expected_error, known
-from dvrk_gravity.diagnosis.load import Loaded
+from dvrk_gravity.diagnosis.loading import Loaded
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.notes import exact, notes
 from dvrk_gravity.diagnosis.other_findings import (
@@ -41,6 +39,8 @@ from dvrk_gravity.diagnosis.other_findings import (
     shapeless_finding,
     unknown_finding,
 )
+from dvrk_gravity.diagnosis.outside_range import REMEDY as GO_THERE
+from dvrk_gravity.diagnosis.outside_range import beyond_range
 from dvrk_gravity.diagnosis.places import SelectedEffect
 from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.refinement import RefinementSettings, plateau
@@ -50,15 +50,10 @@ from dvrk_gravity.diagnosis.separate import separation
 from dvrk_gravity.diagnosis.tangent import tangents
 from dvrk_gravity.diagnosis.unstated import little_said_of
 from dvrk_gravity.diagnosis.words import sentence_of
-from dvrk_gravity.diagnosis.worsening import worse
-from dvrk_gravity.effects.base.effect import Hypothesis
-from dvrk_gravity.effects.base.meaning import Estimate
-from dvrk_gravity.effects.base.registry import is_friction
-from dvrk_gravity.effects.unknown import Unknown
-from dvrk_gravity.estimation.covariance import NORMAL_95
-from dvrk_gravity.identification.evaluation import outside_range
-
-Array = NDArray[np.float64]
+from dvrk_gravity.diagnosis.worse_joints import worse
+from dvrk_gravity.effects import Estimate, Hypothesis, Unknown, is_friction
+from dvrk_gravity.estimation import NORMAL_95
+from dvrk_gravity.identification import outside_range
 
 
 @dataclass(frozen=True)

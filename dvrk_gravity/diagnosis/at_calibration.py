@@ -12,17 +12,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData, FilterSettings
 from dvrk_gravity.diagnosis.held_out import setting_columns
-from dvrk_gravity.diagnosis.load import LoadSettings
+from dvrk_gravity.diagnosis.loading import LoadSettings
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.estimation.covariance import squared_distance
-
-Array = NDArray[np.float64]
+from dvrk_gravity.estimation import squared_distance
 
 _PARTS = np.linspace(0.0, 1.0, 21)  # of what is expected, that are tried; the first: nothing
 

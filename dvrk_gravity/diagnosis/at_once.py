@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.effects import Hypothesis
 
 REMEDY = (
     "if something was held for a while, record the time with it alone; a hand or a cable: keep it "

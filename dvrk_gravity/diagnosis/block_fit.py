@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.estimation.covariance import NORMAL_95, block_jackknife
-from dvrk_gravity.estimation.normal_equations import Regression
-
-Array = NDArray[np.float64]
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.estimation import NORMAL_95, Regression, block_jackknife
 
 
 @dataclass(frozen=True)

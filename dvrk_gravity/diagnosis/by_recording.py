@@ -12,10 +12,8 @@ from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import estimates
 from dvrk_gravity.diagnosis.selection import SelectionSettings
-from dvrk_gravity.estimation.covariance import squared_distance
-from dvrk_gravity.recording.data_warning import labels
-
-Array = NDArray[np.float64]
+from dvrk_gravity.estimation import squared_distance
+from dvrk_gravity.recording import labels
 
 REMEDY = "diagnose each recording alone"
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
-from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import Hypothesis
 from dvrk_gravity.errors import EffectError
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 # Log-likelihood that a parameter has to bring: half the logarithm of the number of independent

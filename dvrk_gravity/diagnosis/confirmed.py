@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import HeldOut, Unconfirmed
 from dvrk_gravity.diagnosis.places import SelectedEffect, merge, refine
-from dvrk_gravity.diagnosis.relinearised import relinearised
+from dvrk_gravity.diagnosis.relinearisation import relinearised
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection
-from dvrk_gravity.diagnosis.worsening import worsening
-from dvrk_gravity.estimation.selection import eliminate_backward
-
-Array = NDArray[np.float64]
+from dvrk_gravity.diagnosis.worse_joints import worsening
+from dvrk_gravity.estimation import eliminate_backward
 
 
 @dataclass(frozen=True)

@@ -12,17 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.block_fit import CoherentError, OwnParameters, block_fit
 from dvrk_gravity.diagnosis.candidate import Candidate, Score, in_batches
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.significance import Significance
 from dvrk_gravity.diagnosis.weighted import WeightedSamples
-from dvrk_gravity.effects.base.effect import Effect
-from dvrk_gravity.estimation.evidence import EvidenceSettings
-from dvrk_gravity.estimation.noise import design_effect, intraclass_correlation
-from dvrk_gravity.estimation.normal_equations import NormalEquations, Regression, solve
-
-Array = NDArray[np.float64]
+from dvrk_gravity.effects import Effect
+from dvrk_gravity.estimation import (
+    EvidenceSettings,
+    NormalEquations,
+    Regression,
+    design_effect,
+    intraclass_correlation,
+    solve,
+)
 
 
 @dataclass(frozen=True)

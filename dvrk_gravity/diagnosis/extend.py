@@ -6,25 +6,28 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity import effects
-from dvrk_gravity.calibration_samples import CalibrationSamples
-from dvrk_gravity.diagnosis import friction_by_load
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis import load_friction
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import NO_TERM, NOT_AS_FOUND
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.effects import LinearTerm, Term
-from dvrk_gravity.effects.base.effect import Hypothesis, Values
+from dvrk_gravity.effects import Hypothesis, LinearTerm, Term, Values
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel, model_parameters
+from dvrk_gravity.model import (
+    NO_VERDICT,
+    VERDICTS,
+    CalibrationSamples,
+    ModelUncertainty,
+    TorqueModel,
+    coefficients_of,
+    model_parameters,
+)
 from dvrk_gravity.recording import LowPass
-from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
-
-Array = NDArray[np.float64]
 
 _EXTENDED = "extended by diagnose: evaluate it on another recording"
 _ROUNDING = 1e-9  # of a term's largest coefficient
@@ -183,7 +186,7 @@ def updated(
     error = held_out.rmse(held_out.error(named))
     error = np.where(np.isfinite(error) & (error > 0.0), error, before.error)
     # What follows is friction by load, which acts everywhere.
-    by_load = len(friction_by_load.of_joints(motion))
+    by_load = len(load_friction.of_joints(motion))
     outside = slice(before.size, validation.model_size - by_load)
     right = _right_outside(validation.data.model_columns[:, :, outside], mean[outside], error)
     lower, upper = motion.true_q.min(axis=0), motion.true_q.max(axis=0)

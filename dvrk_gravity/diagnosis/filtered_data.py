@@ -9,22 +9,25 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.candidate import Candidate, in_batches
 from dvrk_gravity.diagnosis.findings import FloorFrom
 from dvrk_gravity.diagnosis.model_error import changed_friction, friction_torque, model_columns
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.effects.base.effect import Hypothesis
-from dvrk_gravity.estimation.noise import band_noise, pairs_a_period_apart, repetition_noise
-from dvrk_gravity.estimation.repetition import (
+from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.estimation import (
+    Blocks,
+    BlockSettings,
     CommonTime,
     Repetition,
+    band_noise,
     find_common_time,
     find_repetition,
+    make_blocks,
+    pairs_a_period_apart,
+    repetition_noise,
 )
-from dvrk_gravity.estimation.splits import Blocks, BlockSettings, make_blocks
 from dvrk_gravity.recording import LowPass
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
-from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import Estimate
 
-Array = NDArray[np.float64]
 FloorFrom = Literal["repetition", "high_frequencies", "nothing"]
 
 

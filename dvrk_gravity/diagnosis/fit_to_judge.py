@@ -9,19 +9,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.recording_faults import beginning
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification.coordinates import predictable
-from dvrk_gravity.identification.errors import ConstantSettings, beats
-from dvrk_gravity.identification.weights import READ_WITHOUT, HeldWeightSettings, bears_weight
-from dvrk_gravity.quantity import quantity
+from dvrk_gravity.identification import (
+    READ_WITHOUT,
+    ConstantSettings,
+    HeldWeightSettings,
+    bears_weight,
+    beats,
+    predictable,
+)
 from dvrk_gravity.recording import Recording, RecordingFile
-
-Array = NDArray[np.float64]
+from dvrk_gravity.units import quantity
 
 
 @dataclass(frozen=True)

@@ -9,16 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.findings import Gain
 from dvrk_gravity.diagnosis.refinement import rebuilt
-from dvrk_gravity.effects.base.effect import Hypothesis
-from dvrk_gravity.effects.base.meaning import Estimate
-from dvrk_gravity.estimation import evidence
-from dvrk_gravity.estimation.covariance import NORMAL_95
-
-Array = NDArray[np.float64]
+from dvrk_gravity.effects import Estimate, Hypothesis
+from dvrk_gravity.estimation import NORMAL_95, evidence
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.alike import Alike
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
@@ -15,14 +15,10 @@ from dvrk_gravity.diagnosis.findings import ERROR, PARAMETERS, Known
 from dvrk_gravity.diagnosis.held_out import HeldOut, estimates
 from dvrk_gravity.diagnosis.model_error import part_of_friction
 from dvrk_gravity.diagnosis.selection import EffectTrial, SelectionSettings
-from dvrk_gravity.effects import is_friction
-from dvrk_gravity.effects.base.meaning import Estimate
-from dvrk_gravity.effects.base.site import Kind
-from dvrk_gravity.estimation.covariance import NORMAL_95
-from dvrk_gravity.node_parameters import DEFAULTS
-from dvrk_gravity.quantity import quantity
-
-Array = NDArray[np.float64]
+from dvrk_gravity.effects import Estimate, Kind, is_friction
+from dvrk_gravity.estimation import NORMAL_95
+from dvrk_gravity.parameters import DEFAULTS
+from dvrk_gravity.units import quantity
 
 
 def expected_error(data: FilteredData, held_out: HeldOut) -> Array:

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.friction_by_load import friction_by_load
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.load_friction import friction_by_load
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.reference_error import reference_columns
 from dvrk_gravity.effects import State
-from dvrk_gravity.uncertainty import ModelUncertainty
-
-Array = NDArray[np.float64]
+from dvrk_gravity.model import ModelUncertainty
 
 
 @dataclass(frozen=True)

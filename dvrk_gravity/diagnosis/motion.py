@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass
-
-Array = NDArray[np.float64]
 
 _SHIFT = 0.01  # rad, of a central difference quotient
 _PIECE = 5000  # samples; all columns of all links are 25 MB then

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.places import SelectedEffect
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection, SelectionSettings
-from dvrk_gravity.effects.unknown import nameless
-
-Array = NDArray[np.float64]
+from dvrk_gravity.effects import nameless
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.estimation.normal_equations import solve
-
-Array = NDArray[np.float64]
+from dvrk_gravity.estimation import solve
 
 
 @dataclass(frozen=True)

@@ -7,16 +7,14 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.places import SelectedEffect
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection, SelectionSettings
 from dvrk_gravity.diagnosis.significance import Significance
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

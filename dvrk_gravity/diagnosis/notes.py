@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.findings import FLOORS
-from dvrk_gravity.diagnosis.load import Loaded
+from dvrk_gravity.diagnosis.loading import Loaded
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.model import TorqueModel
-
-Array = NDArray[np.float64]
 
 
 def notes(loaded: Loaded, validation: CrossValidation, floor: Array) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import effects
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.model_error import (
@@ -16,8 +17,6 @@ from dvrk_gravity.diagnosis.model_error import (
     like_changed_friction,
     like_friction,
 )
-
-Array = NDArray[np.float64]
 
 
 class OtherDay:

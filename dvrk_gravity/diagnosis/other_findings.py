@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
@@ -26,13 +26,8 @@ from dvrk_gravity.diagnosis.pool import prepared
 from dvrk_gravity.diagnosis.readings import ReadingScore, WrongReading
 from dvrk_gravity.diagnosis.selection import EffectTrial
 from dvrk_gravity.diagnosis.unstated import unstated
-from dvrk_gravity.effects.base.effect import Hypothesis
-from dvrk_gravity.effects.base.meaning import Estimate
-from dvrk_gravity.effects.base.site import Kind
-from dvrk_gravity.effects.unknown import Unknown
-from dvrk_gravity.quantity import quantity
-
-Array = NDArray[np.float64]
+from dvrk_gravity.effects import Estimate, Hypothesis, Kind, Unknown
+from dvrk_gravity.units import quantity
 
 EXPECTED = "the error that the model is known to have"
 

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.estimation.normal_equations import Regression
-
-Array = NDArray[np.float64]
+from dvrk_gravity.estimation import Regression
 
 
 @dataclass(frozen=True)

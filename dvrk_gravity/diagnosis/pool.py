@@ -11,7 +11,7 @@ from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.refinement import begun
 from dvrk_gravity.diagnosis.unstated import unstated
-from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.effects import Hypothesis
 
 
 def hypotheses(motion: MeasuredMotion) -> Iterable[Hypothesis]:

@@ -8,15 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.diagnosis.effort_scales import effort_scales
-from dvrk_gravity.diagnosis.load import Loaded
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.loading import Loaded
 from dvrk_gravity.diagnosis.model_error import model_columns
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.effects.base.meaning import Estimate
-from dvrk_gravity.effects.wrong_coordinates import Reading, readings
-from dvrk_gravity.estimation.covariance import NORMAL_95
-
-Array = NDArray[np.float64]
+from dvrk_gravity.diagnosis.scaled_efforts import effort_scales
+from dvrk_gravity.effects import Estimate, Reading, readings
+from dvrk_gravity.estimation import NORMAL_95
 
 
 @dataclass(frozen=True)

@@ -17,13 +17,11 @@ from scipy.stats import norm
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.findings import NO_TERM, Finding, Gain
 from dvrk_gravity.diagnosis.velocity_faults import Mend, fault_of_velocities
-from dvrk_gravity.effects.wrong_coordinates import WrongCoordinates, readings
-from dvrk_gravity.estimation.covariance import NORMAL_95
-from dvrk_gravity.identification.coordinates import CoordinateErrors, decide_coordinates
+from dvrk_gravity.effects import WrongCoordinates, readings
+from dvrk_gravity.estimation import NORMAL_95
+from dvrk_gravity.identification import CoordinateErrors, decide_coordinates
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import DataWarning, Recording, RecordingFile
-from dvrk_gravity.recording.data import Coordinates
-from dvrk_gravity.recording.samples import join
+from dvrk_gravity.recording import Coordinates, DataWarning, Recording, RecordingFile, join
 
 _LOOKED_AT = 60.0  # s of a recording. Chosen: that of a stretch of a long one
 

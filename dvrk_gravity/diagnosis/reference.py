@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.filtered_data import BAND
-from dvrk_gravity.diagnosis.load import Loaded, LoadSettings
+from dvrk_gravity.diagnosis.loading import Loaded, LoadSettings
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.estimation.same_motion import SameMotionSettings, Track, same_motion, same_path
+from dvrk_gravity.estimation import SameMotionSettings, Track, same_motion, same_path
 from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.recording import DataWarning, LowPass, Recording, RecordingFile
-from dvrk_gravity.recording.data import Array
 
 ONLY_CHANGES = "it holds only what changed against a reference, and not what holds the arm"
 

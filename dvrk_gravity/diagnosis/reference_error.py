@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
-from dvrk_gravity.effects.base.late import mean_slope_by_delay
-from dvrk_gravity.estimation.covariance import NORMAL_95
-
-Array = NDArray[np.float64]
+from dvrk_gravity.effects import mean_slope_by_delay
+from dvrk_gravity.estimation import NORMAL_95
 
 _EACH, _OF_SPRING, _OF_FRICTION = 6, 3, 4  # columns of a joint, the last two of its friction
 

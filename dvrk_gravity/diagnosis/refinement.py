@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.effects.base.effect import Hypothesis
+from dvrk_gravity.effects import Hypothesis
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,14 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.findings import FLOORS, Ambiguity, Finding, FloorFrom, Known, Weighed
-from dvrk_gravity.diagnosis.in_simulation import InSimulation
-from dvrk_gravity.effects.base.effect import compared_with
+from dvrk_gravity.diagnosis.simulation_check import InSimulation
+from dvrk_gravity.effects import compared_with
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
 
-Array = NDArray[np.float64]
 _MORE = 2.0  # times what a model expects of itself: more than it should be. Chosen.
 Verdict = Literal["nothing_to_explain", "explained", "partly_explained", "ambiguous", "unexplained"]
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
@@ -15,37 +14,45 @@ from dvrk_gravity.diagnosis.assemble import assemble
 from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.confirmed import at_the_fit, confirmed
+from dvrk_gravity.diagnosis.corrected_readings import read_rightly
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.fit_to_judge import require_gravity, require_predictable
 from dvrk_gravity.diagnosis.held_out import Unconfirmed
-from dvrk_gravity.diagnosis.in_simulation import in_simulation
-from dvrk_gravity.diagnosis.load import Loaded, load
+from dvrk_gravity.diagnosis.loading import Loaded, load
 from dvrk_gravity.diagnosis.nameless import with_nameless
 from dvrk_gravity.diagnosis.no_news import no_news
 from dvrk_gravity.diagnosis.overlap import spanned
 from dvrk_gravity.diagnosis.places import SelectedEffect, explained
-from dvrk_gravity.diagnosis.read_rightly import read_rightly
 from dvrk_gravity.diagnosis.readings import WrongReading
 from dvrk_gravity.diagnosis.recording_faults import put_right
 from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
 from dvrk_gravity.diagnosis.reference_error import pulling_otherwise, rubbing_otherwise
 from dvrk_gravity.diagnosis.result import Diagnosis
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection
+from dvrk_gravity.diagnosis.simulation_check import in_simulation
 from dvrk_gravity.diagnosis.unstated import unstated
 from dvrk_gravity.diagnosis.weighed import weighed
-from dvrk_gravity.effects.base.site import Kind
+from dvrk_gravity.effects import Kind
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification.beyond import with_held
-from dvrk_gravity.identification.drive_gains import check_mass
-from dvrk_gravity.identification.effort_unit import in_their_unit, require_newtons
-from dvrk_gravity.identification.motion import known_still
+from dvrk_gravity.identification import (
+    check_mass,
+    in_their_unit,
+    known_still,
+    require_newtons,
+    with_held,
+)
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import DataWarning, Given, Recording, RecordingFile, opened
-from dvrk_gravity.recording.data import Coordinates, known_coordinates
-from dvrk_gravity.recording.data_warning import about_arm
-from dvrk_gravity.recording.read_before import ReadBefore
-
-Array = NDArray[np.float64]
+from dvrk_gravity.recording import (
+    Coordinates,
+    DataWarning,
+    Given,
+    ReadBefore,
+    Recording,
+    RecordingFile,
+    about_arm,
+    known_coordinates,
+    opened,
+)
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.alike import Alike
 from dvrk_gravity.diagnosis.at_calibration import AtCalibration
 from dvrk_gravity.diagnosis.candidate import Candidate, Score, most_parsimonious, split
@@ -15,11 +15,9 @@ from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.other_day import OtherDay
 from dvrk_gravity.diagnosis.refinement import refined
 from dvrk_gravity.diagnosis.tried import Tried
-from dvrk_gravity.effects.base.effect import MOST_LESS, Hypothesis
-from dvrk_gravity.effects.base.evidence import Residual
-from dvrk_gravity.estimation.selection import SearchSettings, Trial, eliminate_backward, select
+from dvrk_gravity.effects import MOST_LESS, Hypothesis, Residual
+from dvrk_gravity.estimation import SearchSettings, Trial, eliminate_backward, select
 
-Array = NDArray[np.float64]
 Report = Callable[[str], None]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.diagnosis.candidate import Candidate
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.quantity import pose, quantity
+from dvrk_gravity.units import pose, quantity
 
 _POSES = 400
 

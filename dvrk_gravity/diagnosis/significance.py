@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
-from dvrk_gravity.estimation import evidence
-from dvrk_gravity.estimation.noise import correlation_time
-
-Array = NDArray[np.float64]
+from dvrk_gravity.estimation import correlation_time, evidence
 
 
 @dataclass(frozen=True)

@@ -6,17 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.identification.motion import completed
+from dvrk_gravity.identification import completed
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import LowPass, Recording, Segment
-from dvrk_gravity.recording.frozen import FrozenSpan, frozen_efforts
-from dvrk_gravity.recording.grid import quantum
-
-Array = NDArray[np.float64]
+from dvrk_gravity.recording import FrozenSpan, LowPass, Recording, Segment, frozen_efforts, quantum
 
 
 def motions(

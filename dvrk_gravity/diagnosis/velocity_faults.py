@@ -9,15 +9,12 @@ import numpy as np
 from scipy.stats import norm
 
 from dvrk_gravity.diagnosis.findings import NO_TERM, Alternative, Finding, Gain
-from dvrk_gravity.diagnosis.load import LoadSettings, load
-from dvrk_gravity.effects.base.meaning import Estimate
-from dvrk_gravity.effects.time_scale import TimeScale
-from dvrk_gravity.effects.velocity_scale import UNITS, VelocityScale
+from dvrk_gravity.diagnosis.loading import LoadSettings, load
+from dvrk_gravity.effects import UNITS, Estimate, TimeScale, VelocityScale
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.estimation.covariance import NORMAL_95
+from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import Recording
-from dvrk_gravity.recording.velocity import VelocityFit, compare_velocity
+from dvrk_gravity.recording import Recording, VelocityFit, compare_velocity
 
 Mend = Callable[[Recording], Recording]
 

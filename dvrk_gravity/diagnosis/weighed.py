@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.findings import Finding, Weighed
-from dvrk_gravity.effects import Payload
-from dvrk_gravity.effects.base.meaning import Estimate
-from dvrk_gravity.quantity import quantity
+from dvrk_gravity.effects import Estimate, Payload
+from dvrk_gravity.units import quantity
 
 
 def weighed(findings: Sequence[Finding], known: float, arm: Arm, by_reference: bool) -> Weighed:

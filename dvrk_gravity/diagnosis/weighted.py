@@ -9,10 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.estimation.normal_equations import NormalEquations, Regression
-
-Array = NDArray[np.float64]
+from dvrk_gravity.estimation import NormalEquations, Regression
 
 
 @dataclass(frozen=True, eq=False)

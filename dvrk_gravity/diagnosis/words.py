@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from dvrk_gravity import effects
 from dvrk_gravity.diagnosis.findings import Finding, Gain
-from dvrk_gravity.effects.base.effect import Hypothesis
-from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.effects import Estimate, Hypothesis
 
 _SIZES = 2  # of a finding's parameters in its row of a table of findings; the report has all
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body, site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, or_extended
 from dvrk_gravity.effects.base.evidence import Motion
@@ -19,8 +19,6 @@ from dvrk_gravity.effects.base.meaning import Meaning, meanings
 from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.gravity import Gravity, with_beta
 from dvrk_gravity.effects.link_weight import with_weight
-
-Array = NDArray[np.float64]
 
 LEANS = 0.6
 """rad: a base that leans further was mounted so. Chosen."""

@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import by_joint, site
-from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Filtered, Motion, Residual
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 from dvrk_gravity.effects.base.merging import position_offset
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import Term
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 _FIELDS = (
     ("amplitude", "N·m", "amplitude of each ripple"),

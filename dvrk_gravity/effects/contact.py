@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.arrays import Array, as_array, as_value, joint_arrays
+from dvrk_gravity.effects.base.arrays import as_array, as_value, joint_arrays
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion, Residual
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
@@ -18,7 +19,7 @@ from dvrk_gravity.effects.base.merging import array, position_offset
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 _BIN = 0.25  # s
 _SHORTEST, _LONGEST = 0.75, 0.5  # s, and part of the recording
@@ -111,7 +112,7 @@ class Contact(Term):
             return
         time = residual.data.time[residual.allowed]
         for joint in np.flatnonzero(motion.present).tolist():
-            window = _window(time, residual.torque[residual.allowed, joint])
+            window = push_window(time, residual.torque[residual.allowed, joint])
             if window is None:
                 continue
             begin, end = window
@@ -219,7 +220,7 @@ class WallHypothesis(Hypothesis):
         return f"{super().remedy(carried)}; or {more}"
 
 
-def _window(time: Array, residual: Array) -> tuple[float, float] | None:
+def push_window(time: Array, residual: Array) -> tuple[float, float] | None:
     """Return begin and end of the while in which a residual is off its median most."""
     order = np.argsort(time, kind="stable")
     time, residual = time[order], residual[order]

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.all_friction import FACTOR, AllFriction
 from dvrk_gravity.effects.base.arrays import (
-    Array,
     as_array,
     as_value,
     diagonal_columns,
@@ -45,7 +45,7 @@ from dvrk_gravity.effects.base.unknowns import (
     effort_of_motor,
     site_columns,
 )
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 _DRIVES = 0.3  # of the larger level, within which the smaller may be below zero by chance
 _SIGN: Array = np.array(1e9)  # slope that makes the ramp a sign function, while 0 stays 0

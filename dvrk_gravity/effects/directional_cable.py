@@ -9,20 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import polynomial
-from dvrk_gravity.effects.base.arrays import (
-    Array,
-    as_array,
-    as_value,
-    diagonal_columns,
-    joint_arrays,
-)
+from dvrk_gravity.effects.base.arrays import as_array, as_value, diagonal_columns, joint_arrays
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Term
 from dvrk_gravity.effects.elastic_cable import ElasticCable
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,14 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
-
-Array = NDArray[np.float64]
 
 _PERCENTILES = (90.0, 95.0, 98.0, 99.5)  # of the measured effort, where limits are tried
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import polynomial, site
-from dvrk_gravity.effects.base.arrays import Array, diagonal_columns
+from dvrk_gravity.effects.base.arrays import diagonal_columns
 from dvrk_gravity.effects.base.by_joint import write_rows
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
@@ -26,7 +27,7 @@ from dvrk_gravity.effects.base.unknowns import (
     effort_of_motor,
     site_columns,
 )
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 DEGREE = 7  # highest power of a joint's own position that identification tries
 _DEGREES = (1, 2, 3, 4, 6)

@@ -9,17 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.arms.mtm.beta import beta_tree
-from dvrk_gravity.arms.tree import Tree
-from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.arms import Arm, Tree, beta_tree, is_mtm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import Evaluator, LinearTerm
 from dvrk_gravity.effects.base.weight import gravity_parameters, weight_evaluator
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 _SIZES = (10, 12, 14)  # of beta
 

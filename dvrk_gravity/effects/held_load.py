@@ -10,14 +10,15 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import polynomial
-from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.effects.base.by_joint import numbers, read_rows, write_rows
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 MAX_ORDER = 12
 _KINDS = ("mean", "difference")

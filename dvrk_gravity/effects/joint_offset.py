@@ -6,16 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, Values
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import mixed_motors
 from dvrk_gravity.effects.base.meaning import READS, Meaning, meanings
 from dvrk_gravity.effects.base.merging import position_offset
-
-Array = NDArray[np.float64]
 
 _SMALL = 1e-3  # rad: below, a slope serves in place of a secant
 

@@ -6,11 +6,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import is_mtm
+from dvrk_gravity.arms import Arm, is_mtm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
@@ -27,8 +26,6 @@ from dvrk_gravity.effects.base.rigid_body import weight_regressor
 from dvrk_gravity.effects.gravity import link_beta, with_beta
 from dvrk_gravity.effects.link_inertia import with_inertia
 from dvrk_gravity.effects.link_weight import with_weight
-
-Array = NDArray[np.float64]
 
 _ENTRY = ("too small", "too great")
 # The joint whose link carries each entry of beta.

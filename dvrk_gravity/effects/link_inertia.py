@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body, site
-from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.link_prior import prior_scale
@@ -25,7 +26,7 @@ from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import LinearTerm
 from dvrk_gravity.errors import ShapeError
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 _WEIGHTLESS = np.zeros(3)
 

@@ -9,11 +9,10 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.arms.tree import Tree, build_tree
+from dvrk_gravity.arms import Arm, Tree, build_tree, is_mtm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.rigid_body import OF_WEIGHT, weight_regressor
@@ -22,7 +21,7 @@ from dvrk_gravity.effects.base.supposed import supposed_inertias
 from dvrk_gravity.effects.base.term import Evaluator, LinearTerm
 from dvrk_gravity.effects.base.weight import gravity_parameters, weight_evaluator
 from dvrk_gravity.errors import ShapeError
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms import GRAVITY, Arm
-from dvrk_gravity.arms.tree import Tree, build_tree
+from dvrk_gravity.arms import GRAVITY, Arm, Tree, build_tree
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body, site
-from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.links import (
@@ -30,7 +30,7 @@ from dvrk_gravity.effects.base.term import Evaluator, Term
 from dvrk_gravity.effects.base.weight import weight_evaluator
 from dvrk_gravity.effects.link_com import with_link
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 _WEIGHTLESS = np.zeros(3)
 

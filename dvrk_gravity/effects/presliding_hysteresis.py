@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.arrays import Array, as_value, diagonal_columns, motor_columns
+from dvrk_gravity.effects.base.arrays import as_value, diagonal_columns, motor_columns
 from dvrk_gravity.effects.base.by_joint import numbers, read_rows, write_rows
 from dvrk_gravity.effects.base.dahl import Elements, build_up, dahl
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
@@ -34,7 +35,7 @@ from dvrk_gravity.effects.base.unknowns import (
     site_columns,
 )
 from dvrk_gravity.effects.coulomb_friction import CoulombFriction, with_coulomb
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 _MOST = 8
 _FAR = 1e6  # rad

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.arrays import Array, as_array, as_value, joint_array, motor_columns
+from dvrk_gravity.effects.base.arrays import as_array, as_value, joint_array, motor_columns
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.link_prior import rotors_beside_links
@@ -21,7 +22,7 @@ from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.unknowns import ColumnTable, ModelChange, site_columns, unit_way
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 _PART = 0.05  # of a motor's largest torque that a rad/s^2 may plausibly take
 

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import registry
-from dvrk_gravity.effects.base.arrays import Array, as_array, as_value, joint_arrays
+from dvrk_gravity.effects.base.arrays import as_array, as_value, joint_arrays
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import (
-    Array,
     as_array,
     as_value,
     diagonal_columns,
@@ -26,7 +26,7 @@ from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import Friction
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 _KINDS = ("joint", "motor")
 _SPEEDS = (0.12, 0.3, 0.7)  # of the RMS speed, from which the search begins

@@ -6,14 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
-
-Array = NDArray[np.float64]
 
 _TIMES = (4.0, 10.0, 25.0, 60.0)  # s, from which the search begins
 

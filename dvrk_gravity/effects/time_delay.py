@@ -6,15 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.late import mean_slope_by_delay, shifted, smoothed
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
-
-Array = NDArray[np.float64]
 
 _SMALL = 1e-3  # s: below, a slope serves in place of a secant
 _FIRST = 0.01  # s, first guess

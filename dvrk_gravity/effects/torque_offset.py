@@ -8,14 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.arrays import (
-    Array,
-    as_array,
-    as_value,
-    diagonal_columns,
-    joint_array,
-)
+from dvrk_gravity.effects.base.arrays import as_array, as_value, diagonal_columns, joint_array
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import READS, meanings, size
@@ -23,7 +18,7 @@ from dvrk_gravity.effects.base.merging import added
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import LinearTerm
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 
 @dataclass(frozen=True, eq=False)

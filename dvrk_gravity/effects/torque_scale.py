@@ -6,16 +6,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms.description import ANY_UNIT
+from dvrk_gravity.arms import ANY_UNIT
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import mixed_motors
 from dvrk_gravity.effects.base.meaning import READS, Estimate, Meaning, meanings
-
-Array = NDArray[np.float64]
 
 _LEAST = 1e-3  # in place of zero: a factor is no number where a mean has nothing of the reference
 

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
 
-Array = NDArray[np.float64]
 Basis = Callable[[Motion], Array]
 
 _CENTRES = 7  # of a smooth function of a position, velocity or acceleration

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import (
-    Array,
     as_array,
     as_value,
     diagonal_columns,
@@ -42,7 +42,7 @@ from dvrk_gravity.effects.base.unknowns import (
     effort_of_motor,
     unit_way,
 )
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 
 @dataclass(frozen=True, eq=False)

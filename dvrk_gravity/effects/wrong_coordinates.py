@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect
 from dvrk_gravity.effects.base.meaning import Estimate
 from dvrk_gravity.effects.time_scale import TimeScale
 from dvrk_gravity.effects.torque_scale import TorqueScale
-
-Array = NDArray[np.float64]
 
 
 class WrongCoordinates(Effect):

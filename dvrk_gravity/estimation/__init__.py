@@ -4,7 +4,6 @@ Knows nothing of effects, arms or ROS; identification (of trajectories and of po
 stand on it. Arrays are (n, m): samples first, channels (joints or motors) second.
 """
 
-import numpy as np
-from numpy.typing import NDArray
+import lazy_loader
 
-Array = NDArray[np.float64]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dvrk_gravity.estimation import Array
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.estimation.noise import autocorrelation
 from dvrk_gravity.estimation.normal_equations import Solution, solve
-from dvrk_gravity.estimation.splits import Labels, Mask
+from dvrk_gravity.estimation.splits import Labels
 
 NORMAL_95 = 1.959964
 """97.5 % point of the normal distribution."""

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from dvrk_gravity.estimation import Array
+from dvrk_gravity.arrays import Array
 
 
 @dataclass(frozen=True)

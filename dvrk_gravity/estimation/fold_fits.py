@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.estimation import Array
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.estimation.normal_equations import (
     EXCHANGES,
     NormalEquations,

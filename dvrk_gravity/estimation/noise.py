@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.estimation import Array
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.estimation.repetition import Labels, Repetition
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import DvrkGravityError
-from dvrk_gravity.estimation import Array
 
 NULL = 1e-12
 """Squared size of a column, in units of the weights, that is nothing but round-off: its coefficient

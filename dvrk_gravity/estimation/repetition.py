@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.estimation import Array
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.estimation.series import Part, Series, compare, run_around, spread_of
 
 Labels = NDArray[np.int64]

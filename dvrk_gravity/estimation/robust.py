@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.estimation import Array
+from dvrk_gravity.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.estimation import Array
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.estimation.noise import NoiseSettings, correlation_time
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.estimation import Array
+from dvrk_gravity.arrays import Array
 
 Part = tuple[float, Array]  # s at which it begins, (n, m) positions
 

@@ -12,17 +12,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.estimation import Array
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.estimation.repetition import (
     CommonTime,
     Labels,
     RepetitionSettings,
     find_common_time,
 )
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,9 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import text_file
-
-Array = NDArray[np.float64]
 
 MAX_BYTES = 20_000_000
 """Of a file, and of all of its arrays as they declare themselves. Those of models are 1 MB."""

@@ -12,9 +12,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
-from dvrk_gravity.arguments import split_link
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
+from dvrk_gravity.validation import split_link
 
 _NAMING = ("urdf", "arm", "uncertainty")  # keys of files that a file of ours names
 _Kind = Literal["file", "folder", "new"]

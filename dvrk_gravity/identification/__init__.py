@@ -1,7 +1,5 @@
 """From recordings to a torque model: parameters, confidence, and what the data cannot tell."""
 
-from dvrk_gravity.identification.evaluation import Evaluation, evaluate
-from dvrk_gravity.identification.result import Fit
-from dvrk_gravity.identification.run import identify
+import lazy_loader
 
-__all__ = ["Evaluation", "Fit", "evaluate", "identify"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.held import beyond
-from dvrk_gravity.arms.mtm import is_mtm
+from dvrk_gravity.arms import Arm, beyond, is_mtm
 from dvrk_gravity.identification.motion import Source, all_static
 from dvrk_gravity.recording import Recording, RecordingFile, opened
 

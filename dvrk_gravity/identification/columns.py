@@ -15,13 +15,10 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import LinearTerm, State, Term
-from dvrk_gravity.effects.base.polynomial import Range
-from dvrk_gravity.effects.base.term import Unknowns
-from dvrk_gravity.effects.base.unknowns import Column
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import Column, LinearTerm, Range, State, Term, Unknowns
 from dvrk_gravity.identification.kinematic_calibration import KINEMATIC, KinematicCalibration
 from dvrk_gravity.identification.rigid_columns import RIGID, RigidColumns
-from dvrk_gravity.recording.data import Array
 
 
 def identified(arm: Arm) -> tuple[str, ...]:

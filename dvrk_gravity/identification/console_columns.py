@@ -12,15 +12,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from dvrk_gravity.arms import BODIES as TREE_LINKS
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import BODIES as TREE_LINKS
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.console import ARMS, N_GRAVITY, N_POLYNOMIALS, N_POWERS
-from dvrk_gravity.effects import Gravity, Term
-from dvrk_gravity.effects.base.rigid_body import PER_LINK
-from dvrk_gravity.effects.base.unknowns import Column
+from dvrk_gravity.effects import PER_LINK, Column, Gravity, Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.identification.columns import Columns
-from dvrk_gravity.recording.data import Array
 
 CONSOLE_EFFECTS = (
     "coulomb_friction", "elastic_cable", "presliding_hysteresis", "rotor_inertia",

@@ -10,18 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.estimation.normal_equations import fit
-from dvrk_gravity.estimation.splits import Folds, make_folds
+from dvrk_gravity.estimation import Folds, fit, make_folds
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import build_design
 from dvrk_gravity.identification.errors import ConstantSettings, beats
 from dvrk_gravity.identification.motion import CalibrationMotion, Source, read, read_motions
 from dvrk_gravity.identification.moves import start_columns
 from dvrk_gravity.identification.selection import training_equations
-from dvrk_gravity.recording import DataWarning, Recording
-from dvrk_gravity.recording.data import Array, Coordinates
+from dvrk_gravity.recording import Coordinates, DataWarning, Recording
 
 
 @dataclass(frozen=True)

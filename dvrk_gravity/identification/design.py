@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.motion import CalibrationMotion
-from dvrk_gravity.recording.data import Array
 
 CHUNK = 2000  # samples whose regressor is held at a time; no result depends on it
 

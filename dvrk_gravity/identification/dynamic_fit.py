@@ -8,10 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.estimation.covariance import Uncertainty, autocorrelated_scores, sandwich
-from dvrk_gravity.estimation.normal_equations import Solution, fit
-from dvrk_gravity.estimation.splits import Folds, FoldSettings
+from dvrk_gravity.estimation import (
+    Folds,
+    FoldSettings,
+    Solution,
+    Uncertainty,
+    autocorrelated_scores,
+    fit,
+    sandwich,
+)
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.errors import joint_errors
@@ -42,9 +49,8 @@ from dvrk_gravity.identification.selection import ColumnSelection
 from dvrk_gravity.identification.verdict import judge, of_clock
 from dvrk_gravity.identification.weights import contradictions, idle
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.node_parameters import node_parameters
-from dvrk_gravity.recording.data import Array, Coordinates
-from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
+from dvrk_gravity.parameters import node_parameters
+from dvrk_gravity.recording import DEFAULT_CUTOFF, Coordinates
 
 Report = Callable[[str, float], None]
 # Written with a model although they are the defaults: who edits it sees that not all of an

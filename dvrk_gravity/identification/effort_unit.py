@@ -8,14 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.description import ANY_UNIT
+from dvrk_gravity.arms import ANY_UNIT, Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identification.mounting import mounting
+from dvrk_gravity.identification.mounting_check import mounting
 from dvrk_gravity.identification.nominal_torque import NominalTorque
 from dvrk_gravity.model import NO_VERDICT, TorqueModel
 from dvrk_gravity.recording import Recording, RecordingFile
-from dvrk_gravity.recording.data import Array
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification.result import JointError
-from dvrk_gravity.recording.data import Array
 
 _NOTHING = 1e-300  # in place of a spread of zero
 

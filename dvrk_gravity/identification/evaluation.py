@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.beyond import held_beyond
@@ -31,16 +32,19 @@ from dvrk_gravity.identification.result import JointError, Trace, in_short
 from dvrk_gravity.identification.weights import idle
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
+    DEFAULT_CUTOFF,
+    Coordinates,
     DataWarning,
     Given,
     Recording,
     Trajectory,
+    about,
+    about_arm,
+    known_coordinates,
+    labels,
     opened,
     prepare,
 )
-from dvrk_gravity.recording.data import Array, Coordinates, known_coordinates
-from dvrk_gravity.recording.data_warning import about, about_arm, labels
-from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.gravity import BETA_NAMES
 from dvrk_gravity.identification.kinematic_calibration import KinematicSettings
 from dvrk_gravity.identification.result import FittedParameter
-from dvrk_gravity.recording import DataWarning
-from dvrk_gravity.recording.data import Array
-from dvrk_gravity.recording.data_warning import Kind
+from dvrk_gravity.recording import DataWarning, Kind
 
 OTHER = {"mtml": "mtmr", "mtmr": "mtml"}
 # The platform's moment across the arm, N·m: about so on right arms, and less that on left ones

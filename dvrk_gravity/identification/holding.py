@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.estimation.covariance import Uncertainty
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.estimation import Uncertainty
 from dvrk_gravity.identification.result import Holding
-from dvrk_gravity.recording.data import Array
 
 
 @dataclass(frozen=True)

@@ -8,20 +8,18 @@ from itertools import chain, product
 
 import numpy as np
 
-from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.effects.base.link_prior import beta_map
-from dvrk_gravity.effects.base.unknowns import Column
-from dvrk_gravity.estimation.covariance import Uncertainty
-from dvrk_gravity.estimation.normal_equations import Solution
+from dvrk_gravity.arms import is_mtm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import Column, beta_map
+from dvrk_gravity.estimation import Solution, Uncertainty
 from dvrk_gravity.gravity import BETA_NAMES
-from dvrk_gravity.identification.base_parameters import base_parameters
+from dvrk_gravity.identification.base_combinations import base_parameters
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.holding import HoldingSettings
 from dvrk_gravity.identification.kinematic_calibration import KINEMATIC
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.identification.rigid_columns import link_columns
-from dvrk_gravity.recording.data import Array
 
 _NAMED = 6  # parameters in a sentence; the report's table has all
 

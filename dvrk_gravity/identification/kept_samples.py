@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.calibration_samples import Array, CalibrationSamples
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification.motion import CalibrationMotion
+from dvrk_gravity.model import CalibrationSamples
 
 
 def kept_samples(parts: Sequence[CalibrationMotion], arm: Arm) -> CalibrationSamples | None:

@@ -15,11 +15,9 @@ import pinocchio as pin
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import State
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import Column, ColumnTable, ModelChange, State, joints_with_weight
 from dvrk_gravity.effects.base import rigid_body, site
-from dvrk_gravity.effects.base.links import joints_with_weight
-from dvrk_gravity.effects.base.unknowns import Column, ColumnTable, ModelChange
-from dvrk_gravity.recording.data import Array
 
 KINEMATIC = ("base_tilt", "joint_offset")  # effects that torque is not linear in
 _STEP = 1e-6  # rad, of one-sided differences: half the digits of a double

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification.kinematic_calibration import (
     KINEMATIC,
     KinematicCalibration,
@@ -16,7 +17,6 @@ from dvrk_gravity.identification.kinematic_statements import kinematic_statement
 from dvrk_gravity.identification.motion import CalibrationMotion
 from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.problem import Problem, choose, pose, reweighed, solved
-from dvrk_gravity.recording.data import Array
 
 
 @dataclass(frozen=True)

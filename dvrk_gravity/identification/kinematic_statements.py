@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.estimation.covariance import NORMAL_95
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.identifiability import kinematic_name
 from dvrk_gravity.identification.kinematic_calibration import KINEMATIC, offset_joints
 from dvrk_gravity.identification.problem import Problem
-from dvrk_gravity.recording.data import Array
 
 
 @dataclass(frozen=True)

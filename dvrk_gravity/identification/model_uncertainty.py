@@ -8,16 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.calibration_samples import CalibrationSamples
-from dvrk_gravity.estimation.covariance import Uncertainty
-from dvrk_gravity.estimation.noise import NoiseSettings, correlation_time
-from dvrk_gravity.estimation.normal_equations import prior_precision
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.estimation import NoiseSettings, Uncertainty, correlation_time, prior_precision
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.problem import Problem
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording.data import Array
-from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
+from dvrk_gravity.model import CalibrationSamples, ModelUncertainty, TorqueModel, coefficients_of
 
 
 @dataclass(frozen=True)

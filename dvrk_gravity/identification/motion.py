@@ -11,25 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
-from dvrk_gravity.named_arm import parts
-from dvrk_gravity.parameter import is_finite
+from dvrk_gravity.model import parts
+from dvrk_gravity.parameters import is_finite
 from dvrk_gravity.recording import (
+    DEFAULT_CUTOFF,
+    CheckSettings,
+    Coordinates,
     DataWarning,
     LowPass,
+    ReadBefore,
     Recording,
     RecordingFile,
     Stretch,
     Trajectory,
+    about,
     read_trajectory,
 )
-from dvrk_gravity.recording.checks import CheckSettings
-from dvrk_gravity.recording.data import Array, Coordinates
-from dvrk_gravity.recording.data_warning import about
-from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF
-from dvrk_gravity.recording.read_before import ReadBefore
 
 # What can be fitted to: in memory, in a file, or prepared already.
 Source = Recording | RecordingFile | Trajectory

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from dvrk_gravity.effects.base.unknowns import ModelChange
+from dvrk_gravity.effects import ModelChange
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.rigid_columns import RIGID
 

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.beyond import held_beyond
 from dvrk_gravity.recording import Recording, RecordingFile, Segment, prepare
-from dvrk_gravity.recording.data import Array
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import link_sizes, prior_scale
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.link_prior import link_sizes, prior_scale
-from dvrk_gravity.estimation.normal_equations import Solution
+from dvrk_gravity.estimation import Solution
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.rigid_columns import link_columns
-from dvrk_gravity.recording.data import Array
 
 _ROWS, _COLUMNS = np.tril_indices(4)
 _DIAGONAL = _ROWS == _COLUMNS

@@ -9,16 +9,24 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.estimation.noise import NoiseSettings, correlation_time
-from dvrk_gravity.estimation.normal_equations import NormalEquations, Solution, fit
-from dvrk_gravity.estimation.robust import RobustSettings, RobustState, reweighted
-from dvrk_gravity.estimation.splits import Folds, make_folds
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.estimation import (
+    Folds,
+    NoiseSettings,
+    NormalEquations,
+    RobustSettings,
+    RobustState,
+    Solution,
+    correlation_time,
+    fit,
+    make_folds,
+    reweighted,
+)
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design, build_design
 from dvrk_gravity.identification.kinematic_calibration import KinematicCalibration
 from dvrk_gravity.identification.motion import CalibrationMotion
 from dvrk_gravity.identification.selection import ColumnSelection, split_equations
-from dvrk_gravity.recording.data import Array
 
 
 @dataclass(frozen=True)

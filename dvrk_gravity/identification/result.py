@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.model import VERDICTS, TorqueModel
-from dvrk_gravity.recording.data import Array, Coordinates
-from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording import Coordinates, DataWarning
 
 
 @dataclass(frozen=True)

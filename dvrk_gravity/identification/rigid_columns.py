@@ -12,15 +12,23 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.effects import Gravity, LinkInertia, LinkWeight, State, Term
+from dvrk_gravity.arms import Arm, is_mtm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import (
+    OF_WEIGHT,
+    PART,
+    THE_ARM,
+    Column,
+    ColumnTable,
+    Gravity,
+    LinkInertia,
+    LinkWeight,
+    State,
+    Term,
+    base_directions,
+    beta_map,
+)
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.link_prior import base_directions, beta_map
-from dvrk_gravity.effects.base.rigid_body import OF_WEIGHT
-from dvrk_gravity.effects.base.site import THE_ARM
-from dvrk_gravity.effects.base.unknowns import PART, Column, ColumnTable
-from dvrk_gravity.recording.data import Array
 
 SPRINGS = 4  # entries of an MTM's beta, arm and forearm, that a balancing spring can add to
 RIGID = (LinkInertia.NAME, Gravity.NAME, LinkWeight.NAME)  # effects that are always fitted

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import LinearTerm, State, terms
-from dvrk_gravity.effects.base.registry import of_others
+from dvrk_gravity.effects import LinearTerm, State, of_others, terms
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError, RecordingError
 from dvrk_gravity.identification.beyond import with_held
 from dvrk_gravity.identification.columns import Columns, identified
@@ -20,7 +19,7 @@ from dvrk_gravity.identification.console_columns import (
     require_console_arm,
 )
 from dvrk_gravity.identification.coordinates import decide_coordinates
-from dvrk_gravity.identification.drive_gains import KnownPayload, drive_gains
+from dvrk_gravity.identification.drive_gain_fit import KnownPayload, drive_gains
 from dvrk_gravity.identification.dynamic_fit import fit_dynamic
 from dvrk_gravity.identification.effort_unit import in_their_unit
 from dvrk_gravity.identification.evaluation import errors_of, evaluate
@@ -36,15 +35,17 @@ from dvrk_gravity.identification.result import Fit
 from dvrk_gravity.identification.verdict import POOR, judge
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
+    Coordinates,
     Given,
+    ReadBefore,
     Recording,
     RecordingFile,
     Trajectory,
+    about_arm,
+    counted_once,
+    known_coordinates,
     opened,
 )
-from dvrk_gravity.recording.data import Coordinates, known_coordinates
-from dvrk_gravity.recording.data_warning import about_arm
-from dvrk_gravity.recording.read_before import ReadBefore, counted_once
 
 Report = Callable[[str, float], None]
 _SAME_TORQUE = 1e-9  # of the largest: two sums of the same products

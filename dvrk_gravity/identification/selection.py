@@ -8,18 +8,24 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.effects.base.unknowns import ModelChange
-from dvrk_gravity.estimation.fold_fits import HeldOutSums, SeenSums, SignedFits
-from dvrk_gravity.estimation.normal_equations import NormalEquations
-from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
-from dvrk_gravity.estimation.splits import Folds
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import ModelChange
+from dvrk_gravity.estimation import (
+    Folds,
+    HeldOutSums,
+    NormalEquations,
+    SearchSettings,
+    SeenSums,
+    SignedFits,
+    Trial,
+    select,
+)
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.kinematic_calibration import kinematic_moves
 from dvrk_gravity.identification.moves import term_moves
 from dvrk_gravity.identification.result import Choice, improvement
 from dvrk_gravity.identification.rigid_columns import RIGID
-from dvrk_gravity.recording.data import Array
 
 Moves = Callable[[Columns, set[int]], Iterator[ModelChange]]
 

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.console import N_POLYNOMIALS
-from dvrk_gravity.effects.base.polynomial import MAX_DEGREE, Range
-from dvrk_gravity.effects.held_load import pose_functions
+from dvrk_gravity.effects import MAX_DEGREE, Range, pose_functions
 from dvrk_gravity.identification.static_gravity import GravityColumns
 from dvrk_gravity.identification.static_poses import Poses
-from dvrk_gravity.recording.data import Array
 
 ORDER = 4
 

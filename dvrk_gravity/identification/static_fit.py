@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential, slabs
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.estimation import inner_slabs, masks, sequential, slabs
 from dvrk_gravity.identification import result, static_report
 from dvrk_gravity.identification.errors import joint_errors
 from dvrk_gravity.identification.holding import holding
@@ -23,8 +24,7 @@ from dvrk_gravity.identification.static_solver import PoseSettings, Table
 from dvrk_gravity.identification.verdict import judge
 from dvrk_gravity.identification.weights import contradictions, idle
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.recording import DataWarning, Recording
-from dvrk_gravity.recording.data import Array, Coordinates
+from dvrk_gravity.recording import Coordinates, DataWarning, Recording
 
 Report = Callable[[str, float], None]
 

@@ -14,15 +14,12 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.mtm import is_mtm
-from dvrk_gravity.effects import LinkWeight
+from dvrk_gravity.arms import Arm, is_mtm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import LinkWeight, as_value, weight_directions
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.arrays import as_value
-from dvrk_gravity.effects.base.link_prior import weight_directions
-from dvrk_gravity.identification.base_parameters import base_weights
-from dvrk_gravity.parameter import Value
-from dvrk_gravity.recording.data import Array
+from dvrk_gravity.identification.base_combinations import base_weights
+from dvrk_gravity.parameters import Value
 
 N_BETA = 10
 

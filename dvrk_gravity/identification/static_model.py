@@ -8,19 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
-from dvrk_gravity.effects.base.arrays import as_value
-from dvrk_gravity.effects.base.by_joint import write_rows
-from dvrk_gravity.effects.base.polynomial import MAX_DEGREE
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import MAX_DEGREE, as_value, write_rows
 from dvrk_gravity.identification.static_solver import (
     Composition,
     PoseSolution,
     Table,
     solve_robust,
 )
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.parameter import Value
-from dvrk_gravity.recording.data import Array
-from dvrk_gravity.uncertainty import coefficients_of
+from dvrk_gravity.model import TorqueModel, coefficients_of
+from dvrk_gravity.parameters import Value
 
 _CABLE = "directional_cable"  # what is fitted of each joint's own position
 

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.hand import beyond_limits
 from dvrk_gravity.identification.motion import require_all, require_measured
 from dvrk_gravity.identification.static_gravity import gravity_of
-from dvrk_gravity.recording import DataWarning, Recording, prepare
-from dvrk_gravity.recording.data import Array, Coordinates
-from dvrk_gravity.recording.data_warning import about
+from dvrk_gravity.recording import Coordinates, DataWarning, Recording, about, prepare
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,11 @@ from itertools import product
 
 import numpy as np
 
-from dvrk_gravity.estimation.covariance import Uncertainty, clustered_scores, sandwich
-from dvrk_gravity.estimation.splits import masks, sequential
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.estimation import Uncertainty, clustered_scores, masks, sandwich, sequential
 from dvrk_gravity.identification.result import FittedParameter, Identifiability
 from dvrk_gravity.identification.static_model import cable_name, cable_rows
 from dvrk_gravity.identification.static_solver import PoseSolution, Table
-from dvrk_gravity.recording.data import Array
 
 
 @dataclass(frozen=True)

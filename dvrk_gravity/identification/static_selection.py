@@ -8,14 +8,21 @@ from functools import cached_property
 
 import numpy as np
 
-from dvrk_gravity.estimation.fold_fits import HeldOutSums, SeenSums
-from dvrk_gravity.estimation.normal_equations import NormalEquations
-from dvrk_gravity.estimation.selection import SearchSettings, Trial, select
-from dvrk_gravity.estimation.splits import inner_slabs, masks, sequential
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.estimation import (
+    HeldOutSums,
+    NormalEquations,
+    SearchSettings,
+    SeenSums,
+    Trial,
+    inner_slabs,
+    masks,
+    select,
+    sequential,
+)
 from dvrk_gravity.identification.result import Choice, improvement
 from dvrk_gravity.identification.static_columns import Group, describe
 from dvrk_gravity.identification.static_solver import Composition, Table, solve_robust
-from dvrk_gravity.recording.data import Array
 
 
 @dataclass(frozen=True)

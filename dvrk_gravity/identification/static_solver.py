@@ -9,9 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.base.polynomial import Range
-from dvrk_gravity.estimation.normal_equations import NormalEquations, Solution, fit
-from dvrk_gravity.estimation.robust import RobustSettings, RobustState, reweighted
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import Range
+from dvrk_gravity.estimation import (
+    NormalEquations,
+    RobustSettings,
+    RobustState,
+    Solution,
+    fit,
+    reweighted,
+)
 from dvrk_gravity.identification.static_columns import (
     Group,
     JointColumns,
@@ -19,7 +26,6 @@ from dvrk_gravity.identification.static_columns import (
 )
 from dvrk_gravity.identification.static_gravity import GravityColumns, gravity_of
 from dvrk_gravity.identification.static_poses import Poses
-from dvrk_gravity.recording.data import Array
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.description import SCALES, Joint, thousandth
+from dvrk_gravity.arms import SCALES, Arm, Joint, thousandth
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.identification.holding import HoldingSettings
 from dvrk_gravity.identification.result import (
     Contradiction,
@@ -18,9 +18,7 @@ from dvrk_gravity.identification.result import (
     in_words,
 )
 from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
-from dvrk_gravity.recording import DataWarning
-from dvrk_gravity.recording.checks import CheckSettings
-from dvrk_gravity.recording.data import Array, Coordinates
+from dvrk_gravity.recording import CheckSettings, Coordinates, DataWarning
 
 GOOD, USABLE, POOR = VERDICTS
 # What to record instead: of a motion, of static poses.

@@ -12,22 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.description import ANY_UNIT, EFFORT_UNITS, SCALES
-from dvrk_gravity.arms.shipped import PLANTS, plausible_plant
-from dvrk_gravity.effects import State
+from dvrk_gravity.arms import ANY_UNIT, EFFORT_UNITS, PLANTS, SCALES, Arm, plausible_plant
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import State, last_link, weight_directions
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.link_prior import weight_directions
-from dvrk_gravity.effects.base.links import last_link
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.files.resources import config_path
 from dvrk_gravity.identification.holding import HoldingSettings
 from dvrk_gravity.identification.result import Contradiction, Holding
-from dvrk_gravity.model import VERDICTS, TorqueModel
-from dvrk_gravity.named_arm import ARM_PARAMETER
-from dvrk_gravity.parameter import flatten
-from dvrk_gravity.recording.data import Array
-from dvrk_gravity.stated import WEIGHT, stated_weight
+from dvrk_gravity.model import ARM_PARAMETER, VERDICTS, WEIGHT, TorqueModel, stated_weight
+from dvrk_gravity.parameters import flatten
 
 _, USABLE, POOR = VERDICTS
 _INSTEAD = "says so, --effort-unit N·m (effort_unit in the arm's file) that its masses are wrong"
@@ -228,7 +222,7 @@ def contradictions(
     others = [each for each in weights if each.joint not in named]
     found = [
         *exchanged,
-        *_gone(others, arm, settings),
+        *missing_weights(others, arm, settings),
         *_of_another_size(others, settings),
         *_unmeasured(weights, arm),
     ]
@@ -269,7 +263,7 @@ def _exchanged(
                 )  # fmt: skip
 
 
-def _gone(
+def missing_weights(
     weights: Sequence[HeldWeight], arm: Arm, settings: HeldWeightSettings
 ) -> Iterator[Contradiction]:
     """Say where the masses' weight is not in the efforts."""

@@ -9,26 +9,6 @@ Pinocchio computes the dynamics.
     loads.tau, loads.reactions
 """
 
-from dvrk_gravity.newton_euler.dynamics import JointLoads, inverse_dynamics, pinocchio_model
-from dvrk_gravity.newton_euler.mechanism import (
-    JointType,
-    Link,
-    LinkJoint,
-    Mechanism,
-    rotation_matrix,
-)
-from dvrk_gravity.newton_euler.reader import JointMotion, parse, read
+import lazy_loader
 
-__all__ = [
-    "JointLoads",
-    "JointMotion",
-    "JointType",
-    "Link",
-    "LinkJoint",
-    "Mechanism",
-    "inverse_dynamics",
-    "parse",
-    "pinocchio_model",
-    "read",
-    "rotation_matrix",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -13,8 +13,9 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from dvrk_gravity.arms import tree
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError, ShapeError
-from dvrk_gravity.newton_euler.mechanism import Array, JointType, Mechanism
+from dvrk_gravity.newton_euler.mechanism import JointType, Mechanism
 
 # Component of a joint's wrench (Fx Fy Fz Mx My Mz) that its actuator carries.
 _ACTUATED = {JointType.REVOLUTE: 5, JointType.PRISMATIC: 2}

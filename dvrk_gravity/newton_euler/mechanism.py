@@ -22,7 +22,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from dvrk_gravity.arms.description import GRAVITY, Array, Body, JointKind
+from dvrk_gravity.arms import GRAVITY, Body, JointKind
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 
 # Relative to the largest entry: what rounding leaves of symmetry after a rotation.

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.newton_euler.mechanism import (
     GRAVITY,
-    Array,
     JointType,
     Link,
     LinkJoint,

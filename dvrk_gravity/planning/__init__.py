@@ -1,17 +1,5 @@
 """Motions: smooth ways from here to there, motions that excite, and the limits that they keep."""
 
-from dvrk_gravity.planning.exciting import coverage, covering_motion, exciting_motion
-from dvrk_gravity.planning.limits import MotionLimits, PairLimit, careful
-from dvrk_gravity.planning.move import Move
-from dvrk_gravity.planning.multisine import Multisine
+import lazy_loader
 
-__all__ = [
-    "MotionLimits",
-    "Move",
-    "Multisine",
-    "PairLimit",
-    "careful",
-    "coverage",
-    "covering_motion",
-    "exciting_motion",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.planning.limits import MotionLimits, PairLimit
 from dvrk_gravity.planning.multisine import Multisine
-
-Array = NDArray[np.float64]
 
 GRID = 0.005  # s; a sine of 0.6 Hz is at most 5e-5 of its amplitude higher between two points
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm, mtm
-from dvrk_gravity.arms.travel import require_drivable
-
-Array = NDArray[np.float64]
+from dvrk_gravity.arms import Arm, mtm, require_drivable
+from dvrk_gravity.arrays import Array
 
 
 @dataclass(frozen=True)

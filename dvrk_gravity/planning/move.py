@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dvrk_gravity.arrays import Array
 
 # Greatest slope and curvature of the path 10 s^3 - 15 s^4 + 6 s^5.
 _SLOPE = 1.875

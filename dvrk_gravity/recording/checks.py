@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.recording.data import Array, Recording
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
 from dvrk_gravity.recording.frozen import frozen
 from dvrk_gravity.recording.grid import TimingSettings

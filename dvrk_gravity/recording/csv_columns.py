@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.recording.column_names import Quantity, recognised
 from dvrk_gravity.recording.notes import Note
-from dvrk_gravity.recording.samples import Array
 
 Columns = Mapping[str, str] | str | Path
 EXPECTED = "time, direction or <joint>.position/velocity/effort/direction"

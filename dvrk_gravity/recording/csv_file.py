@@ -16,10 +16,11 @@ from typing import TextIO
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.csv_columns import Columns, read_columns
 from dvrk_gravity.recording.csv_rows import RowReader
-from dvrk_gravity.recording.samples import CHUNK, QUANTITIES, Array, Coordinates, Samples, TimeBase
+from dvrk_gravity.recording.samples import CHUNK, QUANTITIES, Coordinates, Samples, TimeBase
 from dvrk_gravity.recording.table import Assembly
 
 

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.csv_columns import WAY_OUT, Header
 from dvrk_gravity.recording.csv_header import HeaderReader
 from dvrk_gravity.recording.notes import Note
-from dvrk_gravity.recording.samples import LARGEST, Array, TimeBase
+from dvrk_gravity.recording.samples import LARGEST, TimeBase
 from dvrk_gravity.recording.table import RowTable
 
 LATEST_TIME = 9e9  # s; beyond it ns since 1970 overflow 64 bits: certainly not seconds

@@ -10,9 +10,8 @@ from typing import get_args
 
 import numpy as np
 
-from dvrk_gravity.arguments import floats, path_of
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.held import STAYS
+from dvrk_gravity.arms import STAYS, Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ArgumentError, RecordingError, ShapeError
 from dvrk_gravity.recording import files
 from dvrk_gravity.recording.csv_columns import Columns
@@ -20,7 +19,6 @@ from dvrk_gravity.recording.samples import (
     CHUNK,
     LARGEST,
     QUANTITIES,
-    Array,
     Coordinates,
     Samples,
     Storage,
@@ -28,6 +26,7 @@ from dvrk_gravity.recording.samples import (
     join,
     not_recorded,
 )
+from dvrk_gravity.validation import floats, path_of
 
 
 def known_coordinates(given: Coordinates | None) -> Coordinates | None:

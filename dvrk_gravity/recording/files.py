@@ -8,25 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.files import text_file
+from dvrk_gravity.model import stated_weight
 from dvrk_gravity.recording.bag import SUFFIXES, is_bag
 from dvrk_gravity.recording.bag_writer import write_bag
 from dvrk_gravity.recording.csv_columns import Columns
 from dvrk_gravity.recording.csv_file import iterate_csv, write_csv
 from dvrk_gravity.recording.joint_states import iterate_bag
 from dvrk_gravity.recording.repair import repaired
-from dvrk_gravity.recording.samples import (
-    CHUNK,
-    Array,
-    Coordinates,
-    Samples,
-    Storage,
-    TimeBase,
-)
-from dvrk_gravity.stated import stated_weight
+from dvrk_gravity.recording.samples import CHUNK, Coordinates, Samples, Storage, TimeBase
+from dvrk_gravity.validation import path_of
 
 A_PATH = "the path of a .csv file or a rosbag2"
 CSV_SUFFIXES = (".csv", ".txt", ".tsv")

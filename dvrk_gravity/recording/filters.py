@@ -12,8 +12,8 @@ from functools import cache
 
 import numpy as np
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError, ShapeError
-from dvrk_gravity.recording.samples import Array
 
 ORDER = 2
 EDGE_LEVEL = 1e-3  # part of an end transient below which it does not count

@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from dvrk_gravity.recording.data import Array, Recording
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.grid import speed
 from dvrk_gravity.recording.quantization import quantum

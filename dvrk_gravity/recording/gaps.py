@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.recording.data import Array
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.filters import LowPass
 from dvrk_gravity.recording.grid import TimingSettings

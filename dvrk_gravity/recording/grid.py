@@ -8,16 +8,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording.filters import LowPass, derivative
 from dvrk_gravity.recording.quantization import quantum
 from dvrk_gravity.recording.sample_times import retimed
-from dvrk_gravity.recording.samples import (
-    QUANTITIES,
-    Array,
-    Samples,
-    SamplesT,
-    not_recorded,
-)
+from dvrk_gravity.recording.samples import QUANTITIES, Samples, SamplesT, not_recorded
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import BagReader
 from dvrk_gravity.recording.cdr import STAMP, CdrError, JointStateLayout
@@ -20,7 +21,6 @@ from dvrk_gravity.recording.notes import Note
 from dvrk_gravity.recording.samples import (
     CHUNK,
     QUANTITIES,
-    Array,
     Coordinates,
     Samples,
     TimeBase,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.recording.samples import Array
+from dvrk_gravity.arrays import Array
 
 QUANTUM_SAMPLES = 20_000  # looked at, at most: enough to see neighbouring steps
 

@@ -14,13 +14,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Mask
 from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.samples import join
 from dvrk_gravity.recording.stream import RecordingFile
 
 Prints = NDArray[np.uint64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

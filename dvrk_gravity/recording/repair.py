@@ -14,10 +14,11 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arms.description import FASTEST, UNTIMED_STEP
+from dvrk_gravity.arms import FASTEST, UNTIMED_STEP
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording.grid import stale
 from dvrk_gravity.recording.notes import Note, merged
-from dvrk_gravity.recording.samples import Array, Samples, join
+from dvrk_gravity.recording.samples import Samples, join
 from dvrk_gravity.recording.steps import StepSettings, largest, reachable
 
 TURN = 2.0 * np.pi

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording.filters import LowPass
 from dvrk_gravity.recording.quantization import quantum
-from dvrk_gravity.recording.samples import Array, SamplesT
+from dvrk_gravity.recording.samples import SamplesT
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Literal, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.shipped import larger_arm
+from dvrk_gravity.arms import Arm, larger_arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.data_warning import Kind
 from dvrk_gravity.recording.notes import Note, merged
@@ -18,7 +18,6 @@ from dvrk_gravity.recording.notes import Note, merged
 Coordinates = Literal["joint", "actuator"]
 TimeBase = Literal["stamp", "receive"]
 Storage = Literal["sqlite3", "mcap"]
-Array = NDArray[np.float64]
 
 QUANTITIES = ("position", "velocity", "effort")
 CHUNK = 4_000  # samples read at a time

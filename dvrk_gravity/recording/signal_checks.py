@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.recording.data import Array, Recording
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning, Kind
 from dvrk_gravity.recording.filters import LowPass
 from dvrk_gravity.recording.grid import speed, split_at_gaps, stale

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.description import FASTEST, UNTIMED_STEP
-from dvrk_gravity.recording.samples import Array, Samples
+from dvrk_gravity.arms import FASTEST, UNTIMED_STEP, Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.recording.samples import Samples
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity.arguments import path_of
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.recording import files
@@ -19,6 +18,7 @@ from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.files import A_PATH
 from dvrk_gravity.recording.pieces import blocks
 from dvrk_gravity.recording.samples import CHUNK, Coordinates, TimeBase, join
+from dvrk_gravity.validation import path_of
 
 HEAD = 10_000  # samples by which what is the same for all of a file is found out
 

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.notes import Note, merged
-from dvrk_gravity.recording.samples import LARGEST, Array, Coordinates, Samples
+from dvrk_gravity.recording.samples import LARGEST, Coordinates, Samples
 from dvrk_gravity.recording.timeline import HELD, increasing
-
-Mask = NDArray[np.bool_]
 
 # Times stand still where fewer than this part of more than so many rows have one of their own.
 # Chosen: between a clock of whole seconds at 100 Hz, and readings at 100 Hz published at 1 kHz.

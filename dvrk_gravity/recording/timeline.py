@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Mask
+
 # Samples in a row that may be out of order: 0.1 s at 1 kHz. Chosen: more is another recording
 # appended, or a clock that was set, and which part is right would have to be guessed.
 MOST = 100
 # Samples whose stamps are judged together with those that follow them.
 HELD = MOST + 1
-
-Mask = NDArray[np.bool_]
 
 
 def increasing(

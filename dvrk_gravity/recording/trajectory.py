@@ -12,9 +12,10 @@ from itertools import chain
 
 import numpy as np
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.checks import check_signals
-from dvrk_gravity.recording.data import Array, Coordinates, Recording
+from dvrk_gravity.recording.data import Coordinates, Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.filters import LowPass, derivative
 from dvrk_gravity.recording.frozen import FrozenSpan, clipped_efforts, frozen_efforts
@@ -22,7 +23,7 @@ from dvrk_gravity.recording.gaps import Gaps
 from dvrk_gravity.recording.grid import longest_bridged, resample, split_at_gaps, stale
 from dvrk_gravity.recording.notes import Note
 from dvrk_gravity.recording.pieces import Findings, Piece, blocks, with_margins
-from dvrk_gravity.recording.prepare import DEFAULT_CUTOFF, SHORTEST, derived_joints, low_pass
+from dvrk_gravity.recording.preparation import DEFAULT_CUTOFF, SHORTEST, derived_joints, low_pass
 from dvrk_gravity.recording.sample_times import RetimingSettings
 
 # The motion is filtered less than the torques: friction's sign and products of velocities put

@@ -6,29 +6,28 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis.findings import (
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis import (
     BETWEEN,
     FLOORS,
     KNOWN,
     Ambiguity,
+    Diagnosis,
     Estimate,
     Finding,
     Known,
     Picture,
+    size_of,
+    told,
 )
-from dvrk_gravity.diagnosis.result import Diagnosis
-from dvrk_gravity.diagnosis.words import rows as parameter_rows
-from dvrk_gravity.diagnosis.words import size_of, told
-from dvrk_gravity.diagnosis.words import title as effect_title
-from dvrk_gravity.identification.hand import contradiction
+from dvrk_gravity.diagnosis import rows as parameter_rows
+from dvrk_gravity.diagnosis import title as effect_title
+from dvrk_gravity.identification import contradiction
 from dvrk_gravity.report import html
 from dvrk_gravity.report.in_simulation import section
 from dvrk_gravity.report.units import effort_in_picture, effort_in_table
-
-Array = NDArray[np.float64]
 
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
@@ -51,7 +50,7 @@ _LEAST_IN_BIN = 3
 _LEAST_P = 0.001  # below, a figure of a p-value says nothing more
 
 
-def render(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
+def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
     """Return the report's HTML, complete in itself.
 
     Args:

@@ -7,11 +7,9 @@ from itertools import groupby
 
 import numpy as np
 
-from dvrk_gravity.diagnosis import Diagnosis
-from dvrk_gravity.diagnosis.findings import BETWEEN, ERROR, FLOORS, KNOWN, Finding
-from dvrk_gravity.diagnosis.words import size_of
-from dvrk_gravity.effects.unknown import Unknown
-from dvrk_gravity.identification.hand import contradiction
+from dvrk_gravity.diagnosis import BETWEEN, ERROR, FLOORS, KNOWN, Diagnosis, Finding, size_of
+from dvrk_gravity.effects import Unknown
+from dvrk_gravity.identification import contradiction
 from dvrk_gravity.report import in_simulation
 from dvrk_gravity.report.terminal import laid_out, warning_lines
 from dvrk_gravity.report.units import effort_in_table

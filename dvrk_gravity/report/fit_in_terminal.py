@@ -5,10 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.identification.evaluation import Evaluation
-from dvrk_gravity.identification.hand import contradiction
-from dvrk_gravity.identification.result import Fit, JointError, JointVerdict, in_short
-from dvrk_gravity.identification.verdict import GOOD, POOR, VerdictSettings, by_errors, compared
+from dvrk_gravity.identification import (
+    GOOD,
+    POOR,
+    Evaluation,
+    Fit,
+    JointError,
+    JointVerdict,
+    VerdictSettings,
+    by_errors,
+    compared,
+    contradiction,
+    in_short,
+)
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.report.terminal import laid_out, warning_lines
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from dvrk_gravity.arms import Joint
-from dvrk_gravity.identification.result import Trace
-from dvrk_gravity.recording.data import Array
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.identification import Trace
 from dvrk_gravity.report.html import data_url, png
 from dvrk_gravity.report.units import effort_in_picture
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dvrk_gravity.identification.hand import contradiction
-from dvrk_gravity.identification.result import Fit
-from dvrk_gravity.identification.verdict import VerdictSettings
+from dvrk_gravity.identification import Fit, VerdictSettings, contradiction
 from dvrk_gravity.model import VERDICTS
 from dvrk_gravity.report.fit_pictures import residual_picture, torque_picture
 from dvrk_gravity.report.units import effort_in_table
@@ -84,7 +82,7 @@ determined by these data alone.</p>
 """
 
 
-def render(fit: Fit, sources: str) -> str:
+def identification_page(fit: Fit, sources: str) -> str:
     """Return the report's HTML, complete in itself; every text in it is escaped.
 
     Args:

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis.in_simulation import DURATION, WINDOW, Drift, InSimulation
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis import DURATION, WINDOW, Drift, InSimulation
 from dvrk_gravity.report.html import data_url, png, table
 from dvrk_gravity.report.units import milli_position, shown_position
-
-Array = NDArray[np.float64]
 
 _BEFORE, _AFTER = "#bb3322", "#2266aa"
 _LEAST_DRIFT = 0.5  # deg (or 0.9 mm), of a joint that is drawn

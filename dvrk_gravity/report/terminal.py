@@ -7,9 +7,8 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
-from dvrk_gravity.identification.hand import contradiction
-from dvrk_gravity.recording import DataWarning, brief
-from dvrk_gravity.recording.data_warning import Kind
+from dvrk_gravity.identification import contradiction
+from dvrk_gravity.recording import DataWarning, Kind, brief
 
 MOST_WARNINGS = 3
 """Lines of warnings without ``--verbose``. Chosen: what is left of a screen beside a table."""

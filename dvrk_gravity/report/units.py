@@ -6,12 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.description import Joint, thousandth
-
-Array = NDArray[np.float64]
+from dvrk_gravity.arms import Arm, Joint, thousandth
+from dvrk_gravity.arrays import Array
 
 _MOST = 1.0  # N·m or N, from which a table or a picture is not in thousandths
 

@@ -1,1 +1,5 @@
 """Thin rclpy nodes over a library that knows no ROS."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

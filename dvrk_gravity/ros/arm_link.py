@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate.sample import Sample, SampleReader
+from dvrk_gravity.compensate import Sample, SampleReader
 from dvrk_gravity.ros import operating_state
 from dvrk_gravity.ros.command_topic import CommandTopic
 from dvrk_gravity.ros.hold import Hold

@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-from dvrk_gravity.processes import PRIVATE, ProcessError
+from dvrk_gravity.ros.processes import PRIVATE, ProcessError
 
 _LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

@@ -14,13 +14,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool
 
-from dvrk_gravity.compensate.sample import DroppedSampleError
-from dvrk_gravity.compensate.settings import Settings
-from dvrk_gravity.compensate.statistics import Statistics
-from dvrk_gravity.compensate.supervisor import Status, Supervisor
+from dvrk_gravity.compensate import DroppedSampleError, Settings, Statistics, Status, Supervisor
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.model import all_parameters
-from dvrk_gravity.node_parameters import node_parameters
+from dvrk_gravity.parameters import node_parameters
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.arm_link import MEASURED, ArmLink
 from dvrk_gravity.ros.command_topic import PARAMETERS, CommandTopic

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 from rclpy.node import Node
 
-from dvrk_gravity.compensate.supervisor import Status, Supervisor
+from dvrk_gravity.compensate import Status, Supervisor
 
 
 class Diagnostics:

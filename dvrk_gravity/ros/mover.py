@@ -8,24 +8,27 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.compensate.following import Following, MotionError
-from dvrk_gravity.compensate.input_gate import InputGate
-from dvrk_gravity.compensate.sample import DroppedSampleError
-from dvrk_gravity.compensate.start import StartRefusedError, require_within
-from dvrk_gravity.processes import ProcessError
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.compensate import (
+    DroppedSampleError,
+    Following,
+    InputGate,
+    MotionError,
+    StartRefusedError,
+    require_within,
+)
 from dvrk_gravity.ros.arm_link import MEASURED, ArmLink
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.command_topic import CommandTopic
 from dvrk_gravity.ros.ending import asked_to_end
+from dvrk_gravity.ros.processes import ProcessError
 
 __all__ = ["MotionError", "Mover"]
 
-Array = NDArray[np.float64]
 Path = Callable[[float], tuple[Array, Array]]
 
 TIMEOUT = 0.1

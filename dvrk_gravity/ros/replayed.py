@@ -11,8 +11,8 @@ from dvrk_gravity import command_line
 NAME = "replayed"
 EXAMPLE = "python -m dvrk_gravity replay my_bag --model config/mtmr_28002.yaml (which starts this)"
 
-MEASURED = "replay/measured_js"
-COMMANDS = "replay/servo_jf"
+REPLAYED_MEASURED = "replay/measured_js"
+REPLAYED_COMMANDS = "replay/servo_jf"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,9 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit status."""
     # Here and not above: rclpy and Pinocchio are slow to load and --help needs neither.
-    from dvrk_gravity.compensate.settings import Settings
-    from dvrk_gravity.compensate.supervisor import Supervisor
-    from dvrk_gravity.compensate.unsupervised import Unsupervised
+    from dvrk_gravity.compensate import Settings, Supervisor, Unsupervised
     from dvrk_gravity.errors import ConfigError
     from dvrk_gravity.ros import runtime
     from dvrk_gravity.ros.command_topic import CommandTopic
@@ -38,20 +36,20 @@ def run(arguments: argparse.Namespace) -> int:
             return Unsupervised(settings)
 
         def _command_topic(self) -> CommandTopic:
-            return CommandTopic(COMMANDS, as_array=False)
+            return CommandTopic(REPLAYED_COMMANDS, as_array=False)
 
         def _connect(self) -> None:
             super()._connect()
             for topic, wanted in (
-                (self._arm.topic, COMMANDS),
-                (self.resolve_topic_name(MEASURED), MEASURED),
+                (self._arm.topic, REPLAYED_COMMANDS),
+                (self.resolve_topic_name(REPLAYED_MEASURED), REPLAYED_MEASURED),
             ):
                 if not topic.endswith(f"/{wanted}"):
                     raise ConfigError("remapping", topic, f"…/{wanted}, which no arm has")
 
         def _on_listen(self) -> None:
             if self.prompt is None:
-                self._subscribe(MEASURED)
+                self._subscribe(REPLAYED_MEASURED)
 
     return runtime.spin(Replayed, arguments.ros_args)
 

@@ -20,13 +20,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from dvrk_gravity.arguments import refuse_json
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
-from dvrk_gravity.named_arm import arm_beside
-from dvrk_gravity.parameter import Parameter
+from dvrk_gravity.model import arm_beside
+from dvrk_gravity.parameters import Parameter
 from dvrk_gravity.ros.ending import asked_to_end
 from dvrk_gravity.ros.executor import PromptExecutor, PromptNode, kept_awake
+from dvrk_gravity.validation import refuse_json
 
 STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 """Timers run on it: a simulated or stepped clock must not stop a watch on the input."""

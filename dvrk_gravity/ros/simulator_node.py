@@ -18,9 +18,8 @@ from std_msgs.msg import Bool, Empty
 
 from dvrk_gravity.arms import Arm, mtm
 from dvrk_gravity.errors import ConfigError, DvrkGravityError
-from dvrk_gravity.model import BY_EFFECTS, all_parameters
-from dvrk_gravity.named_arm import ARM_PARAMETER, arm_of
-from dvrk_gravity.parameter import Parameter, check_all
+from dvrk_gravity.model import ARM_PARAMETER, BY_EFFECTS, all_parameters, arm_of
+from dvrk_gravity.parameters import Parameter, check_all
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.command_topic import PARAMETERS, CommandTopic
 from dvrk_gravity.simulate import PlantFile, SimulatedArm

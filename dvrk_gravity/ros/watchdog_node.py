@@ -7,9 +7,8 @@ import time
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Empty, Float64, String
 
-from dvrk_gravity.model import BY_EFFECTS, all_parameters
-from dvrk_gravity.named_arm import arm_of
-from dvrk_gravity.parameter import check_all
+from dvrk_gravity.model import BY_EFFECTS, all_parameters, arm_of
+from dvrk_gravity.parameters import check_all
 from dvrk_gravity.ros import runtime
 from dvrk_gravity.ros.command_topic import PARAMETERS, CommandTopic
 from dvrk_gravity.ros.executor import PromptNode

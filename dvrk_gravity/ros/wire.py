@@ -12,15 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from dvrk_gravity.compensate.sample import DroppedSampleError
-from dvrk_gravity.recording.cdr import ENCAPSULATION, STAMP, CdrError, JointStateLayout
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.compensate import DroppedSampleError
+from dvrk_gravity.recording import ENCAPSULATION, STAMP, CdrError, JointStateLayout
 from dvrk_gravity.ros.command_topic import EFFORT
 
-Array = NDArray[np.float64]
 Stamp = tuple[int, int]
 """Seconds and nanoseconds."""
 

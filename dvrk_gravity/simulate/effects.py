@@ -6,12 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import PlantPart
-
-Array = NDArray[np.float64]
 
 # Friction acts downwards on what moves up, upwards on what moves down.
 _SIGNS = np.array([[-1.0], [1.0]])

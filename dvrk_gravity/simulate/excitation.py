@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.planning.multisine import Multisine, used_range
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.planning import Multisine, used_range
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate.run import simulate
 from dvrk_gravity.simulate.simulated_arm import Measurement, SimulatedArm
-
-Array = NDArray[np.float64]
 
 _CREEP = 0.1  # of the speed of approach
 _TOGETHER = 1000  # steps whose set points are evaluated at a time

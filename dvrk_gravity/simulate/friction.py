@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
-Array = NDArray[np.float64]
+from dvrk_gravity.arrays import Array
 
 _BLOCK_STEPS = 8
 _SINGLE_STEPS = 400

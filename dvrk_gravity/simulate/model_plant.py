@@ -11,20 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import link_frames
-from dvrk_gravity.effects import LinkInertia, RotorInertia, State
-from dvrk_gravity.effects.base.link_prior import prior_scale
-from dvrk_gravity.effects.base.supposed import supposed_rotors
+from dvrk_gravity.arms import Arm, link_frames
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import LinkInertia, RotorInertia, State, prior_scale, supposed_rotors
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.identification.physical import certificate, nearest_bodies
+from dvrk_gravity.identification import certificate, nearest_bodies
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.plant_file import PlantFile
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dvrk_gravity.arms.tree import build_tree
+from dvrk_gravity.arms import build_tree
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import PlantPart
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate.effects import Effects
 from dvrk_gravity.simulate.friction import FrictionSolver
-
-Array = NDArray[np.float64]
 
 # Impulse that a stop can give, N·m·s or N·s: more than any motion of the arm can ask for.
 _STOP = 1e6

@@ -10,24 +10,18 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from dvrk_gravity.arguments import is_urdf
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.range import LARGEST
-from dvrk_gravity.arms.shipped import PLANTS, plausible_plant
-from dvrk_gravity.effects import terms
-from dvrk_gravity.effects.base.supposed import supposed_inertias, supposed_rotors
+from dvrk_gravity.arms import LARGEST, PLANTS, Arm, plausible_plant
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import supposed_inertias, supposed_rotors, terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.files.resources import config_path, shipped
-from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.named_arm import arm_beside
-from dvrk_gravity.parameter import flatten
+from dvrk_gravity.model import TorqueModel, arm_beside
+from dvrk_gravity.parameters import flatten
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import Sensors
-
-Array = NDArray[np.float64]
+from dvrk_gravity.validation import is_urdf
 
 _SECTIONS = ("parameters", "links", "rotor_inertia", "sensors")
 _STEPS = ("position_step", "velocity_noise", "effort_step", "effort_noise")

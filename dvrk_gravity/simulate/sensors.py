@@ -7,11 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-
-Array = NDArray[np.float64]
+from dvrk_gravity.arrays import Array
 
 # Readings for which random numbers are drawn at a time: one call costs as much as many numbers.
 _DRAWN = 256

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
-Array = NDArray[np.float64]
+from dvrk_gravity.arrays import Array
 
 # Four equal lags: positions that come as steps, 1 rad/s at 100 Hz, leave the servo accelerations of
 # 0.02 rad/s^2 at that frequency, a hundredth of an exciting motion's; two lags leave 10 rad/s^2.

@@ -6,15 +6,14 @@ import enum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError, ShapeError
 from dvrk_gravity.planning import Move, careful
 from dvrk_gravity.simulate.plant import Plant
 from dvrk_gravity.simulate.sensors import SensorReader, Sensors
 from dvrk_gravity.simulate.set_point import SetPointFilter
-
-Array = NDArray[np.float64]
 
 # The servo's closed loop is critically damped with this natural frequency, rad/s.
 _SERVO_FREQUENCY = 100.0

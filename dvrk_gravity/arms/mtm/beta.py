@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.description import GRAVITY, Array, Description
+from dvrk_gravity.arms.description import GRAVITY, Description
 from dvrk_gravity.arms.tree import Tree, build_tree
+from dvrk_gravity.arrays import Array
 
 
 def beta_tree(arm: Description, beta: Array, gravity: Array) -> Tree:

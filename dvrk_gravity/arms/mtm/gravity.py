@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dvrk_gravity.arms.description import GRAVITY, Array
+from dvrk_gravity.arms.description import GRAVITY
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError, ShapeError
 
 if TYPE_CHECKING:

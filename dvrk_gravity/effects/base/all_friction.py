@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.arrays import Array
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, or_extended
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Estimate

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.parameter import Parameter, Value
-
-Array = NDArray[np.float64]
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.parameters import Parameter, Value
 
 
 def diagonal_columns(values: Array) -> Array:

@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.base.arrays import Array, as_value
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Value
+from dvrk_gravity.parameters import Value
 
 
 def numbers(values: Mapping[str, Value], name: str) -> tuple[float, ...]:

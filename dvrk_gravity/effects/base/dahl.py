@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.base.arrays import Array
+from dvrk_gravity.arrays import Array
 
 
 def dahl(position: Array, displacement: float, first: float) -> Array:

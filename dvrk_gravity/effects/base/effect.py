@@ -12,15 +12,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.evidence import Filtered, Motion, Residual
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning
 from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.errors import EffectError
 
-Array = NDArray[np.float64]
 Setting = Mapping[str, float]
 Values = Mapping[str, Any]
 
@@ -218,7 +217,7 @@ class Hypothesis(ABC):
         have the same.
 
         Args:
-            model: A :class:`dvrk_gravity.model.TorqueModel`.
+            model: A :class:`dvrk_gravity.model.torque_model.TorqueModel`.
             theta: Parameters.
         """
         del model, theta

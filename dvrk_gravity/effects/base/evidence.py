@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-
-Array = NDArray[np.float64]
+from dvrk_gravity.arrays import Array
 
 
 class Motion(Protocol):
@@ -18,7 +17,7 @@ class Motion(Protocol):
 
     @property
     def model(self) -> Any:
-        """The model on trial, a :class:`dvrk_gravity.model.TorqueModel`."""
+        """The model on trial, a :class:`dvrk_gravity.model.torque_model.TorqueModel`."""
 
     @property
     def arm(self) -> Arm:

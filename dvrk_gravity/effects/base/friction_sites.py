@@ -6,14 +6,12 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.unknowns import ColumnTable, ModelChange
-
-Array = NDArray[np.float64]
 
 
 def friction_sites(motion: Motion) -> Iterator[site.Site]:

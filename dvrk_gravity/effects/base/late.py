@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.evidence import Motion
-
-Array = NDArray[np.float64]
 
 _WHILE = 0.0625  # s; chosen: over twice that, half of 3.5 Hz is left, and nothing of 8
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body
-
-Array = NDArray[np.float64]
 
 _RANK = 1e-9  # of a norm, that rounding leaves of what others make up
 _MASS = 1.0  # kg, of a link of which nothing is known

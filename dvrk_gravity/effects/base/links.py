@@ -7,14 +7,11 @@ from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.description import GRAVITY
+from dvrk_gravity.arms import GRAVITY, Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.link_prior import samples
-
-Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 PER_LINK = 10

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from dvrk_gravity.quantity import interval, quantity
+from dvrk_gravity.units import interval, quantity
 
 _TURN = 2.0 * math.pi  # an interval as wide says nothing of an angle
 # Part of half an interval by which its middle may miss the value, and it is still told as ±: less

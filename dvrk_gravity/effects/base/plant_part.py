@@ -8,11 +8,9 @@ from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms.tree import Tree
-
-Array = NDArray[np.float64]
+from dvrk_gravity.arms import Tree
+from dvrk_gravity.arrays import Array
 
 SLOWEST = 1e-6
 """rad/s, below which :func:`secant_damping` lets go: 3 milliradians in an hour."""

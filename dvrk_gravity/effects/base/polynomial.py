@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.base.arrays import Array, as_array, as_value, joint_arrays
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects.base.arrays import as_array, as_value, joint_arrays
 from dvrk_gravity.effects.base.by_joint import numbers
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 MAX_DEGREE = 12
 _FAR = 1e6  # rad, beyond every joint

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.base.arrays import Array
+from dvrk_gravity.arrays import Array
 
 PER_LINK = 10
 OF_WEIGHT = 4  # of these, what weight knows of: m, m c (3)

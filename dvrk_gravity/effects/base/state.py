@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvrk_gravity.arguments import floats
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ShapeError
-
-Array = NDArray[np.float64]
+from dvrk_gravity.validation import floats
 
 
 @dataclass(frozen=True, eq=False)

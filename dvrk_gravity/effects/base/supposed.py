@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from dvrk_gravity.arms import Arm
-from dvrk_gravity.arms.tree import nominal_inertias
+from dvrk_gravity.arms import Arm, nominal_inertias
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.link_prior import link_sizes
 from dvrk_gravity.effects.base.site import Kind
 from dvrk_gravity.effects.base.unknowns import unit_way
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

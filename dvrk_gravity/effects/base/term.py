@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects.base.arrays import Array
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect
 from dvrk_gravity.effects.base.plant_part import PlantPart, secant_damping
 from dvrk_gravity.effects.base.polynomial import Range
@@ -18,7 +18,7 @@ from dvrk_gravity.effects.base.site import THE_ARM, Kind
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.unknowns import Column, ColumnTable, ModelChange, site_columns
 from dvrk_gravity.errors import EffectError
-from dvrk_gravity.parameter import Parameter, Value
+from dvrk_gravity.parameters import Parameter, Value
 
 Evaluator = Callable[[Array, "Array | None"], Array]
 """Torque (n,) of one sample from positions (n,) and velocities (n,), ``None`` where unknown."""

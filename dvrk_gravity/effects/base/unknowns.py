@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.errors import EffectError
-
-Array = NDArray[np.float64]
 
 PART = 0.2
 """What one effect may plausibly take of a motor's largest torque, as a standard deviation."""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import pinocchio as pin
 
-from dvrk_gravity.arms.description import GRAVITY
-from dvrk_gravity.arms.tree import Tree
-from dvrk_gravity.effects.base.arrays import Array
+from dvrk_gravity.arms import GRAVITY, Tree
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.term import Evaluator
-from dvrk_gravity.parameter import Parameter
+from dvrk_gravity.parameters import Parameter
 
 
 def weight_evaluator(tree: Tree) -> Evaluator:

@@ -10,7 +10,7 @@ import matplotlib
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.report.units import shown_position
+from dvrk_gravity.report import shown_position
 from dvrk_gravity.ros.demo.scenario import Kill, Phase
 
 matplotlib.use("Agg")

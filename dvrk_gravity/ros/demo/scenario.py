@@ -11,18 +11,17 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty
 
-from dvrk_gravity.processes import NodeProcess, ProcessError
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording import BagWriter
 from dvrk_gravity.ros.client import Client
 from dvrk_gravity.ros.command_topic import CommandTopic
 from dvrk_gravity.ros.demo.stage import Stage
+from dvrk_gravity.ros.processes import NodeProcess, ProcessError
 
-Array = NDArray[np.float64]
 Result = TypeVar("Result")
 
 

@@ -6,18 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm, mtm
-from dvrk_gravity.compensate.start import StartSettings
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.compensate import StartSettings
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files.resources import config_path, shipped
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.processes import PRIVATE
 from dvrk_gravity.ros.namespace import namespace_of
+from dvrk_gravity.ros.processes import PRIVATE
 from dvrk_gravity.simulate import Plant, PlantFile
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import LinkInertia, LinkWeight, State, Term
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import LinkInertia, LinkWeight, State, Term, base_directions
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.link_prior import base_directions
-from dvrk_gravity.uncertainty import ModelUncertainty, coefficients_of
-
-Array = NDArray[np.float64]
+from dvrk_gravity.model.uncertainty import ModelUncertainty, coefficients_of
 
 
 @dataclass(frozen=True)

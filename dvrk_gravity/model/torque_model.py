@@ -9,28 +9,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dvrk_gravity.arguments import is_urdf, path_of, refuse_json
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import State, Term, terms
-from dvrk_gravity.effects.base.arrays import as_array
-from dvrk_gravity.effects.base.registry import ENTRY_POINTS
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import ENTRY_POINTS, State, Term, as_array, terms
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError
 from dvrk_gravity.files import json_file, outputs, text_file, yaml_file
-from dvrk_gravity.named_arm import (
+from dvrk_gravity.model.named_arm import (
     arm_beside,
     arm_of,
     arm_parameters,
     seen_from,
     values_of,
 )
-from dvrk_gravity.node_parameters import node_parameters
-from dvrk_gravity.parameter import Parameter, Value, check_all, flatten, unflatten
-from dvrk_gravity.stated import stated_uncertainty
-from dvrk_gravity.uncertainty import SUFFIX, ModelUncertainty
-
-Array = NDArray[np.float64]
+from dvrk_gravity.model.stated import stated_uncertainty
+from dvrk_gravity.model.uncertainty import SUFFIX, ModelUncertainty
+from dvrk_gravity.parameters import Parameter, Value, check_all, flatten, node_parameters, unflatten
+from dvrk_gravity.validation import is_urdf, path_of, refuse_json
 
 LARGEST_TORQUE = 1e12  # N·m; no arm's, and sums of squares stay finite
 # What a console file holds beyond the model, so that converting it back loses nothing.

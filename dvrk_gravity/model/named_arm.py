@@ -14,16 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.arguments import is_urdf, split_link
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import as_array, as_value
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.arrays import as_array, as_value
 from dvrk_gravity.errors import ConfigError
-from dvrk_gravity.parameter import Parameter, Value, check_all
-
-Array = NDArray[np.float64]
+from dvrk_gravity.parameters import Parameter, Value, check_all
+from dvrk_gravity.validation import is_urdf, split_link
 
 ARM_PARAMETER = Parameter(
     "arm",

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.arms import GRAVITY, Arm
-from dvrk_gravity.arms.mtm import JOINT_NAMES, N_JOINTS
+from dvrk_gravity.arms import GRAVITY, JOINT_NAMES, N_JOINTS, Arm
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.console.file import (
     ARMS,
     BLEND_FIELDS,
@@ -20,12 +20,10 @@ from dvrk_gravity.console.file import (
     N_POWERS,
     RANGE_FIELDS,
     SECTION,
-    Array,
     ConsoleFile,
     safe_limits,
 )
-from dvrk_gravity.effects import DirectionalCable, ElasticCable, Gravity
-from dvrk_gravity.effects.base.polynomial import Range, evaluate
+from dvrk_gravity.effects import DirectionalCable, ElasticCable, Gravity, Range, evaluate
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file
 from dvrk_gravity.model import TorqueModel

@@ -19,19 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import State
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import State, last_link
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.links import last_link
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.estimation.same_motion import Track, same_motion
-from dvrk_gravity.estimation.scales import Scales, solve_scales
+from dvrk_gravity.estimation import Scales, Track, same_motion, solve_scales
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design, build_design
 from dvrk_gravity.identification.motion import CalibrationMotion, read_motions
 from dvrk_gravity.identification.moves import starts
 from dvrk_gravity.identification.rigid_columns import RIGID
-from dvrk_gravity.recording import Recording, RecordingFile
-from dvrk_gravity.recording.data import Array, Coordinates
+from dvrk_gravity.recording import Coordinates, Recording, RecordingFile
 
 _FARTHEST = 5.0  # m, from a link's frame, of what somebody fastens to it
 

@@ -12,14 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arms.description import ANY_UNIT
+from dvrk_gravity.arms import ANY_UNIT
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.effects.base.meaning import Estimate
-from dvrk_gravity.effects.torque_scale import TorqueScale
-from dvrk_gravity.effects.wrong_coordinates import Reading
-from dvrk_gravity.estimation.covariance import NORMAL_95
-
-Array = NDArray[np.float64]
+from dvrk_gravity.effects import Estimate, Reading, TorqueScale
+from dvrk_gravity.estimation import NORMAL_95
 
 
 @dataclass(frozen=True)

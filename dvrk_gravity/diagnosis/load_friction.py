@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvrk_gravity.calibration_samples import CalibrationSamples
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.effects import State
-from dvrk_gravity.model import TorqueModel
-
-Array = NDArray[np.float64]
+from dvrk_gravity.model import CalibrationSamples, TorqueModel
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.acceleration import known_acceleration
 from dvrk_gravity.recording.checks import check
-from dvrk_gravity.recording.data import Array, Recording
+from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.data_warning import DataWarning
 from dvrk_gravity.recording.filters import ORDER, LowPass, derivative
 from dvrk_gravity.recording.gaps import Gaps

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.estimation import Array
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.estimation.repetition import RepetitionSettings, find_common_time
 
 

@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 
 from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects import base_directions, samples, weight_directions
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.link_prior import base_directions, samples, weight_directions
-from dvrk_gravity.recording.data import Array
 
 SHOWN = 3  # parameters named in one combination
 _INERTIAL = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")

@@ -7,33 +7,28 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.filtered_data import BAND
 from dvrk_gravity.diagnosis.findings import Finding
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.stretch import motions, noise_density
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification.beyond import held_beyond
-from dvrk_gravity.identification.hand import beyond_limits
-from dvrk_gravity.identification.motion import (
-    require_all,
-    require_measured,
-)
+from dvrk_gravity.identification import beyond_limits, held_beyond, require_all, require_measured
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     DataWarning,
+    Excerpt,
     Prepared,
     Recording,
     RecordingFile,
+    about,
+    counted_once,
     excerpt,
+    held_if_short,
+    labels,
     prepare,
 )
-from dvrk_gravity.recording.data_warning import about, labels
-from dvrk_gravity.recording.excerpt import Excerpt, held_if_short
-from dvrk_gravity.recording.read_before import counted_once
-
-Array = NDArray[np.float64]
 
 _BETWEEN = 1.0  # s, between recordings whose clocks began anew. Chosen: they were apart
 UNREAD = "efforts that are no readings (see the warnings) left out, of their joints alone"

@@ -11,7 +11,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate, Score
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.held_out import HeldOut
-from dvrk_gravity.diagnosis.load import Loaded
+from dvrk_gravity.diagnosis.loading import Loaded
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.other_findings import as_read_before, reading_gain
 from dvrk_gravity.diagnosis.pool import prepared
@@ -25,7 +25,7 @@ from dvrk_gravity.diagnosis.readings import (
 )
 from dvrk_gravity.diagnosis.selection import Selection
 from dvrk_gravity.diagnosis.unstated import unstated
-from dvrk_gravity.estimation.evidence import bonferroni, likelihood_ratio
+from dvrk_gravity.estimation import bonferroni, likelihood_ratio
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.arms.description import Joint
-from dvrk_gravity.calibration_samples import CalibrationSamples
+from dvrk_gravity.arms import Joint
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import LinearTerm, State, Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import array_file
-
-Array = NDArray[np.float64]
+from dvrk_gravity.model.calibration_samples import CalibrationSamples
 
 SUFFIX = ".uncertainty.npz"
 _SAME = 1e-6  # relative, by which a number that went through a text file may differ

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from dvrk_gravity.effects.base_tilt import LEANS
+from dvrk_gravity.effects import LEANS
 from dvrk_gravity.identification.nominal_torque import NominalTorque
 
 # Where gravity points on floors, walls, ceilings, and half-way between two or three of them.

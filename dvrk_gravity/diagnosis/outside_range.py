@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.effects.base.effect import Hypothesis
-from dvrk_gravity.effects.base.site import Kind
-
-Array = NDArray[np.float64]
+from dvrk_gravity.effects import Hypothesis, Kind
 
 REMEDY = "identify from a recording that goes there, too, and diagnose again"
 

@@ -13,15 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvrk_gravity.compensate.settings import Settings
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.compensate import Settings
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.simulate import SimulatedArm, simulate
-from dvrk_gravity.simulate.model_plant import ModelArm
-from dvrk_gravity.simulate.plant import Plant
-
-Array = NDArray[np.float64]
+from dvrk_gravity.simulate import ModelArm, Plant, SimulatedArm, simulate
 
 WINDOW = 0.1  # s: what is predicted open loop diverges soon
 STEP = 1e-3  # s

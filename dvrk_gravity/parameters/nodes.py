@@ -10,9 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
-from dvrk_gravity.arms import Arm, mtm
-from dvrk_gravity.arms.range import LARGEST
-from dvrk_gravity.parameter import Parameter
+from dvrk_gravity.arms import LARGEST, Arm, mtm
+from dvrk_gravity.parameters.parameter import Parameter
 
 
 @dataclass(frozen=True)

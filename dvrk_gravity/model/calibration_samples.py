@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dvrk_gravity.arrays import Array
 
 _BY_JOINT = ("q", "qd", "qdd", "effort")
 

@@ -1,0 +1,15 @@
+from .answer import Use as Use
+from .check import Checked as Checked
+from .check import check_file as check_file
+from .conversion import Conversion as Conversion
+from .conversion import convert_model as convert_model
+from .exported import FormError as FormError
+from .exported import export as export
+from .file import ARMS as ARMS
+from .file import FILE_NAME as FILE_NAME
+from .file import N_GRAVITY as N_GRAVITY
+from .file import N_POLYNOMIALS as N_POLYNOMIALS
+from .file import N_POWERS as N_POWERS
+from .file import ConsoleFile as ConsoleFile
+from .finding import ConsoleFinding as ConsoleFinding
+from .finding import Severity as Severity

@@ -1,0 +1,11 @@
+from .dynamics import JointLoads as JointLoads
+from .dynamics import inverse_dynamics as inverse_dynamics
+from .dynamics import pinocchio_model as pinocchio_model
+from .mechanism import JointType as JointType
+from .mechanism import Link as Link
+from .mechanism import LinkJoint as LinkJoint
+from .mechanism import Mechanism as Mechanism
+from .mechanism import rotation_matrix as rotation_matrix
+from .reader import JointMotion as JointMotion
+from .reader import parse as parse
+from .reader import read as read

@@ -1,0 +1,9 @@
+from .exciting import coverage as coverage
+from .exciting import covering_motion as covering_motion
+from .exciting import exciting_motion as exciting_motion
+from .limits import MotionLimits as MotionLimits
+from .limits import PairLimit as PairLimit
+from .limits import careful as careful
+from .move import Move as Move
+from .multisine import Multisine as Multisine
+from .multisine import used_range as used_range

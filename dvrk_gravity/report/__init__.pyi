@@ -1,0 +1,16 @@
+from .diagnosis import diagnosis_page as diagnosis_page
+from .diagnosis import png as png
+from .diagnosis_in_terminal import diagnosis_text as diagnosis_text
+from .fit_in_terminal import error_table as error_table
+from .fit_in_terminal import evaluation_text as evaluation_text
+from .fit_in_terminal import fit_text as fit_text
+from .fit_pictures import torque_picture as torque_picture
+from .identification import identification_page as identification_page
+from .terminal import MOST_WARNINGS as MOST_WARNINGS
+from .terminal import columns as columns
+from .terminal import laid_out as laid_out
+from .terminal import warning_lines as warning_lines
+from .units import effort_in_table as effort_in_table
+from .units import milli_effort as milli_effort
+from .units import milli_position as milli_position
+from .units import shown_position as shown_position

@@ -1,0 +1,14 @@
+from .excitation import record_motion as record_motion
+from .excitation import record_poses as record_poses
+from .friction import FrictionSolver as FrictionSolver
+from .model_plant import ModelArm as ModelArm
+from .plant import Plant as Plant
+from .plant_file import PlantFile as PlantFile
+from .run import simulate as simulate
+from .sensors import Sensors as Sensors
+from .set_point import LAGS as LAGS
+from .set_point import TIME_CONSTANT as TIME_CONSTANT
+from .set_point import SetPointFilter as SetPointFilter
+from .simulated_arm import Measurement as Measurement
+from .simulated_arm import Mode as Mode
+from .simulated_arm import SimulatedArm as SimulatedArm
