@@ -1,3 +1,12 @@
+from .calibration_samples import CalibrationSamples as CalibrationSamples
+from .calibration_samples import KeptSettings as KeptSettings
+from .named_arm import ARM_PARAMETER as ARM_PARAMETER
+from .named_arm import arm_beside as arm_beside
+from .named_arm import arm_of as arm_of
+from .named_arm import arm_parameters as arm_parameters
+from .named_arm import parts as parts
+from .stated import WEIGHT as WEIGHT
+from .stated import stated_weight as stated_weight
 from .torque_model import BY_EFFECTS as BY_EFFECTS
 from .torque_model import CONSOLE_PARAMETER as CONSOLE_PARAMETER
 from .torque_model import NO_VERDICT as NO_VERDICT
@@ -9,14 +18,5 @@ from .torque_model import TorqueModel as TorqueModel
 from .torque_model import all_parameters as all_parameters
 from .torque_model import model_parameters as model_parameters
 from .torque_model import uncertainty_file as uncertainty_file
-from .calibration_samples import CalibrationSamples as CalibrationSamples
-from .calibration_samples import KeptSettings as KeptSettings
-from .named_arm import ARM_PARAMETER as ARM_PARAMETER
-from .named_arm import arm_beside as arm_beside
-from .named_arm import arm_of as arm_of
-from .named_arm import arm_parameters as arm_parameters
-from .named_arm import parts as parts
-from .stated import WEIGHT as WEIGHT
-from .stated import stated_weight as stated_weight
 from .uncertainty import ModelUncertainty as ModelUncertainty
 from .uncertainty import coefficients_of as coefficients_of
