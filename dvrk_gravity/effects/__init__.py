@@ -8,7 +8,6 @@ believed less readily than those of the package.
 
 from __future__ import annotations
 
-from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import as_array, as_value, diagonal_columns, joint_array
 from dvrk_gravity.effects.base.by_joint import write_rows
 from dvrk_gravity.effects.base.effect import (
