@@ -13,7 +13,7 @@ from test_arms_dynamics import UR5
 
 from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS, Arm
 from dvrk_gravity.diagnosis import diagnose, in_simulation, let_go, load
-from dvrk_gravity.diagnosis import simulation_check as comparison
+from dvrk_gravity.diagnosis.results import simulation_check as comparison
 from dvrk_gravity.effects import Gravity, LinkInertia, State
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.planning import Multisine

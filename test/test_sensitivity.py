@@ -14,7 +14,7 @@ import dvrk_gravity.diagnosis
 import dvrk_gravity.estimation
 import dvrk_gravity.identification
 import dvrk_gravity.recording
-from dvrk_gravity.diagnosis import readings
+from dvrk_gravity.diagnosis.inference import readings
 
 ROOMS = (
     dvrk_gravity.diagnosis, dvrk_gravity.estimation, dvrk_gravity.identification,
@@ -37,7 +37,7 @@ def declared() -> set[type]:
     """Every settings class of the rooms where something is estimated or checked."""
     found = set()
     for room in ROOMS:
-        for module in pkgutil.iter_modules(room.__path__, f"{room.__name__}."):
+        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
             for name, value in vars(importlib.import_module(module.name)).items():
                 known = name.endswith("Settings") and is_dataclass(value) and name not in GIVEN
                 if known and value.__module__ == module.name:

@@ -91,8 +91,8 @@ def test_every_exception_is_one(room, modules):
 
 @pytest.mark.parametrize(
     "room", ["effects/base/", "compensate/", "simulate/plant.py", "simulate/effects.py",
-             "diagnosis/extend.py", "diagnosis/words.py", "diagnosis/selection.py",
-             "diagnosis/cross_validation.py", "identification/columns.py",
+             "diagnosis/results/extend.py", "diagnosis/results/words.py", "diagnosis/inference/selection.py",
+             "diagnosis/inference/cross_validation.py", "identification/columns.py",
              "identification/moves.py", "model.py"],
 )  # fmt: skip
 def test_what_uses_all_effects_names_none(room, modules):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.recording_faults import beginning
 from dvrk_gravity.effects import State
 from dvrk_gravity.errors import RecordingError

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import norm
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis.findings import NO_TERM, Finding, Gain
+from dvrk_gravity.diagnosis.results.findings import NO_TERM, Finding, Gain
 from dvrk_gravity.diagnosis.velocity_faults import Mend, fault_of_velocities
 from dvrk_gravity.effects import WrongCoordinates, readings
 from dvrk_gravity.estimation import NORMAL_95

@@ -10,28 +10,28 @@ import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.diagnosis.assemble import assemble
-from dvrk_gravity.diagnosis.at_calibration import AtCalibration
-from dvrk_gravity.diagnosis.candidate import Candidate
-from dvrk_gravity.diagnosis.confirmed import at_the_fit, confirmed
-from dvrk_gravity.diagnosis.corrected_readings import read_rightly
-from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.data.loading import Loaded, load
+from dvrk_gravity.diagnosis.data.reference import arm_for, compared, model_of, require_moving
+from dvrk_gravity.diagnosis.data.reference_error import pulling_otherwise, rubbing_otherwise
 from dvrk_gravity.diagnosis.fit_to_judge import require_gravity, require_predictable
-from dvrk_gravity.diagnosis.held_out import Unconfirmed
-from dvrk_gravity.diagnosis.loading import Loaded, load
-from dvrk_gravity.diagnosis.nameless import with_nameless
-from dvrk_gravity.diagnosis.no_news import no_news
-from dvrk_gravity.diagnosis.overlap import spanned
-from dvrk_gravity.diagnosis.places import SelectedEffect, explained
-from dvrk_gravity.diagnosis.readings import WrongReading
+from dvrk_gravity.diagnosis.inference.at_calibration import AtCalibration
+from dvrk_gravity.diagnosis.inference.confirmed import at_the_fit, confirmed
+from dvrk_gravity.diagnosis.inference.corrected_readings import read_rightly
+from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.held_out import Unconfirmed
+from dvrk_gravity.diagnosis.inference.nameless import with_nameless
+from dvrk_gravity.diagnosis.inference.no_news import no_news
+from dvrk_gravity.diagnosis.inference.overlap import spanned
+from dvrk_gravity.diagnosis.inference.places import SelectedEffect, explained
+from dvrk_gravity.diagnosis.inference.readings import WrongReading
+from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection
+from dvrk_gravity.diagnosis.inference.unstated import unstated
 from dvrk_gravity.diagnosis.recording_faults import put_right
-from dvrk_gravity.diagnosis.reference import arm_for, compared, model_of, require_moving
-from dvrk_gravity.diagnosis.reference_error import pulling_otherwise, rubbing_otherwise
-from dvrk_gravity.diagnosis.result import Diagnosis
-from dvrk_gravity.diagnosis.selection import EffectTrial, Selection
-from dvrk_gravity.diagnosis.simulation_check import in_simulation
-from dvrk_gravity.diagnosis.unstated import unstated
-from dvrk_gravity.diagnosis.weighed import weighed
+from dvrk_gravity.diagnosis.results.assemble import assemble
+from dvrk_gravity.diagnosis.results.result import Diagnosis
+from dvrk_gravity.diagnosis.results.simulation_check import in_simulation
+from dvrk_gravity.diagnosis.results.weighed import weighed
 from dvrk_gravity.effects import Kind
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification import (

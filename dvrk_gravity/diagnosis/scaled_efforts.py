@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import ANY_UNIT
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.motion import MeasuredMotion
+from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.effects import Estimate, Reading, TorqueScale
 from dvrk_gravity.estimation import NORMAL_95
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from dvrk_gravity.diagnosis.findings import NO_TERM, Alternative, Finding, Gain
-from dvrk_gravity.diagnosis.loading import LoadSettings, load
+from dvrk_gravity.diagnosis.data.loading import LoadSettings, load
+from dvrk_gravity.diagnosis.results.findings import NO_TERM, Alternative, Finding, Gain
 from dvrk_gravity.effects import UNITS, Estimate, TimeScale, VelocityScale
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import NORMAL_95

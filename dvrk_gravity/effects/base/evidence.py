@@ -13,7 +13,7 @@ from dvrk_gravity.arrays import Array
 
 
 class Motion(Protocol):
-    """N samples of an arm with the model on trial; see ``dvrk_gravity.diagnosis.motion``."""
+    """N samples of an arm with the model on trial; see ``dvrk_gravity.diagnosis.data.motion``."""
 
     @property
     def model(self) -> Any:
