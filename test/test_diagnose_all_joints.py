@@ -74,7 +74,7 @@ def test_friction_that_has_halved_is_in_the_headline_with_what_to_do_about_it(wo
 
     known, *others = diagnosis.known
     assert diagnosis.verdict == "nothing_to_explain"
-    assert "but friction as another day has it: there is" in diagnosis.sentence
+    assert "but day-to-day friction variation: there is" in diagnosis.sentence
     assert "% less" in diagnosis.sentence
     ratio = float(known.remedy.split("friction_compensation.ratio ")[1].split()[0])
     assert 0.3 < ratio <= 0.5  # by what surely is there

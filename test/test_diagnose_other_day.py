@@ -77,7 +77,7 @@ def test_more_is_expected_where_a_selected_cause_is_friction_that_changed():
     """For that did not change by just what the cause says; by no larger part than it changed."""
     day = OtherDay(Choice(changed(0.4, 0.4, 0.35)))
     assert day.changed([]) == pytest.approx(0.0)
-    most = 0.3  # FrictionChangeSettings.part of a friction of 1
+    most = 0.3  # FRICTION_PART of a friction of 1
     assert day.changed([offset(2, SIGN)]) == pytest.approx([0.0, 0.0, most, *4 * [0.0]])
     day = OtherDay(Choice(changed(0.05, 0.05, 0.04)))
     assert day.changed([offset(2, SIGN)]) == pytest.approx([0.0, 0.0, 0.04, *4 * [0.0]])

@@ -234,9 +234,9 @@ def commonest(*names: str) -> str:
 def test_an_error_of_poses_that_tell_no_noise_is_told_against_what_the_model_expects():
     """Static poses without directions: no noise is known, and none may become a NaN in a file."""
     from dvrk_gravity.arms import Arm
-    from dvrk_gravity.diagnosis import shapeless_finding
+    from dvrk_gravity.diagnosis import unexplained_error
 
-    finding = shapeless_finding(Arm.load("ecm"), 2, 5.0, float("nan"), 3.0, "nothing")
+    finding = unexplained_error(Arm.load("ecm"), 2, 5.0, float("nan"), 3.0, "nothing")
 
     assert finding.parameters["rms"].value == 4.0
     assert "5.00 N RMS, 1.7 times the error that the model is known to have" in finding.sentence

@@ -13,7 +13,7 @@ from test_wording import CLEAR, finding
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.command_line import Progress, Stages
-from dvrk_gravity.diagnosis import Alternative, Diagnosis, size_of
+from dvrk_gravity.diagnosis import Alternative, Diagnosis
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.identification import (
     Evaluation,
@@ -31,6 +31,7 @@ from dvrk_gravity.report import (
     evaluation_text,
     fit_text,
     laid_out,
+    size_of,
     warning_lines,
 )
 
@@ -131,10 +132,10 @@ def test_which_columns_were_read_is_no_warning():
     [
         ((True,), "explained", "1 finding, certain"),
         ((False,), "explained", "1 finding, not certain"),
-        ((True,), "ambiguous", "1 finding, certain; what explains it is ambiguous (see `or`)"),
+        ((True,), "ambiguous", "1 finding, certain; other possible causes (see `or`)"),
         ((False, False), "explained", "2 findings, none of them certain"),
         ((True, True), "ambiguous",
-         "2 findings, certain; what explains 1 of them is ambiguous (see `or`)"),
+         "2 findings, certain; 1 of them with other possible causes (see `or`)"),
     ],
 )  # fmt: skip
 def test_how_many_findings_are_certain_contradicts_no_verdict(certain, verdict, said):

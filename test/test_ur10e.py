@@ -58,7 +58,7 @@ def test_a_real_load_is_found_without_a_model_from_the_same_motion_without_it(ur
     assert (load.effect, load.place) == ("payload", "wrist_3_link")
     assert mass.value == pytest.approx(2.805, rel=0.1)
     assert mass.low < 2.805 < mass.high
-    assert "the torque scale agrees" in found.weighed.sentence
+    assert "the torque scale agrees" in found.payload_check.sentence
 
 
 @pytest.mark.slow

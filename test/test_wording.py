@@ -24,13 +24,10 @@ from dvrk_gravity.diagnosis import (
     hypotheses,
     load,
     ordered,
-    rows,
-    sentence_of,
-    told,
 )
 from dvrk_gravity.effects import Estimate, Hypothesis, Residual
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.report import diagnosis_page
+from dvrk_gravity.report import diagnosis_page, effect_found, parameter_rows, parameter_text
 from dvrk_gravity.units import quantity
 from testing.world import World
 
@@ -90,7 +87,7 @@ class Case:
 
     def sentence(self, sign: float = 1.0, spread: float = 0.3, gain: Gain = CLEAR) -> str:
         """Return the sentence of such a fit."""
-        return sentence_of(self.hypothesis, self.estimates(sign, spread), gain, ["elbow_pitch"])
+        return effect_found(self.hypothesis, self.estimates(sign, spread), gain, ["elbow_pitch"])
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +149,7 @@ def test_no_effect_is_told_with_an_amount_below_zero_or_an_exponent(every, sign)
         sentence = case.sentence(sign)
         assert not re.search(r"[{}]|\de[+-]?\d|lacks", sentence), sentence
         amounts = [
-            told(effect, name, value)
+            parameter_text(effect, name, value)
             for name, value in estimates.items()
             if not name.startswith(PLACES) and not name[1:].isdigit()
         ]
@@ -232,7 +229,10 @@ def test_an_interval_that_is_not_even_is_told_by_its_ends(estimate, text):
 
 
 def test_an_angle_known_to_no_better_than_a_turn_is_any_angle():
-    assert told("joint_offset", "offset", Estimate(228.0, -300.0, 750.0, "rad")) == "any angle"
+    assert (
+        parameter_text("joint_offset", "offset", Estimate(228.0, -300.0, 750.0, "rad"))
+        == "any angle"
+    )
 
 
 def finding(effect: str, value: Estimate, gain: Gain, name: str = "coefficient") -> Finding:
@@ -261,7 +261,7 @@ def test_the_headline_is_certain_where_any_finding_is_and_removes_most_of_these(
 
 def test_a_table_shows_what_a_person_can_use_and_no_counts_of_parameters(every):
     curve = next(case.estimates() for case in every if "lowest" in case.estimates())
-    shown = rows(
+    shown = parameter_rows(
         Finding("elastic_cable", ("elbow_pitch",), "degree 3", curve, CLEAR, (), (), "", None, True)
     )
     assert [name for name, _ in shown] == ["least torque", "greatest torque"]
@@ -303,7 +303,10 @@ def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
 
     assert Page(text).open == []
     assert "&lt;run&gt;.csv" in text
-    assert "Errors in joint coordinates, below 8 Hz, on blocks held out of fit and choice." in text
+    assert (
+        "Errors in joint coordinates, below 8 Hz, on blocks held out of fit and model selection."
+        in text
+    )
     assert "<li>elbow_pitch is left as it was</li>" in text
     assert "<b>What to do:</b> look at its cables." in text
     assert "<td>moving up</td><td>10.0 ± 5.0 mN·m more</td>" in text

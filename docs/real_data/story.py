@@ -19,9 +19,9 @@ import numpy as np
 
 from dvrk_gravity import Recording, TorqueModel, diagnose, gravity, identify
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.diagnosis import FLOORS, Diagnosis, Finding
+from dvrk_gravity.diagnosis import Diagnosis, Finding
 from dvrk_gravity.effects import Gravity
-from dvrk_gravity.report import png
+from dvrk_gravity.report import FLOORS, png
 
 FOLDER = Path(__file__).resolve().parent
 PAGE = FOLDER.parent / "real_data.md"
@@ -153,7 +153,7 @@ def _step(
     if shown is not None:
         return
     for note in diagnosis.notes:
-        if note.startswith("chosen, but not confirmed"):
+        if note.startswith("rejected: ") and "not confirmed" in note:
             yield f"- {note}"
     for ambiguity in diagnosis.ambiguities:
         yield f"- Not to be told apart: {ambiguity.sentence}."

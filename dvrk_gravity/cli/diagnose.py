@@ -31,8 +31,8 @@ EXAMPLE = (
 STAGES = (
     ("reading", 0.0),
     ("building hypotheses", 0.03),
-    ("weighing hypotheses", 0.1),
-    ("looking for structure without a name", 0.85),
+    ("comparing hypotheses", 0.1),
+    ("looking for unexplained structure", 0.85),
     ("measuring gains on held-out blocks", 0.9),
     ("simulating motion and drift", 0.92),
 )
@@ -44,14 +44,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="rosbag2 or CSV")
     parser.add_argument(
-        "--model", type=Path, help="model file that is on trial; or a .urdf: its masses are"
+        "--model", type=Path, help="model file to test; or a .urdf, to test its masses"
     )
     parser.add_argument("--reference", metavar="RECORDING",
-                        help="the same motion when all was well: what changed since is told, with "
-                        "--arm and no model, too")  # fmt: skip
+                        help="baseline recording of the same motion: report what changed since; "
+                        "also with --arm and no model")  # fmt: skip
     parser.add_argument("--arm", help=f"{arm_options.arms()}, without --model")
     parser.add_argument("--known-payload", metavar="KG", type=float,
-                        help="mass that a link is said to carry: is the scale right?")  # fmt: skip
+                        help="mass that a link carries, to check the torque scale")  # fmt: skip
     arm_options.add_drive_gains(parser)
     parser.add_argument(
         "--out", required=True, metavar="DIR",

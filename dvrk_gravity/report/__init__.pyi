@@ -1,3 +1,4 @@
+from . import sentences as sentences
 from .diagnosis import diagnosis_page as diagnosis_page
 from .diagnosis import png as png
 from .diagnosis_in_terminal import diagnosis_text as diagnosis_text
@@ -6,6 +7,11 @@ from .fit_in_terminal import evaluation_text as evaluation_text
 from .fit_in_terminal import fit_text as fit_text
 from .fit_pictures import torque_picture as torque_picture
 from .identification import identification_page as identification_page
+from .sentences import FLOORS as FLOORS
+from .sentences import effect_found as effect_found
+from .sentences import parameter_rows as parameter_rows
+from .sentences import parameter_text as parameter_text
+from .sentences import size_of as size_of
 from .terminal import MOST_WARNINGS as MOST_WARNINGS
 from .terminal import columns as columns
 from .terminal import laid_out as laid_out

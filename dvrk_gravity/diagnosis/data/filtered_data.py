@@ -1,19 +1,23 @@
-"""Residuals behind a low-pass, thinned out, in blocks, some of which are held out."""
+"""Low-passed and decimated residuals, in blocks of which some are held out."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, in_batches
-from dvrk_gravity.diagnosis.data.model_error import changed_friction, friction_torque, model_columns
+from dvrk_gravity.diagnosis.data.model_error import (
+    friction_torque,
+    friction_variation,
+    model_columns,
+)
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.results.findings import FloorFrom
 from dvrk_gravity.effects import Hypothesis
 from dvrk_gravity.estimation import (
     Blocks,
@@ -29,6 +33,9 @@ from dvrk_gravity.estimation import (
 )
 from dvrk_gravity.recording import LowPass
 
+FloorFrom = Literal["repetition", "high_frequencies", "nothing"]
+"""Where the noise floor was seen."""
+
 
 @dataclass(frozen=True)
 class FilterSettings:
@@ -40,10 +47,10 @@ class FilterSettings:
             has let through 0.35 % of what would be aliased; chosen a little above.
         stuck: Part of a stuck sample that the low-pass may leave in a usable one. Chosen; see
             `make sensitivity`.
-        near: s, by which two samples that show the same may miss a period: one kept sample, at the
-            default rate.
+        near: s, by which two samples may miss a whole period and still show the same: one kept
+            sample at the default rate.
         together: Signals filtered at a time: the filter makes copies.
-        blocks: How samples are cut.
+        blocks: How samples are divided into blocks.
     """
 
     band: float = 8.0
@@ -55,7 +62,7 @@ class FilterSettings:
 
     @property
     def samples_per_independent(self) -> float:
-        """Samples kept that count as one: of a band of B Hz, 2 B a second are independent."""
+        """Kept samples per independent one: a band of B Hz has 2 B independent a second."""
         return self.oversampling / 2.0
 
 
@@ -65,23 +72,23 @@ BAND = FilterSettings().band
 
 @dataclass(frozen=True, eq=False)
 class FilteredData:
-    """The reduced problem: T samples of n joints, each in a block.
+    """T samples of n joints, each in a block.
 
-    Every third block is held out: neither fit nor choice sees it. The others make folds for
-    cross-validation. Where the motion repeats, a block is one phase of every period: what one
-    period shows is no news in the next.
+    Every third block is held out of fit and model selection. The others form folds for
+    cross-validation. Where the motion repeats, a block is one phase of every period, since the
+    next period shows the same again.
 
     Attributes:
-        motion: Where it comes from.
-        band: Low-pass over residual and columns, Hz; ``None`` for static poses.
-        decimation: One of so many samples is kept.
+        motion: The motion.
+        band: Low-pass of residual and columns, Hz; ``None`` for static poses.
+        decimation: Every so-maniest sample is kept.
         residual: (T, n) measured minus modelled torque, N·m.
         model_columns: (T, n, d) changes of the model's torque by its parameters, of unit variance
             each.
-        blocks: Which samples belong together.
+        blocks: The block of each sample.
         repetition: How the motion repeats, if it does.
-        common_time: (T,) s, increasing; whole periods apart the motion shows the same.
-        settings: How torques are compared.
+        common_time: (T,) s, increasing; the motion is the same whole periods apart.
+        settings: Filter and blocks.
     """
 
     motion: MeasuredMotion
@@ -122,7 +129,7 @@ class FilteredData:
         return replace(data, blocks=blocks, repetition=repetition, common_time=thinned[:, 0])
 
     def reduce(self, columns: Array) -> Array:
-        """Low-pass and thin out (N, …) signals to (T, …)."""
+        """Low-pass and decimate (N, …) signals to (T, …)."""
         if self.band is None or self.motion.rate is None:
             return columns
         low = LowPass(self.band, self.motion.rate)
@@ -143,18 +150,13 @@ class FilteredData:
         return reduced.reshape(len(reduced), *columns.shape[1:])
 
     def candidate(self, hypothesis: Hypothesis, motion: MeasuredMotion | None = None) -> Candidate:
-        """Return a hypothesis with its columns; see :meth:`candidates`."""
+        """Return one hypothesis with its columns."""
         return next(self.candidates([hypothesis], motion))
 
     def candidates(
         self, hypotheses: Iterable[Hypothesis], motion: MeasuredMotion | None = None
     ) -> Iterator[Candidate]:
-        """Yield hypotheses with their columns, many of which are filtered together.
-
-        Args:
-            hypotheses: The hypotheses.
-            motion: The motion; by default as it is, no other cause acting.
-        """
+        """Yield hypotheses with their filtered columns, by default in the data's own motion."""
         motion = motion or self.motion
         if motion.reference is not None:
             hypotheses = (replace(each, beside_reference=True) for each in hypotheses)
@@ -174,14 +176,12 @@ class FilteredData:
                 yield candidate.with_values(columns)
 
     def relinearised(self, acting: MeasuredMotion, parameters: Array) -> FilteredData:
-        """Return the same with the model's columns as they are beside a cause that changes them.
-
-        Linear in the parameters and in the cause, at these: the residual has what their product
-        adds.
+        """Return the data linearised where a cause acts that changes the model's columns.
 
         Args:
             acting: The motion with the model on which the cause acts.
-            parameters: (d,) the model's parameters, in units of their standard deviations.
+            parameters: (d,) the model's parameters, in standard deviations; their product with the
+                change of the columns moves into the residual.
         """
         columns = self.reduce(model_columns(acting))
         product = (columns - self.model_columns) @ parameters
@@ -194,7 +194,7 @@ class FilteredData:
 
     @cached_property
     def known_error(self) -> Array:
-        """(n,) RMS error that the model is known to have, N·m; zero where it does not tell."""
+        """(n,) RMS error that the model had at calibration, N·m; zero if unknown."""
         known = self.motion.model.uncertainty
         return np.zeros(self.motion.arm.n) if known is None else np.nan_to_num(known.error)
 
@@ -205,27 +205,27 @@ class FilteredData:
 
     @cached_property
     def friction(self) -> Array:
-        """(T, n) torque of the model's friction, N·m; see :func:`model_error.friction_torque`."""
+        """(T, n) torque of the model's friction that may have changed, N·m."""
         return self.reduce(friction_torque(self.motion))
 
     @cached_property
-    def expected_on_another_day(self) -> Array:
-        """(n,) the same with what friction may change by from one day to another."""
-        return np.hypot(self.known_error, changed_friction(self.motion))
+    def day_to_day_error(self) -> Array:
+        """(n,) known error together with day-to-day friction variation, N·m RMS."""
+        return np.hypot(self.known_error, friction_variation(self.motion))
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:
-        """(T, n) samples that say something: recorded, and not of a joint that is stuck.
+        """(T, n) samples of joints that were recorded and are not stuck.
 
-        A joint that friction holds is held by anything between the two levels: no model can
-        tell which, and neither can its error.
+        Friction holds a stuck joint at any torque between its two levels, so that its error means
+        nothing.
         """
         silent = self.reduce(self.motion.silent.astype(float))
         return (silent < self.settings.stuck) & self.motion.present
 
     @property
     def block(self) -> NDArray[np.int64]:
-        """(T,) number of the block; -1 for samples between blocks."""
+        """(T,) block of each sample; -1 between blocks."""
         return self.blocks.label
 
     @property
@@ -235,17 +235,17 @@ class FilteredData:
 
     @property
     def held_out(self) -> NDArray[np.bool_]:
-        """(T,) samples that neither fit nor choice sees."""
+        """(T,) samples held out of fit and selection."""
         return self.blocks.held_out
 
     @property
     def fold(self) -> NDArray[np.int64]:
-        """(T,) fold of the samples that choice may see, -1 of the others."""
+        """(T,) cross-validation fold of each sample; -1 if held out."""
         return self.blocks.fold
 
     @cached_property
     def held_out_spans(self) -> list[tuple[float, float]]:
-        """Beginnings and ends of the pieces of time that are held out, s."""
+        """Beginning and end of each held-out span of time, s."""
         edges = np.flatnonzero(np.diff(self.held_out, prepend=False, append=False))
         return [
             (float(self.time[first]), float(self.time[last - 1]))
@@ -258,7 +258,7 @@ class FilteredData:
         return self.reduce_state(self.motion.time[:, None])[:, 0]
 
     def reduce_state(self, values: Array) -> Array:
-        """Thin out (N, …) values to (T, …) without filtering."""
+        """Decimate (N, …) values to (T, …) without filtering."""
         if self.band is None or self.motion.rate is None:
             return values
         low = LowPass(self.band, self.motion.rate)
@@ -271,46 +271,41 @@ class FilteredData:
 
     @cached_property
     def recording(self) -> NDArray[np.int64]:
-        """(T,) number of the recording that a sample is of."""
+        """(T,) number of each sample's recording."""
         motion = self.motion
         number = np.repeat(motion.clocks, [part.stop - part.start for part in motion.parts])
         return self.reduce_state(number[:, None].astype(float))[:, 0].astype(np.int64)
 
     @property
     def samples_per_independent(self) -> float:
-        """Samples that count as one where the residual is white below the band."""
+        """Samples per independent one, were the residual white below the band."""
         return 1.0 if self.band is None else self.settings.samples_per_independent
 
     @property
     def copies(self) -> float:
-        """How often the motion shows the same, at least 1."""
+        """Number of periods of a motion that repeats, at least 1."""
         return 1.0 if self.repetition is None else self.repetition.copies
 
     def pairs(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return (P,) and (P,) which of some samples show the same, a period apart.
-
-        Args:
-            rows: (R,) indices of the samples.
-        """
+        """Return (P,) and (P,) pairs among (R,) samples that are whole periods apart."""
         return pairs_a_period_apart(self.common_time[rows], self.repetition, self.settings.near)
 
     def noise_source(self, noise: Array) -> FloorFrom:
-        """Return where (n,) noise RMS come from."""
+        """Return where (n,) noise RMS was seen."""
         if not np.isfinite(noise).any():
             return "nothing"
         return "high_frequencies" if self.repetition is None else "repetition"
 
     def noise_rms(self, density: Array, residual: Array | None = None) -> Array:
-        """Return (n,) noise, N·m: what does not come back with the motion, where that repeats.
+        """Return (n,) noise RMS, N·m: what differs between periods, where the motion repeats.
 
-        It is no less than what the steps of the efforts leave: rounding to step / sqrt(12) (Bennett
-        1948) comes back with a motion that repeats, and so does not show there.
+        It is at least the rounding of the efforts, step / sqrt(12) (Bennett 1948), which is the
+        same in every period.
 
         Args:
-            density: (n,) effort noise density as high frequencies show it, N·m/sqrt(Hz); for
-                motion that does not repeat.
-            residual: (T, n) what the best model so far leaves, N·m; by default what the given one
-                does.
+            density: (n,) effort noise density at high frequencies, N·m/sqrt(Hz), for motion that
+                does not repeat.
+            residual: (T, n) residual of the best model so far, N·m; default: of the given one.
         """
         if self.band is None:
             return np.full(self.residual.shape[1], np.nan)

@@ -1,42 +1,50 @@
-"""Recordings made ready for diagnosis: checked, filtered, joined to one motion."""
+"""Recordings prepared for diagnosis: checked, filtered, joined to one motion in joint space."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
-from dvrk_gravity.arrays import Array
+from dvrk_gravity.arms import Arm
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.data.filtered_data import BAND
-from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.data.stretch import motions, noise_density
-from dvrk_gravity.diagnosis.results.findings import Finding
+from dvrk_gravity.diagnosis.data.motion import SMEARED, MeasuredMotion
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification import beyond_limits, held_beyond, require_all, require_measured
+from dvrk_gravity.identification import (
+    beyond_limits,
+    completed,
+    held_beyond,
+    require_all,
+    require_measured,
+)
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     DataWarning,
     Excerpt,
+    LowPass,
     Prepared,
     Recording,
     RecordingFile,
+    Segment,
     about,
     counted_once,
     excerpt,
+    frozen_efforts,
     held_if_short,
     labels,
     prepare,
+    quantum,
 )
 
-_BETWEEN = 1.0  # s, between recordings whose clocks began anew. Chosen: they were apart
-UNREAD = "efforts that are no readings (see the warnings) left out, of their joints alone"
+_BETWEEN = 1.0  # s, between recordings whose clocks started again. Chosen: they were apart
+UNREAD = "invalid effort samples (see the warnings) left out, of their joints alone"
 
 
 @dataclass(frozen=True)
 class LoadSettings:
-    """What of a recording is looked at.
+    """Which part of a recording is used.
 
     Attributes:
         band: Hz, of the kinematics that non-linear columns are computed from. Chosen: more than
@@ -48,7 +56,7 @@ class LoadSettings:
         fewest: Static poses, likewise. Chosen.
         longest: s of motion that hypotheses are built for: they then take less than 2 GiB
             (benchmark/diagnose.py).
-        stretch: s; of more, stretches that long are used: enough to tell a period of the motion.
+        stretch: s; of more, stretches that long are used: enough to find a period of the motion.
     """
 
     band: float = 20.0
@@ -61,16 +69,14 @@ class LoadSettings:
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """A motion, and what was found on the way to it.
+    """A motion and how it was prepared.
 
     Attributes:
         motion: The motion.
-        warnings: What the recordings' checks found.
-        handling: What was done to them.
-        floor: (n,) noise of the effort as high frequencies show it, density in N·m/sqrt(Hz);
-            NaN where it cannot be told.
-        sources: Of the recordings, by the numbers in the motion's ``clock``.
-        faults: What the recordings showed by themselves, and was put right.
+        warnings: What the checks of the recordings found.
+        handling: What was done to the recordings, a sentence each.
+        floor: (n,) effort noise density seen at high frequencies, N·m/sqrt(Hz); NaN if unknown.
+        sources: Names of the recordings, by the numbers in the motion's ``clock``.
     """
 
     motion: MeasuredMotion
@@ -78,7 +84,6 @@ class Loaded:
     handling: tuple[str, ...]
     floor: Array
     sources: tuple[str, ...] = ()
-    faults: tuple[Finding, ...] = ()
 
 
 def load(
@@ -89,32 +94,30 @@ def load(
 ) -> Loaded:
     """Prepare recordings for diagnosis.
 
-    Of trajectories that together are longer than ``settings.longest``, stretches are used.
-
     Args:
-        recordings: Trajectories, or static poses, not both; joint or actuator coordinates.
-        model: The model on trial.
-        still: Where joints stood that the recordings do not hold: joint position, rad.
-        settings: What is looked at.
+        recordings: Trajectories, or static poses, not both; joint or actuator coordinates. Of
+            trajectories longer than ``settings.longest`` together, stretches are used.
+        model: The model under test.
+        still: Positions of joints that were not recorded, rad.
+        settings: Which part of the recordings is used.
 
     Raises:
-        RecordingError: Naming what is missing: effort, samples, motion.
+        RecordingError: Names what is missing: effort, samples, motion.
     """
     settings = settings or LoadSettings()
     if not recordings:
         raise RecordingError("recordings", "there are none, expected at least one")
     heads = [recording.head for recording in recordings]
+    first = heads[0].source
     kinds = {head.time is None for head in heads}
     if len(kinds) > 1:
-        raise RecordingError(
-            heads[0].source, "static poses and trajectories cannot be diagnosed together"
-        )
+        raise RecordingError(first, "static poses and trajectories cannot be diagnosed together")
     static = kinds.pop()
     still, held = held_beyond(recordings, model.arm, still or {})
     for head in heads:
         require_all(head, model.arm, still)
     if {head.joints for head in heads} != {heads[0].joints}:
-        raise RecordingError(heads[0].source, "the recordings hold different joints")
+        raise RecordingError(first, "the recordings hold different joints")
     share = settings.longest / len(recordings)
     recordings, left_out, repeated = counted_once(
         [held_if_short(recording, share) for recording in recordings]
@@ -127,47 +130,40 @@ def load(
         looked_at = excerpt(recording, share, min(settings.stretch, share))
         alone = len(recordings) == 1
         own = _of_recording(looked_at, model, still, heads[0].start_ns, alone, settings)
-        named = about(number, sources, own.warnings)
-        warnings += [warning for warning in named if warning not in warnings]
-        handling += [line for line in own.handling if line not in handling]
+        _extend(warnings, about(number, sources, own.warnings))
+        _extend(handling, own.handling)
         floors += own.floors
         later = _after(pieces, own.pieces) if own.pieces and not static else 0.0
         if later > 0.0:
-            # One arm was in one place at a time: a clock began anew.
+            # One arm was in one place at a time: a clock started again.
             handling.append(f"{labels(sources)[number]}: its times count from {later:.6g} s on")
         pieces += [replace(piece, clock=(number,), time=piece.time + later) for piece in own.pieces]
     if not pieces:
-        raise RecordingError(
-            heads[0].source, f"has too many gaps: {handling[len(held) + len(left_out)]}"
-        )
-    motion = _join(pieces)
-    names = [
-        name for name, there in zip(model.arm.joint_names, motion.present, strict=True) if there
-    ]
+        raise RecordingError(first, f"has too many gaps: {handling[len(held) + len(left_out)]}")
+    motion = MeasuredMotion.joined(pieces)
     if model.arm.direct_drive and not static:
-        require_measured(heads[0].source, names, motion.effort[:, motion.present])
-    if static and len(motion.q) < settings.fewest:
-        raise RecordingError(
-            heads[0].source,
-            f"holds {len(motion.q)} static poses, a diagnosis needs at least {settings.fewest}",
-        )
-    if not static:
+        names = np.array(model.arm.joint_names)[motion.present].tolist()
+        require_measured(first, names, motion.effort[:, motion.present])
+    if static:
+        enough = len(motion.q) >= settings.fewest
+        has, needs = f"{len(motion.q)} static poses", f"at least {settings.fewest}"
+    else:
         total = len(motion.q) / (motion.rate or 1.0)
-        if total < settings.shortest:
-            raise RecordingError(
-                heads[0].source,
-                f"holds {total:.3g} s of usable motion, a diagnosis needs at least "
-                f"{settings.shortest:g} s",
-            )
-    known = np.ma.masked_invalid(np.square(floors))  # of static poses none is
+        enough = total >= settings.shortest
+        has, needs = f"{total:.3g} s of usable motion", f"at least {settings.shortest:g} s"
+    if not enough:
+        raise RecordingError(first, f"holds {has}, a diagnosis needs {needs}")
+    known = np.ma.masked_invalid(np.square(floors))  # unknown for static poses
     floor = np.sqrt(known.mean(axis=0).filled(np.nan))
     return Loaded(motion, tuple(warnings), tuple(handling), floor, sources)
 
 
+def _extend(known: list, new: Iterable) -> None:
+    known += [each for each in new if each not in known]
+
+
 @dataclass(frozen=True, eq=False)
 class _OfRecording:
-    """What one of the recordings comes to, see :class:`Loaded`."""
-
     pieces: Sequence[MeasuredMotion]
     warnings: Sequence[DataWarning]
     handling: Sequence[str]
@@ -182,16 +178,7 @@ def _of_recording(
     alone: bool,
     settings: LoadSettings,
 ) -> _OfRecording:
-    """Prepare a recording.
-
-    Args:
-        looked_at: The recording, or stretches of it.
-        model: The model on trial.
-        still: Where joints stood that it does not hold.
-        start_ns: When the first recording began.
-        alone: There is no other one: it has to be long enough by itself.
-        settings: What is looked at.
-    """
+    """Prepare one recording; the only one has to be long enough by itself."""
     pieces, floors = list[MeasuredMotion](), list[Array]()
     warnings, handling = list(looked_at.warnings or ()), list[str]()
     rate: float | None = None
@@ -200,22 +187,22 @@ def _of_recording(
         if alone and looked_at.warnings is None:
             _require_length(stretch, settings)
         prepared = _prepared(stretch, rate, looked_at.warnings, settings)
-        warnings += [warning for warning in prepared.warnings if warning not in warnings]
-        handling += [line for line in prepared.handling if line not in handling]
+        _extend(warnings, prepared.warnings)
+        _extend(handling, prepared.handling)
         start = 0.0 if stretch.time is None else (stretch.start_ns - start_ns) * 1e-9
         thin = 1 if rate is None else max(1, round(rate / settings.rate))
-        found = motions(stretch, prepared.segments, model, start, still, thin)
-        if any(piece.unread.any() for piece in found) and UNREAD not in handling:
-            handling.append(UNREAD)
+        found = list(_motions(stretch, prepared.segments, model, start, still, thin))
+        if any(piece.unread.any() for piece in found):
+            _extend(handling, [UNREAD])
         pieces += found
-        floors.append(noise_density(stretch, model.arm, settings.band))
+        floors.append(_noise_density(stretch, model.arm, settings.band))
     if pieces:
         warnings += beyond_limits(np.vstack([piece.q for piece in pieces]), model.arm)
     return _OfRecording(pieces, warnings, handling, floors)
 
 
 def _after(before: Sequence[MeasuredMotion], pieces: Sequence[MeasuredMotion]) -> float:
-    """Return by how much later pieces must be not to be at a time of others, s; 0: they are not."""
+    """Return by how many s pieces must be shifted not to overlap others in time."""
     first, last = pieces[0].time[0], pieces[-1].time[-1]
     if all(last < other.time[0] or first > other.time[-1] for other in before):
         return 0.0
@@ -241,7 +228,7 @@ def _prepared(
     warnings: tuple[DataWarning, ...] | None,
     settings: LoadSettings,
 ) -> Prepared:
-    """Return a stretch filtered; with the findings of the whole, one that cannot be has no part."""
+    """Return a filtered stretch; where the whole recording was checked, a bad one is left out."""
     band = settings.band if rate is None else min(settings.band, rate / 5.0)
     try:
         return prepare(stretch, band, band=BAND, warnings=warnings)
@@ -252,21 +239,134 @@ def _prepared(
         return Prepared((), (), (left_out,), None)
 
 
-def _join(pieces: Sequence[MeasuredMotion]) -> MeasuredMotion:
-    edges = np.concatenate([[0], np.cumsum([len(piece.q) for piece in pieces])]).tolist()
-    first = pieces[0]
-    directions = [piece.direction for piece in pieces]
-    known = [direction for direction in directions if direction is not None]
-    return replace(
-        first,
-        q=np.vstack([piece.q for piece in pieces]),
-        qd=np.vstack([piece.qd for piece in pieces]),
-        qdd=np.vstack([piece.qdd for piece in pieces]),
-        effort=np.vstack([piece.effort for piece in pieces]),
-        direction=np.vstack(known) if len(known) == len(pieces) else None,
-        unread=np.vstack([np.broadcast_to(piece.unread, piece.q.shape) for piece in pieces]),
-        time=np.concatenate([piece.time for piece in pieces]),
-        parts=tuple(slice(a, b) for a, b in pairwise(edges)),
-        clock=tuple(number for piece in pieces for number in piece.clock),
-        rounding=np.sqrt(np.mean([piece.rounding**2 for piece in pieces], axis=0)),
+def _motions(
+    stretch: Recording,
+    segments: Iterable[Segment],
+    model: TorqueModel,
+    start: float,
+    still: Mapping[str, float],
+    thin: int,
+) -> Iterator[MeasuredMotion]:
+    """Yield the segments of a stretch that began at ``start`` s, every ``thin``-th sample."""
+    arm = model.arm
+    step, rounding, unread = _step(stretch, arm), _rounding(stretch, arm), _unread(stretch, arm)
+    for segment in segments:
+        piece = _piece(segment, thin, model, start, still)
+        mask = np.zeros(piece.q.shape, dtype=bool)
+        for joints, first, last in unread:
+            inside = piece.time >= start + first - SMEARED
+            mask[inside & (piece.time <= start + last + SMEARED)] |= joints
+        yield replace(
+            piece, step=step, rounding=rounding, thinned=thin, unread=mask,
+            timed=stretch.velocity is not None,
+        )  # fmt: skip
+
+
+def _piece(
+    segment: Segment, thin: int, model: TorqueModel, start: float, still: Mapping[str, float]
+) -> MeasuredMotion:
+    recording, rows, arm = segment.recording, segment.core, model.arm
+    names = arm.joint_names
+    columns = [names.index(joint) for joint in recording.joints]
+    present = np.isin(np.arange(arm.n), columns)
+
+    def full(values: Array | None, fill: float = 0.0) -> Array:
+        result = np.full((len(recording), arm.n), fill)
+        if values is not None:
+            result[:, columns] = values
+        return result[rows][::thin]
+
+    q, qd, qdd = full(recording.position), full(recording.velocity), full(segment.acceleration)
+    if not present.all():
+        held = np.array([still.get(joint, 0.0) for joint in names])
+        q, qd, qdd = (
+            completed(values[:, columns], columns, there, arm, recording.coordinates)
+            for values, there in ((q, held), (qd, np.zeros(arm.n)), (qdd, np.zeros(arm.n)))
+        )
+    effort = full(recording.effort)
+    direction = None if recording.direction is None else full(recording.direction, 1.0)
+    if recording.coordinates == "actuator":
+        q, qd, qdd = (arm.joint_position(array) for array in (q, qd, qdd))
+        effort = arm.joint_effort(effort)
+        if direction is not None:
+            direction = np.sign(arm.joint_position(direction))
+    if recording.time is None:
+        qd, qdd = np.zeros_like(q), np.zeros_like(q)
+        time, rate = np.arange(len(q), dtype=float), None
+    else:
+        time = recording.time[rows][::thin] + start
+        rate = (recording.rate or 1.0) / thin
+    parts = (slice(0, len(q)),)
+    return MeasuredMotion(
+        model, q, qd, qdd, effort, direction, time, parts, rate, present, np.zeros(arm.n)
     )
+
+
+def _unread(recording: Recording, arm: Arm) -> list[tuple[Mask, float, float]]:
+    """Return (n,) joints, first and last s of each span of invalid efforts."""
+    found = []
+    for span in frozen_efforts(recording):
+        joints = np.isin(np.arange(arm.n), arm.joint_names.index(recording.joints[span.joint]))
+        if recording.coordinates == "actuator":
+            joints = arm.joints_of(joints)
+        found.append((joints, *span.span))
+    return found
+
+
+def _noise_density(recording: Recording, arm: Arm, band: float) -> Array:
+    """Return (n,) effort noise in N·m/sqrt(Hz) above a band of kinematics, Hz; NaN if unknown."""
+    unknown = np.full(arm.n, np.nan)
+    rate = recording.rate
+    if rate is None or recording.effort is None or rate < 4.0 * band:
+        return unknown
+    cutoff = min(1.5 * band, 0.3 * rate)
+    low = LowPass(cutoff, rate)
+    if len(recording) <= 4 * low.edge:
+        return unknown
+    columns = [arm.joint_names.index(joint) for joint in recording.joints]
+    effort = np.zeros((len(recording), arm.n))
+    effort[:, columns] = recording.effort
+    if recording.coordinates == "actuator":
+        # In joint space first: the motors' noises need not be independent.
+        effort = arm.joint_effort(effort)
+    high = effort - low(effort)
+    read = np.ones(high.shape, dtype=bool)
+    for span in frozen_efforts(recording):
+        read[slice(*span.rows), columns[span.joint]] = False
+    if recording.coordinates == "actuator":
+        read = ~arm.joints_of(~read)
+    counted = np.maximum(read[low.edge : -low.edge].sum(axis=0), 1)
+    frequency = np.linspace(0.0, rate / 2.0, 2000)
+    # Two runs of a second-order Butterworth: amplitude 1 / (1 + (f / fc)^4).
+    passed = np.mean((1.0 - 1.0 / (1.0 + (frequency / cutoff) ** 4)) ** 2)
+    square = np.where(read, high**2, 0.0)[low.edge : -low.edge].sum(axis=0)
+    variance = square / counted / passed
+    known = np.isin(np.arange(arm.n), columns)
+    return np.where(known, np.sqrt(variance / (rate / 2.0)), np.nan)
+
+
+def _step(recording: Recording, arm: Arm) -> Array:
+    """Return (n,) resolution of the joints' positions, rad; 0 of those not recorded."""
+    steps = _quanta(recording, arm, recording.position)
+    return np.abs(arm.actuator_to_joint) @ steps if recording.coordinates == "actuator" else steps
+
+
+def _rounding(recording: Recording, arm: Arm) -> Array:
+    """Return (n,) noise density of rounded efforts, N·m/sqrt(Hz).
+
+    An effort that passes many steps is rounded by step / sqrt(12), evenly over all frequencies up
+    to half the rate (Bennett 1948); one that changes slowly, by as much at lower ones.
+    """
+    if recording.rate is None or recording.effort is None:
+        return np.zeros(arm.n)
+    density = _quanta(recording, arm, recording.effort) / np.sqrt(12.0 * recording.rate / 2.0)
+    if recording.coordinates == "actuator":
+        density = np.sqrt(density**2 @ arm.joint_effort(np.eye(arm.n)) ** 2)
+    return density
+
+
+def _quanta(recording: Recording, arm: Arm, values: Array) -> Array:
+    steps = np.zeros(arm.n)
+    for joint, column in zip(recording.joints, values.T, strict=True):
+        steps[arm.joint_names.index(joint)] = quantum(column)
+    return steps

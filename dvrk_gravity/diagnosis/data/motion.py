@@ -1,10 +1,13 @@
-"""A motion with everything that hypotheses are built from."""
+"""A measured motion: states, efforts, and what its samples can show."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,51 +21,31 @@ from dvrk_gravity.recording import LowPass
 
 _SHIFT = 0.01  # rad, of a central difference quotient
 _PIECE = 5000  # samples; all columns of all links are 25 MB then
+_PER_SAMPLE = ("q", "qd", "qdd", "effort", "direction", "reference", "unread", "beside")
 
 
-@dataclass(frozen=True)
-class MotionSettings:
-    """When a joint moves, and which way.
-
-    Attributes:
-        sign: Part of a joint's RMS speed below which the direction of motion is uncertain. Chosen.
-        slowest: rad/s, likewise, at least; of what slides and of ways a tenth in m. Chosen.
-        moves: rad, of half its way, from which on a joint shows anything. Chosen.
-        smeared: s, by which the kinematics' low-pass is early or late: half a period at its
-            cutoff, 20 Hz.
-        turning_band: Hz, of the speed that shows where a joint turns back. Chosen: that of the
-            torques that are compared (``FilterSettings.band``).
-        rank: Part of the first pivot below which inertial parameters are not told apart by the
-            motion. Chosen: of a torque that is known to some per cent, 3e-3 is nothing.
-        still: Part of a joint's RMS speed below which it may be stuck. Chosen.
-        slow: Likewise, from which on friction is taken at its word though the encoder is coarse.
-        fine: Part of the typical speed: steps that are slower than that show where a joint stops.
-            Chosen.
-        step_rate: Encoder steps a second: fewer show in a velocity of the kinematics' band, 20 Hz,
-            as pulses.
-        whole: Part of a motor's torque that a joint must feel to be held by it. Chosen: all but a
-            weak coupling.
-    """
-
-    sign: float = 0.03
-    slowest: float = 0.005
-    moves: float = 0.01
-    smeared: float = 0.025
-    turning_band: float = 8.0
-    rank: float = 3e-3
-    still: float = 0.06
-    slow: float = 0.4
-    fine: float = 0.3
-    step_rate: float = 20.0
-    whole: float = 0.9
+# All chosen, but for the low-pass's half period.
+_SIGN = 0.03  # of a joint's RMS speed: slower, its direction of motion is uncertain
+_SLOWEST = 0.005  # rad/s, likewise at least; of what slides and of travel a tenth in m
+_MOVES = 0.01  # rad, half of a joint's travel: less shows nothing
+SMEARED = 0.025  # s, that the kinematics' low-pass is early or late: half a period at 20 Hz
+_TURNING_BAND = (
+    8.0  # Hz, of the speed that shows where a joint reverses: as ``FilterSettings.band``
+)
+_RANK = 3e-3  # of the first pivot: torques are known to some per cent, so this counts as zero
+_STILL = 0.06  # of a joint's RMS speed: slower, it may be stuck
+_SLOW = 0.4  # of it: faster, friction counts however coarse the encoder
+_FINE = 0.3  # of it: slower encoder steps show where a joint stops
+_STEP_RATE = 20.0  # encoder steps a second: fewer appear as pulses in a velocity below 20 Hz
+_WHOLE = 0.9  # of a motor's torque that a joint must feel to be held by it: all but weak couplings
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredMotion:
-    """N samples of an arm with the model that is on trial; all in joint space.
+    """N samples of an arm with the model under test, in joint space.
 
     Attributes:
-        model: The model on trial.
+        model: The model under test.
         q: (N, n) positions, rad; zero for joints that were not recorded.
         qd: (N, n) velocities, rad/s; zero for static poses.
         qdd: (N, n) accelerations, rad/s^2; zero for static poses.
@@ -73,18 +56,17 @@ class MeasuredMotion:
         rate: Hz; ``None`` for static poses.
         present: (n,) which joints were recorded.
         step: (n,) steps of the positions, rad.
-        thinned: Of so many samples that were recorded one was kept.
-        clock: By part, number of the recording whose time it is in; default: all of one.
+        thinned: Every so-maniest recorded sample was kept.
+        clock: Number of the recording that each part is of; default: all of one.
         rounding: (n,) density of the noise that the steps of the efforts leave, N·m/sqrt(Hz).
-        reference: (N, n) torques that were measured in the same motion when all was well, N·m;
-            they stand for the model's then. ``None``: the model's do.
-        unread: (N, n) samples whose effort is no reading, see ``recording.frozen``.
-        rubs_otherwise: Joints whose friction differs from the reference's by more than that of
-            another day does: all of it is to be told.
-        pulls_otherwise: Joints whose springs pull otherwise than the reference's, likewise.
-        timed: Velocities were measured, and with them the clock: they are what positions show.
-        beside: (N, n) torque of causes that act beside the model's, N·m, where some are known.
-        settings: When a joint moves.
+        reference: (N, n) torques of a baseline recording at the same phase, N·m, used in place of
+            the model's; ``None``: the model's are used.
+        unread: (N, n) samples whose effort is not a reading, see ``recording.frozen``.
+        changed_friction: Joints whose friction differs from the reference's by more than from day
+            to day: all of the difference is reported.
+        changed_springs: Joints whose springs do.
+        timed: Velocities were measured, which checks the clock.
+        beside: (N, n) torque of known causes that the model lacks, N·m.
     """
 
     model: TorqueModel
@@ -103,15 +85,49 @@ class MeasuredMotion:
     rounding: Array = field(default_factory=lambda: np.zeros(()))
     reference: Array | None = None
     unread: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((), dtype=bool))
-    rubs_otherwise: tuple[int, ...] = ()
-    pulls_otherwise: tuple[int, ...] = ()
+    changed_friction: tuple[int, ...] = ()
+    changed_springs: tuple[int, ...] = ()
     timed: bool = True
     beside: Array | None = None
-    settings: MotionSettings = field(default_factory=MotionSettings)
+
+    @classmethod
+    def joined(cls, motions: Sequence[MeasuredMotion]) -> MeasuredMotion:
+        """Return motions of one arm, one after the other."""
+        edges = np.cumsum([0, *(len(motion.q) for motion in motions)]).tolist()
+        values: dict[str, Any] = {}
+        for name in _PER_SAMPLE:
+            found = [motion._samples(name) for motion in motions]
+            known = [each for each in found if each is not None]
+            values[name] = np.vstack(known) if len(known) == len(found) else None
+        return replace(
+            motions[0],
+            time=np.concatenate([motion.time for motion in motions]),
+            parts=tuple(slice(a, b) for a, b in pairwise(edges)),
+            clock=tuple(number for motion in motions for number in motion.clocks),
+            rounding=np.sqrt(np.mean([motion.rounding**2 for motion in motions], axis=0)),
+            **values,
+        )
+
+    def at(self, rows: NDArray[np.int_], parts: tuple[slice, ...] | None = None) -> MeasuredMotion:
+        """Return some samples, by default as one part."""
+        values: dict[str, Any] = {}
+        for name in _PER_SAMPLE:
+            found = self._samples(name)
+            values[name] = None if found is None else found[rows]
+        return replace(
+            self,
+            time=self.time[rows],
+            parts=parts or (slice(0, len(rows)),),
+            **values,
+        )
+
+    def _samples(self, name: str) -> NDArray | None:
+        values = getattr(self, name)
+        return None if values is None else np.broadcast_to(values, self.q.shape)
 
     @property
     def clocks(self) -> tuple[int, ...]:
-        """By part, number of the recording whose time it is in."""
+        """Number of the recording that each part is of."""
         return self.clock or (0,) * len(self.parts)
 
     @property
@@ -143,11 +159,10 @@ class MeasuredMotion:
 
     @cached_property
     def acting(self) -> Array:
-        """(N, n) torque that acts, to suppose a wrong reading of, N·m.
+        """(N, n) torque that acts, as wrong readings scale or delay it, N·m.
 
-        The model's, and that of other causes. Of two measured ones their mean, whose noise is not
-        that of their difference: a column with the reference's own noise would find that it reads
-        too low.
+        Beside a reference it is the mean of both measurements: a column with the reference's own
+        noise would make it seem to read too low.
         """
         if self.reference is not None:
             return 0.5 * (self.effort + self.reference)
@@ -164,7 +179,7 @@ class MeasuredMotion:
 
     def _state(self, q: Array) -> State:
         if self.static:
-            # Half of friction is undone at rest: without a direction it is not modelled.
+            # At rest friction has no sign, unless the direction of approach is known.
             return State(q, None, None, self.direction)
         return State(q, self.qd, self.qdd, None)
 
@@ -179,23 +194,23 @@ class MeasuredMotion:
 
     @cached_property
     def travel(self) -> tuple[Array, Array]:
-        """(n,) middle and half of the way that each joint goes, rad."""
+        """(n,) middle and half of each joint's travel, rad."""
         low, high = np.percentile(self.q, [0.5, 99.5], axis=0)
         return 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-3 * self.arm.scale)
 
     @cached_property
     def moves(self) -> NDArray[np.bool_]:
-        """(n,) which joints move enough to tell anything by."""
-        return self.present & (self.travel[1] > self.settings.moves * self.arm.scale)
+        """(n,) joints that move enough to show anything."""
+        return self.present & (self.travel[1] > _MOVES * self.arm.scale)
 
     @cached_property
     def silent(self) -> NDArray[np.bool_]:
-        """(N, n) samples whose effort says nothing: no reading, or of a joint that stands still."""
+        """(N, n) samples whose effort carries no information: not read, or the joint is stuck."""
         return self.stuck | self.unread
 
     @cached_property
     def stands(self) -> NDArray[np.bool_]:
-        """(n,) which joints friction may hold all the time; no poses, which are about that."""
+        """(n,) joints that never move and that friction may hold; none in static poses."""
         if self.static:
             return np.zeros(self.arm.n, dtype=bool)
         return self.present & ~self.moves & self.arm.rubs
@@ -207,12 +222,11 @@ class MeasuredMotion:
 
     @cached_property
     def stuck(self) -> NDArray[np.bool_]:
-        """(N, n) samples in which a joint stands still, if only to turn back.
+        """(N, n) samples in which a joint stands still, if only to reverse.
 
-        Where friction sticks, the effort goes from one level to the other while nothing moves,
-        and the filtered velocity begins before the joint does: that long is left out on either
-        side. The same holds of a motor that moves more than its own joint. Where nothing rubs,
-        a joint that never moves bears what there is to bear.
+        While friction sticks, effort passes from one level to the other without motion, and the
+        filtered velocity starts before the joint does: that much is left out on either side. So
+        it is for motors that move more than their own joint.
         """
         result = np.zeros(self.q.shape, dtype=bool)
         if self.rate is None:
@@ -223,34 +237,29 @@ class MeasuredMotion:
         if self.present.all():
             to_motor = self.arm.joint_to_actuator
             for motor in np.flatnonzero(np.abs(to_motor).sum(axis=1) > 1.0).tolist():
-                felt = (np.abs(to_motor[motor]) > self.settings.whole) & self.moves
+                felt = (np.abs(to_motor[motor]) > _WHOLE) & self.moves
                 result[:, felt] |= self._turning(to_motor[motor], motor)[:, None]
         return result
 
     def _turning(self, row: Array, index: int) -> NDArray[np.bool_]:
-        """Return (N,) samples in which a joint or motor stands still or turns back.
-
-        Args:
-            row: (n,) joint velocities -> its velocity.
-            index: Its number.
-        """
+        """Return (N,) samples in which a joint or motor stops or reverses; row as in `sign`."""
         assert self.rate is not None
-        # An encoder's steps are no turning back.
-        low = LowPass(min(self.settings.turning_band, self.rate / 6.0), self.rate)
+        # Encoder steps are not reversals.
+        low = LowPass(min(_TURNING_BAND, self.rate / 6.0), self.rate)
         speed = self.qd @ row
         typical = float(np.sqrt(np.mean(speed**2)))
-        slow = max(self.settings.still * typical, 2 * self.settings.slowest * self._scale(row))
-        # Where the encoder steps too rarely for its direction to be seen all the time, and where
-        # the model's friction is but on its way, for smoothness' sake, neither can say.
-        stepwise = self.settings.step_rate * float(self.step @ np.abs(row))
+        slow = max(_STILL * typical, 2 * _SLOWEST * self._scale(row))
+        # Direction is unknown where the encoder steps too rarely, and friction is uncertain where
+        # the model's own smoothing has not reached its full value.
+        stepwise = _STEP_RATE * float(self.step @ np.abs(row))
         unseen = stepwise
         for term in self.model.terms:
             if term.full_speed is not None:
                 unseen = max(unseen, float(term.full_speed[index]))
-        slow = max(slow, min(unseen, self.settings.slow * typical))
-        # Stick and slip: on the way it stops, and rings beyond; noise of steps would look alike.
-        stops_seen = stepwise < self.settings.fine * typical
-        wide = np.ones(1 + 2 * math.ceil(self.settings.smeared * self.rate))
+        slow = max(slow, min(unseen, _SLOW * typical))
+        # Stick-slip stops and rings; coarse encoder steps would look the same.
+        stops_seen = stepwise < _FINE * typical
+        wide = np.ones(1 + 2 * math.ceil(SMEARED * self.rate))
         result = np.zeros(len(speed), dtype=bool)
         for part in self.parts:
             smooth = low(speed[part]) if part.stop - part.start > low.edge else speed[part]
@@ -262,12 +271,12 @@ class MeasuredMotion:
         return result
 
     def slowest(self, row: Array) -> float:
-        """Return the speed of a row of the joints below which its direction is uncertain, rad/s."""
-        least = self.settings.slowest * self._scale(row)
-        return max(self.settings.sign * float(np.sqrt(np.mean((self.qd @ row) ** 2))), least)
+        """Return the speed below which the direction of a row of joints is uncertain, rad/s."""
+        least = _SLOWEST * self._scale(row)
+        return max(_SIGN * float(np.sqrt(np.mean((self.qd @ row) ** 2))), least)
 
     def _scale(self, row: Array) -> float:
-        """Return what counts as a rad of a row of the joints."""
+        """Return the length in m, or 1 rad, that counts as a rad for a row of joints."""
         part = np.abs(row)
         return float(part @ self.arm.scale) / float(part.sum())
 
@@ -276,7 +285,7 @@ class MeasuredMotion:
 
         Args:
             row: (n,) joint velocities -> its velocity.
-            transition: Speed from which on it is whole, rad/s; by default :meth:`slowest`.
+            transition: Speed at which it saturates, rad/s; by default :meth:`slowest`.
         """
         if self.direction is not None:
             return np.sign(self.direction @ row)
@@ -297,7 +306,7 @@ class MeasuredMotion:
 
     @cached_property
     def _links(self) -> list[Array]:
-        """Of each link (N, m, 10) its columns of the regressor at the joints that move it."""
+        """For each link, (N, m, 10) regressor columns at the joints that move it."""
         moved = [list(body.joints) for body in rigid_body.bodies(self.arm)]
         links = [np.empty((len(self.q), len(joints), rigid_body.PER_LINK)) for joints in moved]
         for rows in self.pieces():
@@ -308,12 +317,12 @@ class MeasuredMotion:
         return links
 
     def release(self) -> None:
-        """Drop the links' columns; they are computed again if need be."""
+        """Free the memory of the links' columns; they are recomputed on demand."""
         self.__dict__.pop("_links", None)
 
     @cached_property
     def inertial(self) -> NDArray[np.int_]:
-        """(k,) which of the links' inertial parameters this motion tells apart, gravity off."""
+        """(k,) inertial parameters that this motion identifies without gravity."""
         from scipy.linalg import qr
 
         thinned = slice(None, None, max(1, len(self.q) // 600))
@@ -323,17 +332,17 @@ class MeasuredMotion:
         scaled = few / np.where(size > 1e-9, size, 1.0) * (size > 1e-9)
         triangle, pivots = qr(scaled, mode="r", pivoting=True)
         diagonal = np.abs(np.diag(triangle))
-        return np.sort(pivots[: int(np.sum(diagonal > self.settings.rank * diagonal[0]))])
+        return np.sort(pivots[: int(np.sum(diagonal > _RANK * diagonal[0]))])
 
     def inertial_torque(self, chosen: NDArray[np.int_]) -> Array:
-        """Return (N, n, k) columns of some of the links' inertial parameters, gravity off."""
+        """Return (N, n, k) columns of some inertial parameters, without gravity."""
         torque = np.empty((len(self.q), self.arm.n, len(chosen)))
         for rows in self.pieces():
             torque[rows] = self.regressor(rows, np.zeros(3))[:, :, chosen]
         return torque
 
     def pieces(self) -> list[slice]:
-        """Return slices of the samples of which all columns of all links are held at a time."""
+        """Return slices of samples whose columns fit into memory together."""
         return [slice(first, first + _PIECE) for first in range(0, len(self.q), _PIECE)]
 
     def regressor(self, rows: slice, gravity: Array) -> Array:
@@ -344,5 +353,5 @@ class MeasuredMotion:
 
     @property
     def gravity(self) -> Array:
-        """(3,) gravity in the base as the model has it, m/s^2."""
+        """(3,) the model's gravity in the base frame, m/s^2."""
         return self.model.gravity

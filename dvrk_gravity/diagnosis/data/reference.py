@@ -1,16 +1,15 @@
-"""The same motion when all was well: what is different now, without any model.
+"""A baseline recording of the same motion in place of a model: what changed since?
 
-Both recordings are brought to a common time, and what the reference measured at the same phase is
-put in the place of what a model would say. Whatever the arm does in either, weight, friction,
-cables, cancels; what is left is what changed. The two motions are not quite the same: a controller
-lets a loaded arm sag and swing further. By how much that alone changes the efforts, a rough model
-says that is fitted to the reference (:mod:`dvrk_gravity.diagnosis.data.nearby`).
+Both recordings are brought to a common time, and the reference's efforts at the same phase replace
+the model's torques. Whatever the arm does in both, weight, friction, cables, cancels. The motions
+differ a little, since a controller lets a loaded arm sag and overshoot; how that alone changes the
+efforts is computed by a rough model fitted to the reference (``NearbyTorque``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,80 +20,61 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.filtered_data import BAND
 from dvrk_gravity.diagnosis.data.loading import Loaded, LoadSettings
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.data.nearby import NearbyTorque
-from dvrk_gravity.errors import ConfigError, RecordingError
+from dvrk_gravity.diagnosis.data.reference_error import NearbyTorque
+from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.estimation import SameMotionSettings, Track, same_motion, same_path
 from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.recording import DataWarning, LowPass, Recording, RecordingFile
 
-ONLY_CHANGES = "it holds only what changed against a reference, and not what holds the arm"
+ONLY_CHANGES = "it holds changes against a reference only, and cannot hold the arm"
 
 
-@dataclass(frozen=True)
-class ReferenceSettings:
-    """When a reference serves.
-
-    Attributes:
-        piece: s, of which a piece that both show lasts at least. Chosen: three lengths of the
-            filter that torques are compared behind.
-        turned: Cosine of the angle between a joint's efforts and minus the reference's, as vectors
-            of their samples, from which on a sign was turned. Chosen: no change of the arm turns
-            weight and friction round.
-        slow: Hz; faster, no arm sags or swings further under a load. Chosen.
-        loud: Part of the efforts' difference, RMS, from which on it matters whether what is faster
-            is noise. Chosen.
-        path: Part of a motion that lies on the reference's path, at any pace, from which on it is
-            told that only the times differ. Chosen: most of it.
-    """
-
-    piece: float = 1.0
-    turned: float = 0.9
-    slow: float = 2.0
-    loud: float = 0.7
-    path: float = 0.5
+_PIECE = 1.0  # s, of the shortest piece that both show. Chosen: three lengths of the filter
+# Cosine of the angle between a joint's efforts and minus the reference's, as vectors of samples, at
+# which a sign was reversed. Chosen: no change of the arm reverses weight and friction.
+_REVERSED = 0.9
+_SLOW = 2.0  # Hz; above it no arm sags or overshoots under a load. Chosen
+_LOUD = 0.7  # of the efforts' RMS difference: above it, noise of accelerations matters. Chosen
+_PATH = 0.5  # of a motion on the reference's path, at any pace: then only its times differ. Chosen
 
 
 def model_of(arm: Arm) -> TorqueModel:
-    """Return the model that a difference needs: no term, and not to be compensated with."""
+    """Return the model of a difference: without terms, and not for compensation."""
     return TorqueModel(arm, (), verdict=VERDICTS[-1], reason=ONLY_CHANGES)
 
 
 def require_moving(recording: Recording | RecordingFile) -> None:
-    """Refuse static poses.
-
-    Raises:
-        RecordingError: Poses, which no time tells the order of.
-    """
+    """Raise RecordingError for static poses, which have no times to compare at."""
     first = recording.head
     if first.time is None:
         raise RecordingError(
-            first.source, "holds static poses: a reference is compared with as a motion, in time"
+            first.source, "holds static poses: expected a motion, to compare with the reference"
         )
 
 
 def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
-    """Return what both show, with the reference's efforts in the place of a model's torques.
+    """Return what both show, with the reference's efforts in place of a model's torques.
 
     Args:
-        loaded: The recordings on trial.
+        loaded: The recordings.
         reference: The reference.
-        names: What the first recording on trial, and the reference, are called.
+        names: Names of the first recording and of the reference.
 
     Raises:
-        RecordingError: They hold other joints, or show no motion, or too little, alike.
+        RecordingError: Other joints, or too little motion in common.
     """
     motion, other = loaded.motion, reference.motion
     if (motion.present != other.present).any():
         raise RecordingError(names[1], f"holds other joints than {names[0]}: expected the same")
     assert motion.rate is not None
     track = Track([other.time[p] for p in other.parts], [other.q[p] for p in other.parts])
-    told = np.concatenate([_times(motion, group, track) for group in _by_clock(motion)])
+    times = _times(motion, track)
     rough = NearbyTorque.fit(other)
-    # What friction leaves of the reference is of that phase; friction, of how the arm moves now.
+    # Friction follows the present velocity; all else, the reference's phase.
     rubbed, carried = other.effort - rough.friction_torque(other), rough.inertial_torque(other)
     rubbed = np.where(other.unread, np.nan, rubbed)
     then, nearby = (
-        track.at(told, [torque[p] for p in other.parts]) for torque in (rubbed, carried)
+        track.at(times, [torque[p] for p in other.parts]) for torque in (rubbed, carried)
     )
     then += rough.friction_torque(motion)
     change = rough.inertial_torque(motion) - nearby
@@ -103,12 +83,12 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
         piece
         for part in motion.parts
         for piece in _spans(shown, part)
-        if piece.stop - piece.start >= ReferenceSettings().piece * motion.rate
+        if piece.stop - piece.start >= _PIECE * motion.rate
     ]
     length = sum(piece.stop - piece.start for piece in pieces) / motion.rate
     shortest = LoadSettings().shortest
     if length < shortest:
-        elsewhere = _elsewhere(motion, other)  # at the same times: no matter of pace
+        elsewhere = _elsewhere(motion, other)
         raise RecordingError(
             names[0],
             ("" if elsewhere else _paced(motion, other, names[1]))
@@ -120,8 +100,8 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
     _require_signs(both, names)
     total = len(motion.q) / motion.rate
     line = (
-        f"{length:.1f} of {total:.1f} s show the motion of {names[1]}, to 2 % of its spread; of "
-        "both the difference is looked at: what they have in common cancels"
+        f"{length:.1f} of {total:.1f} s show the motion of {names[1]}, within 2 % of its spread: "
+        "only the difference of efforts is judged"
     )
     return replace(
         loaded,
@@ -134,21 +114,19 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
 
 
 def _real(change: Array, difference: Array, pieces: Sequence[slice], rate: float) -> Array:
-    """Return (N, n) what of a change of the links' torque is in the efforts, and no noise, N·m.
+    """Return (N, n) the change of the links' torque without the noise of accelerations, N·m.
 
-    It is as noisy as the accelerations that it was computed from, of which the efforts know
-    nothing. What is faster than an arm sags and swings further, if it is a large part of that by
-    which the efforts differ, by the part of it that they show, by least squares between 0 and 1.
-    What is slower all, for a load that the arm swings further with would be taken for it.
+    Where its fast part is large beside the efforts' difference, it is scaled to the part of it that
+    the efforts show, by least squares between 0 and 1. The slow part is kept: a load that the arm
+    overshoots with would be taken for it.
 
     Args:
-        change: (N, n) by which the links' torques are said to differ, for the motions do, N·m.
-        difference: (N, n) by which the efforts differ.
+        change: (N, n) computed difference of the links' torques, N·m.
+        difference: (N, n) measured difference of the efforts.
         pieces: Which samples count.
         rate: Hz.
     """
-    settings = ReferenceSettings()
-    slow, compare = (LowPass(min(f, rate / 6.0), rate) for f in (settings.slow, BAND))
+    slow, compare = (LowPass(min(f, rate / 6.0), rate) for f in (_SLOW, BAND))
     shared, square, differs = np.zeros((3, change.shape[1]))
     result, fast = np.array(change), np.zeros_like(change)
     for piece in pieces:
@@ -159,11 +137,11 @@ def _real(change: Array, difference: Array, pieces: Sequence[slice], rate: float
         square += (said * said).sum(axis=0)
         differs += (seen * seen).sum(axis=0)
     part = np.clip(shared / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
-    return result + fast * np.where(square > settings.loud**2 * differs, part, 1.0)
+    return result + fast * np.where(square > _LOUD**2 * differs, part, 1.0)
 
 
 def _paced(motion: MeasuredMotion, other: MeasuredMotion, name: str) -> str:
-    """Say what to do if the path is the same, but not the times: of a machine that was busy."""
+    """Return the message for the same path at other times, as of a busy machine; else ``""``."""
     track, reference = (
         Track([moved.time[p] for p in moved.parts], [moved.q[p] for p in moved.parts])
         for moved in (motion, other)
@@ -171,59 +149,54 @@ def _paced(motion: MeasuredMotion, other: MeasuredMotion, name: str) -> str:
     assert motion.rate is not None
     along = sum(int(part.sum()) for part in same_path(track, reference)) / motion.rate
     shortest = LoadSettings().shortest
-    if along < max(shortest, ReferenceSettings().path * len(motion.q) / motion.rate):
+    if along < max(shortest, _PATH * len(motion.q) / motion.rate):
         return ""
     return (
-        f"goes the way of {name} for {along:.1f} s, but with pauses or at another pace: expected "
-        f"{shortest:g} s at least at the same times; record both again, on a machine that keeps "
-        "pace (no other load beside excite and simulator)"
+        f"follows the path of {name} for {along:.1f} s, but with pauses or at another pace: "
+        f"expected {shortest:g} s at least at the same times; record both again, on a machine "
+        "that keeps pace (no other load beside excite and simulator)"
     )
 
 
 def _elsewhere(motion: MeasuredMotion, other: MeasuredMotion) -> str:
-    """Say which joints are elsewhere, if the motions are the same but for that."""
+    """Return the message for the same motion about another pose; else ``""``."""
     off = np.median(motion.q, axis=0) - np.median(other.q, axis=0)
     track = Track([other.time[p] for p in other.parts], [other.q[p] + off for p in other.parts])
-    told = np.concatenate([_times(motion, group, track) for group in _by_clock(motion)])
     assert motion.rate is not None
-    if np.isfinite(told).sum() < LoadSettings().shortest * motion.rate:
+    if np.isfinite(_times(motion, track)).sum() < LoadSettings().shortest * motion.rate:
         return ""
     large = np.abs(off) > SameMotionSettings().near * np.std(other.q, axis=0)
     joints = zip(motion.arm.joints, off, large, strict=True)
     moved = [f"{joint.name} is {joint.shown(by, 1)} further" for joint, by, yes in joints if yes]
-    return f"; it does where {', '.join(moved)}"
+    return f"; it does so where {', '.join(moved)}"
 
 
 def _require_signs(motion: MeasuredMotion, names: Sequence[str]) -> None:
-    """Refuse efforts that are the reference's with their sign turned round.
-
-    All that differs then would be told, and none of it would be there.
-    """
+    """Raise RecordingError for efforts that are the reference's with reversed sign."""
     assert motion.reference is not None
     alike = (motion.effort * motion.reference).sum(axis=0)
     sizes = np.linalg.norm(motion.effort, axis=0) * np.linalg.norm(motion.reference, axis=0)
-    turned = motion.moves & (alike < -ReferenceSettings().turned * sizes)
+    turned = motion.moves & (alike < -_REVERSED * sizes)
     if turned.any():
         joints = ", ".join(np.array(motion.arm.joint_names)[turned])
         raise RecordingError(
             names[0],
-            f"efforts of {joints} are those of {names[1]} with the sign turned round: expected "
-            "both to be read alike",
+            f"efforts of {joints} are those of {names[1]} with reversed sign: expected both in "
+            "the same convention",
         )
 
 
-def _by_clock(motion: MeasuredMotion) -> list[list[slice]]:
-    """Return the parts, those of one recording together, in order."""
+def _times(motion: MeasuredMotion, reference: Track) -> Array:
+    """Return (N,) times at which the reference shows the same, s; NaN where it does not."""
+    assert motion.rate is not None
     groups: dict[int, list[slice]] = {}
     for number, part in zip(motion.clocks, motion.parts, strict=True):
         groups.setdefault(number, []).append(part)
-    return list(groups.values())
-
-
-def _times(motion: MeasuredMotion, parts: Sequence[slice], reference: Track) -> Array:
-    assert motion.rate is not None
-    track = Track([motion.time[p] for p in parts], [motion.q[p] for p in parts])
-    return np.concatenate(same_motion(track, reference, motion.rate))
+    found: list[Array] = []
+    for parts in groups.values():
+        track = Track([motion.time[p] for p in parts], [motion.q[p] for p in parts])
+        found += same_motion(track, reference, motion.rate)
+    return np.concatenate(found)
 
 
 def _spans(shown: NDArray[np.bool_], part: slice) -> list[slice]:
@@ -232,55 +205,22 @@ def _spans(shown: NDArray[np.bool_], part: slice) -> list[slice]:
 
 
 def _cut(motion: MeasuredMotion, pieces: Sequence[slice]) -> MeasuredMotion:
-    """Return some pieces of a motion."""
-    rows = np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces])
+    """Return some pieces of a motion; rounding is that of two recordings."""
     edges = np.cumsum([0, *(piece.stop - piece.start for piece in pieces)]).tolist()
-    of = [
-        motion.clocks[
-            next(i for i, part in enumerate(motion.parts) if part.start <= p.start < part.stop)
-        ]
-        for p in pieces
-    ]
-    assert motion.reference is not None
-    return replace(
-        motion,
-        q=motion.q[rows],
-        qd=motion.qd[rows],
-        qdd=motion.qdd[rows],
-        effort=motion.effort[rows],
-        reference=motion.reference[rows],
-        unread=np.broadcast_to(motion.unread, motion.q.shape)[rows],
-        time=motion.time[rows],
-        parts=tuple(slice(a, b) for a, b in pairwise(edges)),
-        clock=tuple(of),
-        rounding=np.sqrt(2.0) * motion.rounding,
+    clock = tuple(
+        number
+        for piece in pieces
+        for number, part in zip(motion.clocks, motion.parts, strict=True)
+        if part.start <= piece.start < part.stop
     )
-
-
-def arm_for(model: TorqueModel | None, arm: Arm | None, reference: bool) -> Arm:
-    """Return the arm of a diagnosis.
-
-    Args:
-        model: The model on trial, if there is one.
-        arm: The arm, if it is given.
-        reference: Whether there is a reference.
-
-    Raises:
-        ConfigError: Neither model nor arm, two different arms, or no model and no reference.
-    """
-    if model is None:
-        if not reference:
-            raise ConfigError("--model", None, "a model; or --arm with --reference")
-        if arm is None:
-            raise ConfigError("--arm", None, "the arm, or a --model, beside --reference")
-        return arm
-    if arm is not None and arm.joint_names != model.arm.joint_names:
-        its = f"{model.arm.name} with {', '.join(model.arm.joint_names)}"
-        raise ConfigError("--arm", arm.name, f"that of the model, {its}, or none")
-    return model.arm
+    cut = motion.at(
+        np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces]),
+        tuple(slice(a, b) for a, b in pairwise(edges)),
+    )
+    return replace(cut, clock=clock, rounding=np.sqrt(2.0) * motion.rounding)
 
 
 def _further(warnings: Sequence[DataWarning], said: Sequence[DataWarning]) -> list[DataWarning]:
-    """Return the warnings of a reference that the recording itself does not deserve as well."""
+    """Return warnings of the reference that do not apply to the recording as well."""
     known = {(warning.kind, warning.joint) for warning in said}
     return [warning for warning in warnings if (warning.kind, warning.joint) not in known]

@@ -13,7 +13,6 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, split
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.refinement import rebuilt
-from dvrk_gravity.diagnosis.results.findings import Gain
 from dvrk_gravity.effects import Estimate, Hypothesis
 from dvrk_gravity.estimation import NORMAL_95, evidence
 
@@ -46,6 +45,23 @@ class JudgementSettings:
 
 
 @dataclass(frozen=True)
+class Gain:
+    """Part of the error that an effect removes on held-out data.
+
+    Attributes:
+        relative: Relative reduction of the RMS error.
+        low: Lower end of its 95 % interval (block bootstrap).
+        high: Upper end.
+        p_value: One-sided p-value of a paired test over the held-out blocks.
+    """
+
+    relative: float
+    low: float
+    high: float
+    p_value: float
+
+
+@dataclass(frozen=True)
 class Unconfirmed:
     """What was chosen, and is not there on the blocks that the choice had not seen.
 
@@ -62,29 +78,6 @@ class Unconfirmed:
     gain: Gain | None
     partial: bool = False
     worsens: bool = False
-
-    def __str__(self) -> str:
-        """Say so."""
-        if self.worsens:
-            return (
-                f"chosen, but left out, for with it the error at {self.joint} is larger than the "
-                f"given model's: {self.hypothesis}"
-            )
-        if self.gain is None:
-            return (
-                f"chosen, but left out, for it acts in no held-out block that could confirm it: "
-                f"{self.hypothesis}"
-            )
-        if self.partial:
-            return (
-                "chosen, but left out, for a part of what it claims does not show: "
-                f"{self.hypothesis}"
-            )
-        return (
-            f"chosen, but not confirmed on the held-out blocks, and left out: {self.hypothesis} "
-            f"(removes {100 * self.gain.relative:.0f} % of the error at {self.joint}, "
-            f"95 %: {100 * self.gain.low:.0f} to {100 * self.gain.high:.0f})"
-        )
 
 
 class HeldOut:

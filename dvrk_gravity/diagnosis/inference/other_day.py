@@ -11,7 +11,7 @@ from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.candidate import Candidate, split
 from dvrk_gravity.diagnosis.data.model_error import (
-    FrictionChangeSettings,
+    FRICTION_PART,
     friction_change,
     like_changed_friction,
     like_friction,
@@ -78,7 +78,7 @@ class OtherDay:
             self._seen = list(selected), validation.weight
             rms, friction = (np.sqrt(np.mean(t**2, axis=0)) for t in (changed, self._friction))
             part = np.max(rms / np.where(friction > 0.0, friction, np.inf))
-            part = min(part, FrictionChangeSettings().part)
+            part = min(part, FRICTION_PART)
             self._last = change, np.where(rms > 0.0, part * friction, 0.0)
         return self._last
 

@@ -1,64 +1,33 @@
-"""What a diagnosis finds: typed values, rendered elsewhere."""
+"""What a diagnosis finds, as typed values; ``report`` renders them."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from dvrk_gravity import effects
-from dvrk_gravity.arrays import Array
+from dvrk_gravity.arrays import Array, Mask
+from dvrk_gravity.diagnosis.inference.held_out import Gain
 from dvrk_gravity.effects import Estimate
 
-FloorFrom = Literal["repetition", "high_frequencies", "nothing"]
-
-
-NO_TERM = "no term of a model file carries it"
+NO_TERM = "model files have no term for it"
 """Why most of what is left out of the extended model is left out."""
-ANEW = "identify the model anew, with this recording beside its own"
-"""What to do about what a term would carry, and this model's does not."""
 NOT_AS_FOUND = (
-    "the model has such a term already, and cannot hold as much of it here: at the edge of the "
-    "range that it was identified on, or at zero, it ends"
+    "the model's own term of this kind cannot take it here: it is at zero, or at the edge of the "
+    "range that it was identified on"
 )
 """Why the rest is."""
-
-# What the floor is, in words.
-FLOORS: Mapping[FloorFrom, str] = {
-    "repetition": "what differs between one period of the motion and the next",
-    "high_frequencies": "the noise that high frequencies show",
-    "nothing": "a noise that is not known",
-}
-
-
-@dataclass(frozen=True)
-class Gain:
-    """What an effect removes of the error on data that neither fit nor choice has seen.
-
-    Attributes:
-        relative: Part of the root-mean-square error that it removes.
-        low: Lower end of its 95 % interval (block bootstrap).
-        high: Upper end.
-        p_value: Of a paired test over the held-out blocks, one-sided.
-    """
-
-    relative: float
-    low: float
-    high: float
-    p_value: float
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another explanation that the data does not tell from the one found.
+    """Another explanation that the data cannot separate from the one found.
 
     Attributes:
         effect: Name in the vocabulary.
         joints: Names of the joints.
-        why: Numbers, and what would tell the two apart.
+        why: Numbers, and what would separate the two.
     """
 
     effect: str
@@ -68,14 +37,14 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Rejected:
-    """An explanation that was tried in the place of the one found, and is worse.
+    """A worse explanation than the one found.
 
     Attributes:
         effect: Name in the vocabulary.
         joints: Names of the joints.
-        place: Which form of the effect.
-        gain: Log-likelihood that it brings on unseen blocks.
-        behind: By how much less than the one found.
+        place: Form of the effect.
+        gain: Log-likelihood gain on unseen blocks.
+        behind: How much less that is than for the one found.
     """
 
     effect: str
@@ -87,16 +56,16 @@ class Rejected:
 
 @dataclass(frozen=True)
 class Contender:
-    """One of two causes that the data cannot tell apart, whether or not it is there.
+    """One of two causes that the data cannot separate, whether or not it is there.
 
     Attributes:
         effect: Name in the vocabulary.
         joints: Names of the joints.
         alone: Estimates if only this one is fitted.
         together: Estimates if both are.
-        gain: Log-likelihood that it brings on unseen blocks, its cost taken off.
-        suspected: Whether that clearly speaks for it.
-        at: Joint whose held-out error it lowers most.
+        gain: Log-likelihood gain on unseen blocks, less the cost of its parameters.
+        suspected: Whether that gain is clear.
+        at: Joint whose held-out error it reduces most.
         removed: Part of that error.
     """
 
@@ -110,7 +79,7 @@ class Contender:
     removed: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what findings.json holds of it."""
+        """Return its part of findings.json."""
         return {
             "effect": self.effect,
             "joints": list(self.joints),
@@ -123,14 +92,14 @@ class Contender:
 
 @dataclass(frozen=True)
 class Ambiguity:
-    """Two causes that would look alike in this recording.
+    """Two causes that this recording cannot separate.
 
     Attributes:
         first: One.
         second: The other.
         overlap: Part of the first's torque that the second reproduces.
         pair: The two in words.
-        sentence: All of it in words, with what would tell them apart.
+        sentence: All of it in words, with what would separate them.
     """
 
     first: Contender
@@ -141,13 +110,13 @@ class Ambiguity:
 
     @property
     def suspected(self) -> bool:
-        """Whether unseen blocks clearly speak for either of them."""
+        """Whether either has a clear gain on unseen blocks."""
         return self.first.suspected or self.second.suspected
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Residual of one joint against what it depends on, held-out samples.
+    """Held-out error of one joint against what it depends on.
 
     Attributes:
         joint: Name of the joint.
@@ -155,7 +124,7 @@ class Picture:
         x: (T,) its values.
         before: (T,) error without the effect, N·m.
         after: (T,) error with it, N·m.
-        forward: (T,) which samples were taken in positive motion; ``None`` if it does not matter.
+        forward: (T,) samples in positive motion; ``None`` if the direction does not matter.
     """
 
     joint: str
@@ -163,30 +132,30 @@ class Picture:
     x: Array
     before: Array
     after: Array
-    forward: NDArray[np.bool_] | None = None
+    forward: Mask | None = None
 
     def __repr__(self) -> str:
-        """Say what it shows, in short."""
+        """Name joint, variable and length."""
         return f"<Picture of {self.joint} over {self.variable}, {len(self.x)} samples>"
 
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """One thing that the model gets wrong.
+    """One cause of a model's error.
 
     Attributes:
         effect: Name in the vocabulary, or ``unknown``.
         joints: Names of the joints, the affected one first; empty for the whole arm.
-        place: Joint, motor, link, or what an unknown structure depends on.
+        place: Joint, motor, link, or what an unexplained structure depends on.
         parameters: Estimates by name.
-        gain: What it removes, on held-out data.
-        alternatives: Explanations that this data does not tell from it.
-        rejected: Explanations that are worse.
+        gain: Part of the held-out error that it removes.
+        alternatives: Explanations that this data cannot separate from it.
+        rejected: Worse explanations.
         sentence: The finding in words, with figures.
         picture: Where it shows.
-        left_out: Why the extended model does not carry it; ``""`` where it does.
+        left_out: Why the extended model lacks it; ``""`` where it has it.
         remedy: What to do about it.
-        doubt: Why it is not certain, whatever it gains.
+        doubt: Why it is uncertain in spite of its gain; ``""`` if it is not.
     """
 
     effect: str
@@ -204,7 +173,7 @@ class Finding:
 
     @property
     def in_model(self) -> bool:
-        """Whether the extended model carries it."""
+        """Whether the extended model has it."""
         return not self.left_out
 
     def __repr__(self) -> str:
@@ -213,11 +182,7 @@ class Finding:
 
     @property
     def certain(self) -> bool:
-        """Whether zero lies outside the intervals of its gain and of its size.
-
-        Of an effect of several sizes (two directions, three axes) one that is certain is enough.
-        Nor is it certain where something else than its gain says so (``doubt``).
-        """
+        """Whether zero lies outside the intervals of its gain and of at least one of its sizes."""
         sizes = [
             not estimate.doubtful(zero)
             for name, estimate in self.parameters.items()
@@ -226,7 +191,7 @@ class Finding:
         return self.gain.low > 0.0 and (any(sizes) or not sizes) and not self.doubt
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what findings.json holds of it."""
+        """Return its part of findings.json."""
         return {
             "effect": self.effect,
             "joints": list(self.joints),
@@ -247,25 +212,21 @@ class Finding:
         }
 
 
-# What is known that is no effect: the model's own parameters moved, the error that it left.
-PARAMETERS, ERROR = "model_parameters", "model_error"
-KNOWN = "what the model is known to miss, left uncertain, or has of another day"
-BETWEEN = "what differs from the reference without a cause that is news"
+PARAMETERS, ERROR = "model_parameters", "model_error"  # what is known, and is no effect
 
 
 @dataclass(frozen=True)
 class Known:
-    """What the model's own uncertainty, or its known error, accounts for: no news.
+    """What the model's own uncertainty or known error explains: expected, no finding.
 
     Attributes:
-        effect: Name of an effect that is significant, and smaller than that error, or such as
-            friction changes by from day to day; :data:`PARAMETERS` for how far the model's own
-            parameters moved; :data:`ERROR` for what it leaves here as it did when it was
-            identified.
+        effect: Name of an effect that is significant, and smaller than that error or day-to-day
+            friction variation; :data:`PARAMETERS` for a change of the model's own parameters;
+            :data:`ERROR` for the remaining error.
         joints: Names of the joints.
         parameters: Estimates by name.
-        sentence: It in words, with figures.
-        of_all_friction: What friction changed by at all joints, in words; ``""``: it is no such.
+        sentence: In words, with figures.
+        of_all_friction: Change of friction at all joints, in words; ``""`` for anything else.
         remedy: What to do about it; ``""``: nothing.
     """
 
@@ -282,7 +243,7 @@ class Known:
         return self.effect not in (PARAMETERS, ERROR)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what findings.json holds of it."""
+        """Return its part of findings.json."""
         return {
             "effect": self.effect,
             "joints": list(self.joints),
@@ -293,13 +254,12 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Weighed:
-    """A payload beside the mass that is said to be there.
+class PayloadCheck:
+    """A payload found beside its known mass.
 
     Attributes:
-        known: That mass, kg.
-        scale: Torque scale by which both would agree: what was found, over what is known; ``None``
-            if no payload was found.
+        known: Known mass, kg.
+        scale: Mass found over known mass, a torque scale; ``None`` if no payload was found.
         sentence: In words.
     """
 
@@ -308,7 +268,7 @@ class Weighed:
     sentence: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what findings.json holds of it."""
+        """Return its part of findings.json."""
         return {
             "mass": self.known,
             "torque_scale": None if self.scale is None else _parameters({"": self.scale})[""],
@@ -317,12 +277,7 @@ class Weighed:
 
 
 def ordered(findings: Iterable[Finding], expected: Collection[str] = ()) -> list[Finding]:
-    """Return findings by what they remove, those last of which it may well be nothing.
-
-    Args:
-        findings: The findings.
-        expected: Names of effects that are no surprise: they come after others.
-    """
+    """Return findings by gain: certain ones first, and effects expected of any arm last."""
 
     def rank(finding: Finding) -> tuple[bool, bool, float]:
         return not finding.certain, finding.effect in expected, -finding.gain.relative

@@ -1,17 +1,17 @@
-"""Findings written into a model, as far as a model file can carry them."""
+"""The model extended by findings, as far as a model file has terms for them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from dvrk_gravity import effects
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis.data import load_friction
 from dvrk_gravity.diagnosis.data.candidate import Candidate
 from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.data.model_error import joints_rubbing_by_load
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
@@ -33,29 +33,21 @@ _EXTENDED = "extended by diagnose: evaluate it on another recording"
 _ROUNDING = 1e-9  # of a term's largest coefficient
 
 
-@dataclass(frozen=True)
-class ExtensionSettings:
-    """When a merged model contradicts what was found.
-
-    Attributes:
-        missed: Part of a torque's RMS that a merged model may miss. Derived: half of its energy;
-            with less missing the model is nearer to what was found than without it. What begins
-            unknown or is held beyond its range (presliding, a cable) misses up to 0.33 in the
-            trials with real recordings; a lost sign misses 2.
-    """
-
-    missed: float = 0.7
+# Of a torque's RMS, that a merged model may miss. Derived: half of its energy; with less missing
+# the model is nearer to the finding than without it. What begins unknown or is held at its range
+# (presliding, a cable) misses up to 0.33 in the trials with real recordings; a lost sign misses 2.
+_MISSED = 0.7
 
 
 def contradicted(data: FilteredData, candidate: Candidate, theta: Array) -> bool:
-    """Tell whether the model that a finding is merged into has another torque than was found.
+    """Return whether the extended model's torque contradicts what was found.
 
-    Columns, ``merge`` and ``from_parameters`` of an effect are written apart, and a sign that
-    differs between them would make the extended model worse than the given one.
+    An effect's columns and its ``merge`` are written separately: a wrong sign in one of them would
+    make the extended model worse than the given one.
 
     Args:
-        data: The data, for their motion and for what is compared.
-        candidate: What was found, and can be merged.
+        data: The samples.
+        candidate: What was found and merged.
         theta: (k,) its parameters.
     """
     motion = data.motion
@@ -63,7 +55,7 @@ def contradicted(data: FilteredData, candidate: Candidate, theta: Array) -> bool
     merged = data.reduce(motion.torque_at(motion.q, model) - motion.modelled)
     found = candidate.columns() @ theta
     size, missing = (np.linalg.norm(torque[data.usable]) for torque in (found, found - merged))
-    return bool(missing > ExtensionSettings().missed * size)
+    return bool(missing > _MISSED * size)
 
 
 def extended(
@@ -71,21 +63,19 @@ def extended(
     found: Sequence[tuple[Hypothesis, Array]],
     left_out: Mapping[int, str] | None = None,
 ) -> tuple[TorqueModel, tuple[str, ...]]:
-    """Return the model with what was found, and of each finding why not; ``""``: it carries it.
+    """Return the model with what was found, and why it lacks each finding; ``""`` if it has it.
 
-    What the arm does as a function of its state, its encoders' zeros and its efforts' bias go
-    into the file. Wrong readings (scale, delay, clipping, coupling, coordinates) are to be put
-    right where they arise, and what happens in time (drift, a push for a while) is no function of
-    the state: they are left to the findings.
+    Functions of the state, encoder zeros and effort bias go into the file. Wrong readings (scale,
+    delay, clipping, coupling, coordinates) are to be corrected where they arise, and what depends
+    on time (drift, a push for a while) is no term.
 
-    Findings are functions of measured positions, a model's terms of true ones: the encoder
-    offsets that the findings add are merged first, so that every other finding can take them into
-    account.
+    Findings are functions of measured positions, a model's terms of true ones: encoder offsets are
+    merged first, so that every other finding can take them into account.
 
     Args:
         motion: The motion, for its model and for the range on which cables were fitted.
         found: Hypotheses and their (k,) parameters, in order.
-        left_out: Why some are not merged, by their indices.
+        left_out: Why some are not merged, by index.
     """
     values: Values = dict(motion.model.parameters())
     model = TorqueModel.from_parameters(values, motion.arm)
@@ -110,7 +100,7 @@ def extended(
     other_terms = tuple(term for term in motion.model.terms if term.NAME not in names)
     model = replace(model, terms=(*model.terms, *other_terms))
     if "" in reasons and model.verdict != VERDICTS[-1]:
-        # Of this model nobody has said that it is good; one that is not to be used stays so.
+        # Nobody has evaluated this model; an unusable one stays so.
         model = replace(model, verdict=NO_VERDICT, reason=_EXTENDED)
     return model, tuple(reasons)
 
@@ -123,19 +113,18 @@ def updated(
     left_out: Mapping[int, str],
     whole: bool,
 ) -> TorqueModel:
-    """Return an extended model with what the recording tells of its own parameters.
+    """Return an extended model with the posterior of its parameters and of what was found.
 
-    Their posterior, and that of what was found, takes the place of the one that the given model
-    came with; of a model that did not tell how sure it is, nothing changes.
+    A model without uncertainty is returned unchanged.
 
     Args:
         model: The model, extended by what was found.
-        validation: The validation.
+        validation: The samples.
         named: What was found.
-        held_out: The held-out samples, for the error that is known from now on.
-        left_out: Why some of what was found is not merged, by its index.
-        whole: The model has all of what was found. What it had not would count as known from now
-            on, were the recording's samples kept.
+        held_out: The held-out samples, for the error at this new calibration.
+        left_out: Why some of what was found is not merged, by index.
+        whole: The model has all that was found, and the recording's samples may be kept. What it
+            lacks would else count as known from now on.
     """
     motion = validation.data.motion
     before = motion.model.uncertainty
@@ -145,7 +134,7 @@ def updated(
     mean, covariance = validation.posterior(named)
     variance, vectors = np.linalg.eigh(covariance)
     spread = vectors * np.sqrt(np.maximum(variance, 0.0))
-    # Between them lies what no term has: outside the model's range, and of friction by load.
+    # Between them lie extrapolation and friction by load, which no term has.
     own_parameters, found = mean[: before.size], mean[validation.model_size :]
     edges = np.cumsum([0, *(candidate.size for candidate in named)])
     own_parameters = _within(
@@ -185,8 +174,8 @@ def updated(
     after = coefficients_of(moved.terms)
     error = held_out.rmse(held_out.error(named))
     error = np.where(np.isfinite(error) & (error > 0.0), error, before.error)
-    # What follows is friction by load, which acts everywhere.
-    by_load = len(load_friction.of_joints(motion))
+    # The columns after these are of friction by load, which acts everywhere.
+    by_load = len(joints_rubbing_by_load(motion))
     outside = slice(before.size, validation.model_size - by_load)
     right = _right_outside(validation.data.model_columns[:, :, outside], mean[outside], error)
     lower, upper = motion.true_q.min(axis=0), motion.true_q.max(axis=0)
@@ -208,21 +197,21 @@ def updated(
 
 
 def _right_outside(columns: Array, parameters: Array, error: Array) -> Array:
-    """Return (n,) whether a model is right to its error where joints were outside its range.
+    """Return (n,) whether a model's error outside its range is no larger than inside.
 
-    Else it has no terms for what it missed there, and has that as unseen as before.
+    Otherwise it lacks terms there, and its identified range does not grow.
 
     Args:
         columns: (T, n, e) torques by which it may be off there.
-        parameters: (e,) of them, as they were fitted beside what was found.
-        error: (n,) RMS error that is known from now on.
+        parameters: (e,) fitted coefficients of them.
+        error: (n,) RMS error at this calibration.
     """
     missed = np.square(columns @ parameters).sum(axis=0)
     return np.asarray(missed <= error**2 * columns.any(axis=2).sum(axis=0))
 
 
 def _samples(data: FilteredData) -> CalibrationSamples | None:
-    """Return what an extended model keeps of the recording that it was extended by."""
+    """Return the samples that an extended model keeps as its calibration."""
     motion = data.motion
     if data.band is None or motion.rate is None or not motion.present.all() or motion.unread.any():
         return None
@@ -244,14 +233,14 @@ def _within(
 ) -> Array:
     """Return (d,) the mean of parameters given that coefficients stay in their ranges.
 
-    One that would leave its range is at its end, and the others are what they are then on average:
-    clipped alone, what made up for it would be left standing.
+    A coefficient that would leave its range is at its end, and the others have their conditional
+    mean: clipping it alone would keep what compensated for it.
 
     Args:
         unconstrained: (d,) their mean without that.
         covariance: (d, d) of them.
         model: The model that they are added to.
-        before: What they mean.
+        before: Their directions.
     """
     rows: list[Array] = []
     ends: list[float] = []
@@ -282,7 +271,7 @@ def _within(
 
 
 def _clipped(term: Term, model: TorqueModel) -> Term | None:
-    """Return a term with its parameters in the range that files allow; ``None``: none is left."""
+    """Return a term with its parameters within the range of files; ``None`` if none is left."""
     declared, values = model_parameters(model.arm), term.parameters()
     for name, value in values.items():
         if isinstance(value, tuple):

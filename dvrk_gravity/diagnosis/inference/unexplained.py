@@ -1,0 +1,79 @@
+"""Structure that no effect explains: smooth functions of the state, and effects they refute."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.data.candidate import Candidate
+from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
+from dvrk_gravity.diagnosis.inference.held_out import HeldOut
+from dvrk_gravity.diagnosis.inference.places import SelectedEffect
+from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection, SelectionSettings
+from dvrk_gravity.effects import nameless
+
+_AT_FLOOR = 1.05  # times the noise: nothing worth finding is left. Chosen
+# Part of a joint's error that such a function must remove: half as much again as an effect. Chosen.
+_LEAST = 1.5 * SelectionSettings().least_gain
+_MOST = 3  # functions: a bound on time
+_REFUTED = 0.5  # of a function's gain: effects that gain less do not fit. Chosen
+
+
+def unexplained_structure(
+    validation: CrossValidation, selection: Selection, selected: list[SelectedEffect], floor: Array
+) -> tuple[list[SelectedEffect], list[EffectTrial]]:
+    """Return the selected effects that are not refuted, and the structure that none explains.
+
+    Args:
+        validation: The samples.
+        selection: The model selection.
+        selected: The effects it selected.
+        floor: (n,) noise, N·m.
+    """
+    data = validation.data
+    named = [effect.trial.candidate for effect in selected]
+    # Not clean where the floor is unknown.
+    clean = validation.score(named).rms <= _AT_FLOOR * floor
+    joints = np.flatnonzero(data.motion.present & ~clean).tolist()
+    pool = list(data.candidates(nameless(data.motion, joints)))
+    unknown: list[EffectTrial] = []
+    while len(unknown) < _MOST:
+        beside = [*named, *(trial.candidate for trial in unknown)]
+        validation.weigh(validation.out_of_fold(beside), final=True)
+        strong = [
+            trial
+            for trial in selection.best(beside, validation.score(beside), pool)
+            if trial.passes and not trial.other_day and trial.removed > _LEAST
+            and np.any(trial.size > data.day_to_day_error)
+        ]  # fmt: skip
+        if not strong:
+            break
+        unknown.append(strong[0])
+    held_out = HeldOut(validation)
+    unknown = [
+        trial
+        for trial in unknown
+        if not held_out.unconfirmed([*named, trial.candidate], [trial.candidate])
+    ]
+    for trial in unknown:
+        named = [each for each in named if not _refuted(validation, named, each, trial.candidate)]
+    kept = {id(candidate) for candidate in named}
+    return [effect for effect in selected if id(effect.trial.candidate) in kept], unknown
+
+
+def _refuted(
+    validation: CrossValidation,
+    named: Sequence[Candidate],
+    candidate: Candidate,
+    function: Candidate,
+) -> bool:
+    """Return whether an arbitrary function does so much better that an effect does not fit."""
+    if not set(candidate.hypothesis.joints) & set(function.hypothesis.joints):
+        return False
+    rest = [other for other in named if other is not candidate]
+    without = validation.score(rest).likelihood
+    gain = validation.score([*rest, candidate]).likelihood - without
+    function_gain = validation.score([*rest, function]).likelihood - without
+    return gain < _REFUTED * function_gain
