@@ -202,7 +202,7 @@ def test_a_diagnosis_is_a_table_with_sizes_and_says_how_good_and_what_next():
     assert "all joints" in lines[4]
     assert " no  " in lines[4]
     assert "outer_yaw 200 -> 50" in lines[5]
-    assert "most left: elbow_pitch 200 -> 300, 30 times" in lines[5]
+    assert "largest remaining: elbow_pitch 200 -> 300, 30 times" in lines[5]
     assert "worse after: elbow_pitch" in lines[5]
     assert lines[6] == "next: oil it"
     assert len(lines) == 9, "a warning, and how many more"
