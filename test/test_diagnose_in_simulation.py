@@ -166,7 +166,7 @@ def test_a_comparison_with_completed_inertia_succeeds_and_says_so(recorded):
     assert np.isfinite([result.before, result.after]).all()
     assert len(result.drifts) == 2
     (note,) = result.notes
-    assert note.startswith("the extended model has inertia that no bodies can have")
+    assert note.startswith("the extended model has inertia that no rigid bodies can have")
     assert note.endswith("(wrist_roll)")
 
 

@@ -174,3 +174,13 @@ def test_a_variable_is_called_by_what_it_holds():
     folders = [REPOSITORY / name for name in ("dvrk_gravity", "testing", "benchmark", "test")]
     paths = [path for folder in folders for path in folder.rglob("*.py")]
     assert [path.name for path in paths if "one" in stored(path)] == []
+
+
+def test_a_layer_of_diagnosis_imports_only_layers_below():
+    layers = [f"dvrk_gravity.diagnosis.{name}." for name in ("data", "inference", "results")]
+    for module, imported in graph(PACKAGE).items():
+        for below, layer in enumerate(layers):
+            if module.startswith(layer):
+                assert not [
+                    name for name in imported if name.startswith(tuple(layers[below + 1 :]))
+                ]

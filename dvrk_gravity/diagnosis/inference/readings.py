@@ -1,11 +1,8 @@
-"""Coordinates, signs, order, scales and clock: is the recording read correctly?
-
-Wrong readings are corrected before effects are considered.
-"""
+"""Wrong coordinates, signs, order, scales and clocks, corrected before effects are considered."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,8 +21,7 @@ from dvrk_gravity.diagnosis.scaled_efforts import effort_scales
 from dvrk_gravity.effects import Estimate, Reading, readings
 from dvrk_gravity.estimation import NORMAL_95, bonferroni, likelihood_ratio
 
-_ALPHA = 0.001  # chance of a wrong correction, for the number of readings tried: a tenth of that of
-# the selection of effects, since all of it rests on this. Chosen
+_ALPHA = 0.001  # of a wrong correction: a tenth of that of effects, which rest on it. Chosen
 _LEAST_REMOVED = 0.3  # of a joint's error. Chosen: a wrong sign or order leaves little right
 _SAMPLES = 600  # compared: a bound on time
 _BLOCKS = 24  # of the test: Wilcoxon's least p-value is then 6e-8
@@ -41,8 +37,7 @@ _LEFT_OUT = 8  # spans of the recording, each left out in turn for the clock's i
 # clocks found .0024 to .0029 too large (test_diagnose_recording_faults.py).
 _SMOOTHED = 0.0025
 _DRIVING = 3.0  # standard errors by which friction may not drive the arm: one chance in a thousand
-_SHARE = 0.7  # of the best effect's gain, that a reading must reach: a wrong reading explains
-# nearly all, an effect at the same time some. Chosen
+_SHARE = 0.7  # of the best effect's gain that a reading must reach, which explains most. Chosen
 _ALTERNATIVE = 0.97  # of its gain, that another reading must reach to be listed. Chosen
 _COMPARED = 4  # readings compared with the model's parameters free: a bound on time
 _MOST = 3  # wrong readings found one after the other: a bound on time
@@ -67,8 +62,7 @@ class ReadingScore:
     @property
     def passes(self) -> bool:
         """Whether it is significant and large."""
-        large = self.removed > _LEAST_REMOVED and self.gain > 0.0
-        return large and self.p_value < _ALPHA
+        return self.removed > _LEAST_REMOVED and self.gain > 0.0 and self.p_value < _ALPHA
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +145,9 @@ def _wrong_reading(loaded: Loaded, say: Callable[[str], None]) -> WrongReading |
     _, gain = reading_gain(scores[0], before, after, held_out)
     certain = gain.low > 0.0 and gain.relative > held_out.settings.least_removed
     enough = _gain(scores[0], validation, present, read) > least
-    if not (enough and certain and _significant(validation, present, read, len(tried))):
+    inflation = validation.inflation(read.error, present.error - read.error)
+    p_value = likelihood_ratio(validation.gain(present, read, inflation), 1)
+    if not (enough and certain and bonferroni(p_value, len(tried)) < _ALPHA):
         return None
     limit = _ALTERNATIVE * scores[0].gain
     others = tuple(score for score in scores[1:] if score.gain > limit)
@@ -194,14 +190,7 @@ def read_as(motion: MeasuredMotion, reading: Reading) -> MeasuredMotion:
 def reading_gain(
     score: ReadingScore, before: Array, after: Array, held_out: HeldOut
 ) -> tuple[list[int], Gain]:
-    """Return the joints that a reading is judged by, and its gain there on held-out blocks.
-
-    Args:
-        score: The reading.
-        before: (H, n) errors of the recording as it was read first.
-        after: (H, n) errors of the other reading.
-        held_out: The held-out samples.
-    """
+    """Return the joints that a reading is judged by, and its gain there from (H, n) errors."""
     old, new = held_out.rmse(before), held_out.rmse(after)
     joints = list(score.reading.joints) or [int(np.argmin(new / np.maximum(old, 1e-12)))]
     return joints, held_out.gain(before, after, joints)
@@ -239,7 +228,11 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
     ]
     scores = []
     farthest = _beyond(few) + _BEYOND
-    for same_motion in _by_motion(alternatives):
+    # Readings that differ in the efforts alone share the model's torque.
+    groups: dict[tuple[bytes, float], list[Reading]] = {}
+    for reading in alternatives:
+        groups.setdefault((reading.motion.tobytes(), reading.rate), []).append(reading)
+    for same_motion in groups.values():
         read = read_as(few, same_motion[0])
         if _beyond(read) > farthest:
             continue
@@ -283,10 +276,6 @@ def _clocks(few: MeasuredMotion, usable: Mask) -> list[Reading]:
 
     Where velocities were measured they show the clock (``recording_faults``); here only torques do,
     inertia by its square and viscous friction.
-
-    Args:
-        few: Samples of a motion.
-        usable: (N, n) which of their efforts count.
     """
     from scipy.optimize import minimize_scalar
 
@@ -333,19 +322,10 @@ def _clocks(few: MeasuredMotion, usable: Mask) -> list[Reading]:
 def _clock(value: float, eye: Array, low: float = 0.0, high: float = np.inf) -> Reading:
     factor = Estimate(value, low, high, "")
     words = (
-        f"its clock runs wrong, its times are {factor.shown} of the true ones; no velocities were "
-        "recorded that would show it, and inertia and viscous friction that are off alike at all "
-        "joints would look the same"
+        f"its clock is wrong, its times are {factor.shown} of the true ones; without recorded "
+        "velocities, equally wrong inertia and viscous friction at all joints would look the same"
     )
     return Reading(words, (), eye, eye, clock=factor)
-
-
-def _by_motion(alternatives: Iterable[Reading]) -> Iterable[list[Reading]]:
-    """Return readings in groups with the same motion, and so the same model torque."""
-    groups: dict[tuple[bytes, float], list[Reading]] = {}
-    for reading in alternatives:
-        groups.setdefault((reading.motion.tobytes(), reading.rate), []).append(reading)
-    return groups.values()
 
 
 def _expected(motion: MeasuredMotion) -> Array:
@@ -386,11 +366,8 @@ def _driving(power: Array, block: np.ndarray) -> bool:
     """Return whether friction would drive the arm, beyond chance.
 
     An arm on the ceiling and one with reversed efforts have the same weight, but friction takes
-    work from the one and would add to the other.
-
-    Args:
-        power: (N, n) of the efforts less weight, inertia and springs of the model.
-        block: (N,) block of each sample.
+    work from the one and would add to the other. ``power`` is that of efforts less the weight,
+    inertia and springs of the model.
     """
     mean = np.bincount(block, power.sum(axis=1)) / np.bincount(block)
     error = np.std(mean, ddof=1) / np.sqrt(len(mean))
@@ -423,10 +400,3 @@ def _gain(score: ReadingScore, validation: CrossValidation, present: Score, read
     """Return the log-likelihood gain of a reading, in the units of the efforts as recorded."""
     scaled = float((validation.samples * (validation.weight > 0.0)) @ score.reading.density)
     return read.likelihood - present.likelihood - scaled
-
-
-def _significant(validation: CrossValidation, before: Score, after: Score, tried: int) -> bool:
-    """Return whether the best of some readings is more than chance."""
-    inflation = validation.inflation(after.error, before.error - after.error)
-    p_value = likelihood_ratio(validation.gain(before, after, inflation), 1)
-    return bonferroni(p_value, tried) < _ALPHA

@@ -1,7 +1,6 @@
-"""What an extension of the model changes in the simulator: motion predicted, drift under it.
+"""Given and extended model in the simulator: predicted motion, and drift under compensation.
 
-Both are simulated with the model's own friction. The drift is that of an arm as the extended model
-has it: if that is right, this is what a hand will feel.
+Both with the model's own friction. The drift is what a hand feels if the extended model is true.
 """
 
 from __future__ import annotations
@@ -20,26 +19,26 @@ from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.simulate import ModelArm, Plant, SimulatedArm, simulate
 
-WINDOW = 0.1  # s: what is predicted open loop diverges soon
+WINDOW = 0.1  # s of open-loop prediction, which soon diverges
 STEP = 1e-3  # s
-FRICTION = (1.0, 0.1)  # parts of the arm's friction: what it has, and what little it may have
-DURATION = 2.0  # s of drift, as long as the console looks at it to accept a calibration
+FRICTION = (1.0, 0.1)  # parts of the arm's friction: all, and as little as it may have
+DURATION = 2.0  # s of drift, as long as the console watches it to accept a calibration
 _WINDOWS = 60
 _POSES = 3
 _RATE = 50.0  # Hz of the drift's record
 _AWAY = f"steps of {1e3 * STEP:g} ms are too long for the model's torques, the arm runs away"
-_COMPLETED = 0.01  # of the usual torque, that an inertia may differ by without a word
+_COMPLETED = 0.01  # of the usual torque: a smaller difference of inertia is not reported
 
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """How an arm that is let go moves under compensation.
+    """How an arm moves under compensation after release.
 
     Attributes:
-        friction: Part of the arm's friction that there is, and of its compensation.
+        friction: Part of the arm's friction, and of its compensation, that is simulated.
         time: (T,) s.
-        before: (P, T, n) way from each pose under the given model's compensation, rad or m.
-        after: (P, T, n) the same under the extended model's.
+        before: (P, T, n) displacement from each pose with the given model, rad or m.
+        after: (P, T, n) the same with the extended model.
     """
 
     friction: float
@@ -55,11 +54,11 @@ class InSimulation:
     Attributes:
         joints: Names of the joints.
         units: Units of their positions.
-        windows: How many pieces of held-out motion were predicted.
-        before: (n,) RMS error of the position that the given model predicts at the end of
-            :data:`WINDOW`, rad or m; ``None`` where motion could not be simulated.
-        after: (n,) the same of the extended model.
-        drifts: One for each of :data:`FRICTION`; none where nothing can be compensated.
+        windows: Number of predicted pieces of held-out motion.
+        before: (n,) RMS error of predicted positions after :data:`WINDOW` with the given model, rad
+            or m; ``None`` where motion could not be simulated.
+        after: (n,) the same with the extended model.
+        drifts: One for each of :data:`FRICTION`; none without compensation.
         notes: What was not simulated, and why.
     """
 
@@ -75,7 +74,7 @@ class InSimulation:
         return dict(zip(self.joints, values.tolist(), strict=True))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what findings.json holds of it."""
+        """Return its part of findings.json."""
         motion = None
         if self.before is not None and self.after is not None:
             motion = {
@@ -107,10 +106,10 @@ def in_simulation(
     """Compare two models in the simulator.
 
     Args:
-        given: The model on trial.
-        extended: The same with what was found.
+        given: The given model.
+        extended: The same with the findings.
         motion: The recording.
-        held_out: Beginnings and ends of the pieces of time that fit and choice have not seen, s.
+        held_out: Beginning and end of each held-out span of time, s.
     """
     names, units = motion.arm.joint_names, motion.arm.units
     try:
@@ -126,7 +125,7 @@ def in_simulation(
         notes.append("the motion is predicted only where all joints' efforts are recorded")
     else:
         starts = _starts(motion, held_out)
-        with np.errstate(over="ignore", invalid="ignore"):  # told below
+        with np.errstate(over="ignore", invalid="ignore"):  # reported below
             before, after = (_missed(arm, motion, starts) for arm in arms)
         if not np.isfinite([before, after]).all():
             before = after = None
@@ -140,18 +139,18 @@ def in_simulation(
 def _drifts(
     arm: ModelArm, given: TorqueModel, extended: TorqueModel, poses: Array
 ) -> tuple[tuple[Drift, ...], str]:
-    """Return the drift with each part of the arm's friction, or none and why."""
+    """Return the drift for each part of the arm's friction, or none and why."""
     if not any(term.gravity_vector is not None for term in given.terms):
-        return (), "the given model has no weights, and compensates nothing"
+        return (), "the given model has no gravity term, and compensates nothing"
     for name, model in (("given", given), ("extended", extended)):
         try:
             Settings.from_parameters(model.parameters())
         except ConfigError as error:
-            return (), f"the compensator refuses the {name} model ({error})"
+            return (), f"the compensator rejects the {name} model ({error})"
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             drifts = tuple(_drift(arm, given, extended, poses, part) for part in FRICTION)
-    except (ConfigError, RecordingError):  # no effort, and no sample, beyond all numbers
+    except (ConfigError, RecordingError):  # efforts or samples overflow
         return (), _AWAY
     if not all(np.isfinite([drift.before, drift.after]).all() for drift in drifts):
         return (), _AWAY
@@ -159,7 +158,7 @@ def _drifts(
 
 
 def _inertia_notes(given: ModelArm, extended: ModelArm) -> list[str]:
-    """Return in words where the simulated inertia is not the models' own."""
+    """Return where the simulated inertia differs from the models'."""
     notes = {"given": _inertia_note(given), "extended": _inertia_note(extended)}
     if notes["given"] == notes["extended"]:
         notes = {"given and the extended": notes["given"]}
@@ -168,12 +167,12 @@ def _inertia_notes(given: ModelArm, extended: ModelArm) -> list[str]:
 
 def _inertia_note(arm: ModelArm) -> str:
     if arm.off is None:
-        return f"no inertia: that of {arm.known} stands in"
+        return f"no inertia: that of {arm.known} is used instead"
     if arm.off.max() <= _COMPLETED:
         return ""
     joint, middle = int(np.argmax(arm.off)), float(np.median(arm.off))
     return (
-        "inertia that no bodies can have: simulated are the nearest bodies, whose torque "
+        "inertia that no rigid bodies can have: the nearest ones are simulated, whose torque "
         f"differs by {100 * middle:.0f} % (median joint) to {100 * arm.off[joint]:.0f} % "
         f"({arm.model.arm.joint_names[joint]})"
     )
@@ -182,21 +181,21 @@ def _inertia_note(arm: ModelArm) -> str:
 def let_go(
     plant: Plant, model: TorqueModel, pose: Array, duration: float = DURATION, part: float = 1.0
 ) -> Array:
-    """Let an arm go at a pose, compensated by a model as the node does it.
+    """Return how an arm drifts after release at a pose, compensated as by the node.
 
     Args:
-        plant: The arm; is put at the pose, at rest.
+        plant: The arm; starts at rest.
         model: The model that compensates.
         pose: (n,) measured position, rad or m.
         duration: s.
-        part: Of the friction that the node compensates. An arm with less friction than that
-            compensation takes it to have runs away, whatever else the model says.
+        part: Of the node's friction compensation: an arm with less friction than is compensated
+            runs away.
 
     Returns:
-        (T, n) way from the pose at 50 Hz, rad or m.
+        (T, n) displacement from the pose at 50 Hz, rad or m.
 
     Raises:
-        ConfigError: A model that the compensator refuses.
+        ConfigError: A model that the compensator rejects.
     """
     settings = Settings.from_parameters(model.parameters() | {"allow_poor_model": True})
     settings = replace(settings, friction_ratio=part * settings.friction_ratio)
@@ -227,7 +226,7 @@ def _drift(
 
 
 def _poses(motion: MeasuredMotion) -> Array:
-    """Return (P, n) poses of the motion that are far from one another."""
+    """Return (P, n) poses of the motion that are far apart."""
     arm = motion.arm
     q = np.clip(motion.q[:: max(1, len(motion.q) // 500)], arm.lower, arm.upper)
     scaled = q / motion.travel[1]
@@ -239,7 +238,7 @@ def _poses(motion: MeasuredMotion) -> Array:
 
 
 def _starts(motion: MeasuredMotion, held_out: Sequence[tuple[float, float]]) -> NDArray[np.int64]:
-    """Return where the predicted pieces begin: within what is held out, evenly spread."""
+    """Return the first samples of the predicted pieces, evenly spread over held-out spans."""
     inside = np.zeros(len(motion.q), dtype=bool)
     for first, last in held_out:
         inside |= (motion.time >= first) & (motion.time + WINDOW <= last)
@@ -250,7 +249,7 @@ def _starts(motion: MeasuredMotion, held_out: Sequence[tuple[float, float]]) -> 
 
 
 def _missed(simulated: ModelArm, motion: MeasuredMotion, starts: NDArray[np.int64]) -> Array:
-    """Return (n,) RMS error of the positions that a model predicts at the end of each piece."""
+    """Return (n,) RMS error of predicted positions at the end of each piece."""
     plant = simulated.plant()
     arm, offset = plant.model.arm, plant.model.joint_offset
     steps = np.arange(round(WINDOW / STEP)) * STEP
@@ -271,7 +270,7 @@ def _missed(simulated: ModelArm, motion: MeasuredMotion, starts: NDArray[np.int6
 
 
 def _applied(plant: Plant, motion: MeasuredMotion, rows: slice, offset: Array) -> Array:
-    """Return (N, n) efforts that acted on the arm: measured ones less what its sensors add."""
+    """Return (N, n) efforts that acted on the arm: measured ones without sensor bias."""
     efforts = motion.effort[rows].copy()
     for part in plant.parts:
         if part.reading is not None:
