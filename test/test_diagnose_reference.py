@@ -92,7 +92,7 @@ def test_a_load_is_weighed_without_a_model(world, bare, loaded):
     assert "that the reference does not know" in found.sentence
     assert not [words for words in (found.sentence, load.remedy) if "model" in words]
     assert "give --model with the reference" in found.caveat
-    with pytest.raises(ConfigError, match="only what changed against a reference"):
+    with pytest.raises(ConfigError, match="changes against a reference only"):
         Settings.from_parameters(found.model.parameters())
 
 
