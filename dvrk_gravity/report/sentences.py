@@ -11,6 +11,7 @@ from dvrk_gravity.diagnosis import Contender, FilteredData, Finding, Gain, Loade
 from dvrk_gravity.effects import Estimate, Hypothesis, compared_with
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import labels
+from dvrk_gravity.units import quantity
 
 _SIZES = 2  # of a finding's parameters in its row of a table of findings; the report has all
 _MORE = 2.0  # times what a model expects of itself: more than it should be. Chosen
@@ -204,10 +205,10 @@ def payload(
         beside_reference: Two recordings were compared.
     """
     if not found:
-        return f"no payload was found; expected {known:g} kg"
+        return f"no payload was found; expected {quantity(known, 'kg')}"
     if scale is None:
         return (
-            f"{found} are {known:g} kg if one unit of effort is {gain} N·m at every joint: "
+            f"{found} are {quantity(known, 'kg')} if one unit of effort is {gain} N·m at every joint: "
             "`identify --known-payload` finds each joint's gain"
         )
     if scale.low <= 1.0 <= scale.high:
@@ -222,7 +223,7 @@ def payload(
             f"efforts read {off}, or the mass is different{other}: check torque constants, gear "
             "ratios and current scales"
         )
-    return f"found {found}, expected {known:g} kg: {verdict}"
+    return f"found {found}, expected {quantity(known, 'kg')}: {verdict}"
 
 
 def within_uncertainty(joint: str, moved: str, reach: str, source: str, within: bool) -> str:
@@ -244,10 +245,7 @@ def remaining_error(joint: str, rms: str, expected: str) -> str:
 
 def day_to_day_difference(joint: str, rms: str) -> str:
     """Return what two recordings differ by without a cause worth reporting."""
-    return (
-        f"{rms} RMS at {joint} differ from the reference within day-to-day variation of friction, "
-        "springs and timing"
-    )
+    return f"{joint}: {rms} RMS of friction, springs or timing"
 
 
 def slower_compensation(ratio: float | None) -> str:

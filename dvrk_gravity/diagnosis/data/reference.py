@@ -100,7 +100,7 @@ def compared(loaded: Loaded, reference: Loaded, names: Sequence[str]) -> Loaded:
     _require_signs(both, names)
     total = len(motion.q) / motion.rate
     line = (
-        f"{length:.1f} of {total:.1f} s show the motion of {names[1]}, within 2 % of its spread: "
+        f"{length:.1f} of {total:.1f} s match the motion of {names[1]} within 2 % of its spread: "
         "only the difference of efforts is judged"
     )
     return replace(
