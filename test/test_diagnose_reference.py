@@ -284,7 +284,7 @@ def test_a_motion_that_is_the_same_but_for_a_joint_s_place_is_refused_with_that_
 
 
 def test_what_is_diagnosed_is_no_reference_of_itself(bare):
-    with pytest.raises(RecordingError, match="is what is diagnosed, too"):
+    with pytest.raises(RecordingError, match="--reference is the recording being diagnosed"):
         diagnose(bare, arm=UR5, reference=bare)
 
 

@@ -208,8 +208,8 @@ def payload(
         return f"no payload was found; expected {quantity(known, 'kg')}"
     if scale is None:
         return (
-            f"{found} are {quantity(known, 'kg')} if one unit of effort is {gain} N·m at every joint: "
-            "`identify --known-payload` finds each joint's gain"
+            f"{found} are {quantity(known, 'kg')} if one unit of effort is {gain} N·m at every "
+            "joint: `identify --known-payload` finds each joint's gain"
         )
     if scale.low <= 1.0 <= scale.high:
         verdict = (
