@@ -1,5 +1,7 @@
 from .answer import Use as Use
 from .check import Checked as Checked
+from .check import ConsoleFinding as ConsoleFinding
+from .check import Severity as Severity
 from .check import check_file as check_file
 from .conversion import Conversion as Conversion
 from .conversion import convert_model as convert_model
@@ -11,5 +13,3 @@ from .file import N_GRAVITY as N_GRAVITY
 from .file import N_POLYNOMIALS as N_POLYNOMIALS
 from .file import N_POWERS as N_POWERS
 from .file import ConsoleFile as ConsoleFile
-from .finding import ConsoleFinding as ConsoleFinding
-from .finding import Severity as Severity

@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.planning.limits import MotionLimits, PairLimit
-from dvrk_gravity.planning.multisine import Multisine
+from dvrk_gravity.planning.motions import Multisine
 
 GRID = 0.005  # s; a sine of 0.6 Hz is at most 5e-5 of its amplitude higher between two points
 
