@@ -187,7 +187,7 @@ def stated_limit(name: str, joint: ElementTree.Element, key: str) -> float | Non
     """Return the effort or velocity limit that a joint states.
 
     ``None`` where there is none, or none that a joint can have: exporters write 0, -1 or inf where
-    nobody has said one.
+    none is stated.
     """
     value = _limit(name, joint, key)
     return value if 0.0 < value < math.inf else None
@@ -308,7 +308,7 @@ def dynamics(robot: ElementTree.Element) -> str:
             for key, text in part.items():
                 if key in _NAMES:
                     continue
-                with suppress(ValueError):  # what nobody checks, as nobody reads it
+                with suppress(ValueError):  # not read, so not checked
                     part.set(key, " ".join(repr(float(word)) for word in text.split()))
     return ElementTree.tostring(robot, encoding="unicode")
 

@@ -78,7 +78,7 @@ def read(path: Path, source: str) -> Description:
 
     Args:
         path: The file.
-        source: What the arm is loaded from, as :meth:`Arm.load` was told.
+        source: The argument of :meth:`Arm.load`.
 
     Raises:
         ConfigError: Naming the file and the field.

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from enum import StrEnum
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from dvrk_gravity.arms import GRAVITY, JOINT_NAMES, Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.console.answer import Answer, answer
+from dvrk_gravity.console.answer import Answer, ConsoleFinding, Severity, answer
 from dvrk_gravity.console.file import (
     FILE_NAME,
     SECTION,
@@ -28,43 +27,16 @@ from dvrk_gravity.files import json_file
 from dvrk_gravity.model import TorqueModel
 
 
-class Severity(StrEnum):
-    """How much a finding matters."""
-
-    SERIOUS = "serious"
-    WARNING = "warning"
-    NOTE = "note"
-
-
-@dataclass(frozen=True)
-class ConsoleFinding:
-    """One thing that is wrong, or worth knowing, about a console file.
-
-    Attributes:
-        code: Kind of the finding, one word.
-        severity: How much it matters.
-        subject: Joint or field.
-        numbers: The numbers behind it, by name; the unit ends the name.
-        text: All of it in one line.
-    """
-
-    code: str
-    severity: Severity
-    subject: str
-    text: str
-    numbers: Mapping[str, float] = field(default_factory=dict)
-
-
 @dataclass(frozen=True)
 class ModelCheckSettings:
-    """What is told of a console file's model. Chosen, but for the last.
+    """Thresholds of the model's check. Chosen, but for the last.
 
     Attributes:
         tolerance: A limit counts as exceeded when the model passes it by more than this, N·m.
         serious_share: Clipping on more than this part of poses is more than a rare corner of the
             range.
-        unusual_growth: Torque that a polynomial adds outside its range is told from this many times
-            what it does inside…
+        unusual_growth: A polynomial's torque outside its range is reported from this many times its
+            torque inside…
         notable_growth: … and from this part of the joint's largest torque on,
         serious_growth: and is serious from this part on.
         wide: A limit that is wider than this many times what the model ever asks for protects
@@ -238,7 +210,7 @@ def check_file(path: str | Path) -> Checked:
             try:
                 others[other.name] = json_file.load(other)
             except ConfigError:
-                continue  # that file's own check tells what is wrong with it
+                continue  # that file's own check reports its faults
     findings = [
         *(_text(oddity) for oddity in oddities),
         *_name(document, Path(path).name), *check(document), *_copies(document, others),

@@ -75,7 +75,7 @@ def arm_parameters(arm: Arm) -> tuple[Parameter, ...]:
     )  # fmt: skip
     geometry = Parameter(
         _GEOMETRY, (), "N·m",
-        "torques that hold given masses on the links of the arm's file: they tell another geometry",
+        "fingerprint of the arm's geometry: torques that hold given masses on its links",
         lengths=(arm.n,), read_only=True,
     )  # fmt: skip
     return (ARM_PARAMETER, gains, gain_error, _UNIT, _HELD, size, geometry, read, command)
@@ -190,7 +190,7 @@ def _is_file(arm: str) -> bool:
 
 
 def _is_relative(arm: str) -> bool:
-    """Tell whether an arm is given by a path that depends on where it is looked at from."""
+    """Return whether an arm is given by a relative path."""
     return _is_file(arm) and not Path(arm).is_absolute()
 
 

@@ -16,7 +16,7 @@ from dvrk_gravity.model.uncertainty import ModelUncertainty, coefficients_of
 
 @dataclass(frozen=True)
 class StatedSettings:
-    """How far off what a file states may be, before that is news.
+    """Accuracy of what an arm's file states.
 
     Attributes:
         part: Of a link's plausible mass, and of its mass times its extents, as a standard

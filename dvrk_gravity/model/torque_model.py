@@ -94,8 +94,8 @@ class TorqueModel:
             are measured ones; its terms are functions of the true ones.
         verdict: What the identification said of it, one of ``VERDICTS``, or ``NO_VERDICT``.
         reason: Why it said so.
-        uncertainty: How sure it is; ``None`` if it was not identified, or does not tell.
-        unsure: Why it does not tell though its file names an uncertainty.
+        uncertainty: How sure it is; ``None``: not identified, or not stored.
+        unsure: Why it has none though its file names an uncertainty.
         of_file: Whether it is what the arm's own file states.
     """
 
@@ -120,7 +120,7 @@ class TorqueModel:
         """Load a model from a ROS 2 parameter file (``/**: ros__parameters:``).
 
         Beside it may lie the file of its uncertainty. Without that, or after coefficients were
-        changed by hand, it is a model that does not tell how sure it is, and ``unsure`` says why.
+        changed by hand, it has no uncertainty, and ``unsure`` gives the reason.
 
         The file of an arm (a URDF, ``robot.urdf#LINK``, or a YAML that names one) is the model that
         it states; see :meth:`stated`.
@@ -165,7 +165,7 @@ class TorqueModel:
         arm = Arm.of(arm)
         if arm.read_in:
             raise ConfigError(
-                "model", arm.source, f"drive_gains in it: masses tell N·m, and not {arm.read_in}"
+                "model", arm.source, f"drive_gains in it: masses give N·m, not {arm.read_in}"
             )
         if arm.inertial_parameters is None:
             raise ConfigError("model", arm.source or arm.name, "an arm's file that states masses")

@@ -32,7 +32,7 @@ _TURN = 1e-4  # m/s^2, of differences by the direction of gravity, in which weig
 
 @dataclass(frozen=True)
 class OutsideSettings:
-    """When it is told that a recording goes beyond what a model was identified on.
+    """When a recording counts as beyond the range that a model was identified on.
 
     Attributes:
         share: Part of the samples, below which nothing is said of it. Chosen.
@@ -134,7 +134,7 @@ class ModelUncertainty:
         return tuple(result)
 
     def fits(self, terms: Iterable[Term]) -> bool:
-        """Tell whether terms have the coefficients that the posterior is about."""
+        """Return whether terms have the posterior's coefficients."""
         known = coefficients_of(terms)
         return all(
             name in known
@@ -158,7 +158,7 @@ class ModelUncertainty:
             q: Positions, rad or m.
             qd: Velocities, rad/s or m/s; ``None`` of poses.
             present: (n,) joints that were recorded; nothing is said of others.
-            settings: Of how many samples it is told.
+            settings: How many samples count.
         """
         least = (settings or OutsideSettings()).share
         of = "the poses" if qd is None else "the time"

@@ -27,7 +27,7 @@ class SetPointFilter:
     """A low-pass of equal lags, exact for commands that stay until the next one comes.
 
     The simulated servo is far stiffer than a real MTM's. Given steps as they come it would answer
-    each with a blow of torque, which a recording samples too rarely to tell from the motion's own.
+    each with a blow of torque, too short for a recording to separate from the motion's own.
     Behind this filter the set point is smooth at any rate of the commands, and however unevenly
     they come.
     """
@@ -101,7 +101,7 @@ class SimulatedArm:
         effort: (n,) torque that the actuators applied in the last step, N·m.
         commanded: (n,) the same before saturation, N·m.
         compensation: (n,) part of it that the built-in compensation added; zero while off.
-        target: (n,) measured position that the servo was told to go for, rad; ``None`` in effort
+        target: (n,) position set point of the servo, rad; ``None`` in effort
             mode.
     """
 
@@ -193,7 +193,7 @@ class SimulatedArm:
         self._filter = stream
 
     def follow(self, position: ArrayLike, velocity: ArrayLike) -> None:
-        """Servo to a moving point, told anew at every step: no console offers this.
+        """Servo to a set point that changes every step: no console offers this.
 
         Args:
             position: (n,) rad; held within the joints' limits.

@@ -34,7 +34,7 @@ ANGLES = (  # alpha, offset of each joint, deg: what makes a chain an MTM, whate
 
 
 def is_mtm(arm: Description) -> bool:
-    """Tell whether an arm is a master arm: whether beta and its names fit it.
+    """Return whether an arm is a master arm, with beta's joints and bodies.
 
     The file of an arm with these joints is only read if it has an MTM's angles, too.
     """
@@ -42,7 +42,7 @@ def is_mtm(arm: Description) -> bool:
 
 
 def has_mtm_names(joints: Sequence[str]) -> bool:
-    """Tell whether joints have the names of a master arm's, in their order."""
+    """Return whether joints have a master arm's names, in order."""
     return tuple(joints) == JOINT_NAMES
 
 
@@ -96,8 +96,8 @@ def followers(table: Sequence[DHRow], side: float) -> tuple[Follower, Follower]:
 def beta_tree(arm: Description, beta: Array, gravity: Array) -> Tree:
     """Build a tree whose gravity torques are those of ``beta``, for Pinocchio to evaluate.
 
-    Masses cannot be told from beta. Every link gets one kilogram, which keeps
-    Pinocchio's centres of mass finite, and first moments that make up for it.
+    Beta does not determine the masses. Every link gets one kilogram, which keeps Pinocchio's
+    centres of mass finite, and first moments that compensate.
 
     Args:
         arm: An MTM.

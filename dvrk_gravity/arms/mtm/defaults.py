@@ -38,7 +38,7 @@ ACCELERATION = VELOCITY.copy()
 EXCITED_RANGE = (0.9, 0.9, 0.9, 0.9, 0.9, 0.9, 0.3)
 """(7,) part of what is left that an exciting motion uses: roll turns far more than it need."""
 FOLLOWING_ERROR = np.radians([8.0, 8.0, 8.0, 8.0, 8.0, 8.0, 12.0])
-"""(7,) how far the arm may be from where it was told to be, rad: twice the 4 and 6 deg within which
+"""(7,) greatest following error, rad: twice the 4 and 6 deg within which
 the console takes a goal for reached (sawIntuitiveResearchKit, mtsIntuitiveResearchKitMTM.cpp)."""
 # Within the range on which the arm of the example model was calibrated.
 DEMONSTRATED_POSES = np.radians(
