@@ -57,10 +57,10 @@ the program.
 
 - *Remote centre.* No physical pitch axis passes through it. The chain has its pitch joint there
   all the same, since the parallelogram's loops move link 2 (the front, with the rail on it)
-  exactly so. The other parts are `followers`: `back`, which the pitch motor turns; `middle`; the
-  two bars, which keep their direction; the counterweight, which moves against the insertion. A
-  test compares this with MuJoCo, which has the mechanism's pins as equality constraints and no
-  remote centre (`test/test_psm_arm.py`).
+  exactly as if it turned there. The other parts are `followers`: `back`, which the pitch motor
+  turns; `middle`; the two bars, which keep their direction; the counterweight, which moves
+  against the insertion. A test compares this with MuJoCo, which has the mechanism's pins as
+  equality constraints and no remote centre (`test/test_psm_arm.py`).
 - *Jaws.* They rotate by `wrist_yaw - jaw / 2` and `wrist_yaw + jaw / 2`: link 6 `follows` jaw.
 - *Wrist motors.* Each drives several joints (`actuator_to_joint`). Recordings are often in motor
   coordinates (`--coordinates actuator`; by default `diagnose` detects them). Friction is sought
@@ -173,7 +173,7 @@ def _against_references() -> Iterator[str]:
         f"(`{FITTED}`, `{BARE}`), pitch's effort differs by {far:.2f} N·m RMS beyond {beyond:.2f} "
         f"rad and by {near:.2f} N·m elsewhere. With a model, that is part of its known error. "
         "Against a baseline, springs may differ by a tenth of their torque, a size chosen with "
-        "these recordings. Other differences are reported beside the weight: make both "
+        "these recordings. Other differences are reported with the weight: make both "
         "recordings in one session. A faster motion would determine the mass better."
     ).rstrip("\n")
 
