@@ -172,7 +172,7 @@ class Arm(Description):
 
     @property
     def newtons_said(self) -> bool:
-        """Whether it was said, and not only supposed, that efforts are in N·m."""
+        """Whether efforts are stated, not only assumed, to be in N·m."""
         return self.drive_gains is not None and bool((self.drive_gains == 1.0).all())
 
     def told_in(self, unit: str, size: float = 1.0) -> Arm:
@@ -186,7 +186,7 @@ class Arm(Description):
         Raises:
             ConfigError: Words that are no unit, or drive gains, which take efforts to N·m.
         """
-        if in_newtons(unit):  # said, and not only supposed
+        if in_newtons(unit):  # stated, not only assumed
             return self.with_drive_gains(np.ones(self.n), np.zeros(self.n))
         nominal, factor = self.inertial_parameters, size / self.effort_size
         joints = (

@@ -158,7 +158,7 @@ def _as_read(described: Description, content: dict[str, Any]) -> Description:
         isinstance(name, str) for name in frictionless
     ):
         raise ConfigError("frictionless", frictionless, "a list of joints")
-    if in_newtons(unit) and gains is None:  # said, and not only supposed
+    if in_newtons(unit) and gains is None:  # stated, not only assumed
         unit, gains, errors = "", np.ones(n), np.zeros(n)
     read, command = _has_gravity(content.get("effort_has_gravity", {}))
     return replace(

@@ -1,7 +1,7 @@
+from .answer import ConsoleFinding as ConsoleFinding
+from .answer import Severity as Severity
 from .answer import Use as Use
 from .check import Checked as Checked
-from .check import ConsoleFinding as ConsoleFinding
-from .check import Severity as Severity
 from .check import check_file as check_file
 from .conversion import Conversion as Conversion
 from .conversion import convert_model as convert_model

@@ -299,7 +299,7 @@ def _console_quirks(console: ConsoleFile) -> Iterator[ConsoleFinding]:
 
 
 def _hand(console: ConsoleFile, arm: Arm) -> Iterator[ConsoleFinding]:
-    """Yield signs and ranges that belong to the arm of the other hand."""
+    """Yield signs and ranges of the arm of the other side."""
     expected = BETA6 if console.arm == "mtmr" else -BETA6
     beta6 = float(console.positive[_BETA6])
     if beta6 * expected < 0 and abs(beta6) > 0.5 * BETA6:

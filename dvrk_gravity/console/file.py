@@ -21,7 +21,7 @@ import numpy as np
 
 from dvrk_gravity.arms import GRAVITY, JOINT_NAMES, N_JOINTS
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.console.answer import refuse_configuration
+from dvrk_gravity.console.configuration import refuse_configuration
 from dvrk_gravity.effects import DirectionalCable, as_value
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import json_file

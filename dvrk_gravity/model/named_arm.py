@@ -1,7 +1,7 @@
-"""The arm that a model file names: its file, what its efforts are read in, and that it is the same.
+"""The arm that a model file names: its file, the unit of its efforts, and a check of its geometry.
 
-Identified parameters belong to the geometry that they were identified with. A file that says
-another one now is told by a few numbers: the torques that hold given masses on its links.
+Identified parameters belong to the geometry that they were identified with. A file with
+another one is detected by a few numbers: the torques that hold given masses on its links.
 """
 
 from __future__ import annotations

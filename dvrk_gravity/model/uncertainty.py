@@ -1,4 +1,4 @@
-"""How sure a model is: its parameters' posterior, and the error that it never explained.
+"""Uncertainty of a model: its parameters' posterior, and the error that it never explained.
 
 Both come from the recordings that it was identified from, and lie in a file beside the model's,
 which names it: every torque that a model predicts is tau + T u + e, with T the change of torque by
@@ -55,8 +55,7 @@ class ModelUncertainty:
         error: (n,) RMS of the error on data that the fit had not seen, in joint space, N·m; NaN
             where it is not known.
         band: Hz; that error is what is left below this; NaN of static poses.
-        together: (n,) s in which errors hang together: the residual's correlation time; NaN
-            likewise, as speed.
+        together: (n,) s, the residual's correlation time; NaN likewise, as speed.
         lower: (n,) least true position that it was identified on.
         upper: (n,) greatest one.
         speed: (n,) greatest speed.

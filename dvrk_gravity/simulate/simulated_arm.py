@@ -288,7 +288,7 @@ class SimulatedArm:
         return Measurement(plant.time, *self._reader.read(position, velocity, effort))
 
     def _servo_effort(self, target: Array) -> Array:
-        """Return M (w^2 (target - q) + 2 w (velocity - v)), alike stiff in every pose."""
+        """Return M (w^2 (target - q) + 2 w (velocity - v)), equally stiff in every pose."""
         plant = self.plant
         if self._move is not None:
             target, self._velocity = self._move.at(plant.time)
