@@ -1,4 +1,4 @@
-"""Tell what a model gets wrong about recordings: named effects, proof, extended model."""
+"""Find what a model gets wrong about recordings: named effects, confirmed on held-out data."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--coordinates", choices=("joint", "actuator"),
         help="what the recordings' columns are (default: what a plain model fits them better in, "
-        "of both alike with --reference; what is not joint coordinates is a finding)",
+        "of both with --reference; what is not joint coordinates is a finding)",
     )  # fmt: skip
     add_at(parser)
     arm_options.add_reading(parser)

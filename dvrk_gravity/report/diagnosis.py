@@ -216,7 +216,7 @@ def _ambiguities(ambiguities: Sequence[Ambiguity]) -> str:
                     effect_title(contender.effect),
                     ", ".join(contender.joints) or "the arm",
                     _numbers(contender.effect, contender.alone),
-                    _numbers(contender.effect, contender.together),
+                    _numbers(contender.effect, contender.combined),
                     f"{contender.gain:+.0f}",
                     f"{100 * contender.removed:.1f} % at {contender.at}",
                 )

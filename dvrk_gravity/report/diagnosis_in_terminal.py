@@ -189,12 +189,12 @@ def _largest_gain(findings: Sequence[Finding]) -> str:
 def _findings(findings: Sequence[Finding]) -> Iterator[str]:
     """Yield findings in lines; a remedy that several joints share once."""
 
-    def alike(numbered: tuple[int, Finding]) -> tuple[object, ...]:
+    def shared(numbered: tuple[int, Finding]) -> tuple[object, ...]:
         number, finding = numbered
         alone = number if finding.alternatives else 0
         return finding.effect, finding.place, finding.remedy, finding.left_out, alone
 
-    for _, group in groupby(enumerate(findings, start=1), alike):
+    for _, group in groupby(enumerate(findings, start=1), shared):
         numbers, same = zip(*group, strict=True)
         first, last = same[0], numbers[-1]
         to = f" to {last}" if len(same) > 1 else ""

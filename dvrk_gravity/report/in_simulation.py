@@ -73,8 +73,8 @@ def lines(result: InSimulation, arm: Arm, name: str) -> list[str]:
                 f"{with_friction} {name} drifts by {after[joint]:.1f} "
                 f"{shown_position(arm)[joint][1]}, as with the given model"
             )
-    supposed = ", if the extended model is true" if result.drifts else ""
-    return [f"in the simulator{supposed}:", *(f"   {line}" for line in (*said, *result.notes))]
+    condition = ", if the extended model is true" if result.drifts else ""
+    return [f"in the simulator{condition}:", *(f"   {line}" for line in (*said, *result.notes))]
 
 
 def _largest(way: Array, arm: Arm) -> Array:

@@ -183,7 +183,7 @@ def _contender(contender: Contender) -> str:
             f"{name} {parameter_text(contender.effect, name, value)}"
             for name, value in values.items()
         )
-        for values in (contender.alone, contender.together)
+        for values in (contender.alone, contender.combined)
     )
     removed = round(100 * contender.removed, 1) + 0.0
     return (

@@ -49,7 +49,7 @@ class FilterSettings:
             `make sensitivity`.
         near: s, by which two samples may miss a whole period and still show the same: one kept
             sample at the default rate.
-        together: Signals filtered at a time: the filter makes copies.
+        batch: Signals filtered at a time: the filter makes copies.
         blocks: How samples are divided into blocks.
     """
 
@@ -57,7 +57,7 @@ class FilterSettings:
     oversampling: float = 5.0
     stuck: float = 0.05
     near: float = 0.03
-    together: int = 32
+    batch: int = 32
     blocks: BlockSettings = field(default_factory=BlockSettings)
 
     @property
@@ -135,15 +135,14 @@ class FilteredData:
         low = LowPass(self.band, self.motion.rate)
         flat = columns.reshape(len(columns), -1)
         live = np.flatnonzero(_not_zero(flat))
-        together = self.settings.together
         pieces = []
         for part in self.motion.parts:
             if part.stop - part.start <= 3 * low.edge:
                 continue
             kept = range(part.stop - part.start)[low.edge : -low.edge : self.decimation]
             piece = np.zeros((len(kept), flat.shape[1]))
-            for first in range(0, len(live), together):
-                batch = live[first : first + together]
+            for first in range(0, len(live), self.settings.batch):
+                batch = live[first : first + self.settings.batch]
                 piece[:, batch] = low(flat[part, batch])[low.edge : -low.edge : self.decimation]
             pieces.append(piece)
         reduced = np.concatenate(pieces)
@@ -165,15 +164,15 @@ class FilteredData:
             for hypothesis in hypotheses
         )
         for batch in in_batches(
-            built, lambda candidate: candidate.values[0].size, self.settings.together
+            built, lambda candidate: candidate.values[0].size, self.settings.batch
         ):
             signals = [candidate.values.reshape(len(motion.q), -1) for candidate in batch]
             edges = np.cumsum([columns.shape[1] for columns in signals])[:-1]
             # The inertias of all links together are hundreds of signals: no copy of these.
-            together = np.hstack(signals) if len(signals) > 1 else signals[0]
-            reduced = np.split(self.reduce(together), edges, axis=1)
-            for candidate, columns in zip(batch, reduced, strict=True):
-                yield candidate.with_values(columns)
+            columns = np.hstack(signals) if len(signals) > 1 else signals[0]
+            reduced = np.split(self.reduce(columns), edges, axis=1)
+            for candidate, values in zip(batch, reduced, strict=True):
+                yield candidate.with_values(values)
 
     def relinearised(self, acting: MeasuredMotion, parameters: Array) -> FilteredData:
         """Return the data linearised where a cause acts that changes the model's columns.

@@ -174,9 +174,9 @@ def _elsewhere(motion: MeasuredMotion, other: MeasuredMotion) -> str:
 def _require_signs(motion: MeasuredMotion, names: Sequence[str]) -> None:
     """Raise RecordingError for efforts that are the reference's with reversed sign."""
     assert motion.reference is not None
-    alike = (motion.effort * motion.reference).sum(axis=0)
+    product = (motion.effort * motion.reference).sum(axis=0)
     sizes = np.linalg.norm(motion.effort, axis=0) * np.linalg.norm(motion.reference, axis=0)
-    turned = motion.moves & (alike < -_REVERSED * sizes)
+    turned = motion.moves & (product < -_REVERSED * sizes)
     if turned.any():
         joints = ", ".join(np.array(motion.arm.joint_names)[turned])
         raise RecordingError(

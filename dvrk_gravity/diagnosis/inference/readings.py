@@ -113,7 +113,7 @@ def correct_readings(loaded: Loaded, say: Callable[[str], None]) -> CorrectedRea
 
 
 def _wrong_reading(loaded: Loaded, say: Callable[[str], None]) -> WrongReading | None:
-    """Return what is wrong with the present reading, if another one is surely better.
+    """Return what is wrong with the present reading, if another one is significantly better.
 
     The better one must pass a rough test, gain about as much as the best effect does, with the
     model's parameters free within its uncertainty, and gain with certainty on held-out blocks.

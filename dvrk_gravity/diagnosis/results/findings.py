@@ -62,7 +62,7 @@ class Contender:
         effect: Name in the vocabulary.
         joints: Names of the joints.
         alone: Estimates if only this one is fitted.
-        together: Estimates if both are.
+        combined: Estimates if both are.
         gain: Log-likelihood gain on unseen blocks, less the cost of its parameters.
         suspected: Whether that gain is clear.
         at: Joint whose held-out error it reduces most.
@@ -72,7 +72,7 @@ class Contender:
     effect: str
     joints: tuple[str, ...]
     alone: Mapping[str, Estimate]
-    together: Mapping[str, Estimate]
+    combined: Mapping[str, Estimate]
     gain: float
     suspected: bool
     at: str
@@ -84,7 +84,7 @@ class Contender:
             "effect": self.effect,
             "joints": list(self.joints),
             "parameters": _parameters(self.alone),
-            "parameters_together": _parameters(self.together),
+            "parameters_together": _parameters(self.combined),
             "log_likelihood_gain": self.gain,
             "held_out": {"joint": self.at, "removed": self.removed},
         }

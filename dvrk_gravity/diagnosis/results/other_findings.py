@@ -248,8 +248,8 @@ def _like_friction(validation: CrossValidation, candidate: Candidate, theta: Arr
 
 
 def _safe_ratio(factors: Mapping[str, Estimate]) -> float | None:
-    """Return the part of modelled friction that is surely there; ``None``: what is compensated."""
-    # Of the kinds of friction, only those that surely differ.
-    sure = [factor.low for factor in factors.values() if not factor.doubtful(1.0)]
-    least = float(np.floor(100.0 * max(min(sure, default=1.0), 0.0)) / 100.0)
+    """Return the part of modelled friction that is certain; ``None``: what is compensated."""
+    # Of the kinds of friction, only those that significantly differ.
+    certain = [factor.low for factor in factors.values() if not factor.doubtful(1.0)]
+    least = float(np.floor(100.0 * max(min(certain, default=1.0), 0.0)) / 100.0)
     return None if least >= DEFAULTS.ratio else least

@@ -161,7 +161,7 @@ def _inertia_notes(given: ModelArm, extended: ModelArm) -> list[str]:
     """Return where the simulated inertia differs from the models'."""
     notes = {"given": _inertia_note(given), "extended": _inertia_note(extended)}
     if notes["given"] == notes["extended"]:
-        notes = {"given and the extended": notes["given"]}
+        return [f"both models have {notes['given']}"] if notes["given"] else []
     return [f"the {name} model has {note}" for name, note in notes.items() if note]
 
 
