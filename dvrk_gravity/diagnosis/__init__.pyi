@@ -28,6 +28,8 @@ from .inference.held_out import HeldOut as HeldOut
 from .inference.held_out import JudgementSettings as JudgementSettings
 from .inference.held_out import Unconfirmed as Unconfirmed
 from .inference.held_out import estimates as estimates
+from .inference.infer import Posterior as Posterior
+from .inference.infer import infer as infer
 from .inference.no_news import NoNewsSettings as NoNewsSettings
 from .inference.other_day import OtherDay as OtherDay
 from .inference.overlap import OverlapSettings as OverlapSettings
@@ -48,6 +50,7 @@ from .inference.tried import Tried as Tried
 from .inference.worse_joints import WorseningSettings as WorseningSettings
 from .inference.worse_joints import worsening as worsening
 from .recording_faults import put_right as put_right
+from .results.assembly import report as report
 from .results.diagnosis import Diagnosis as Diagnosis
 from .results.effect_findings import beyond_range as beyond_range
 from .results.extended_model import extended as extended
@@ -70,7 +73,9 @@ from .results.simulation_check import Drift as Drift
 from .results.simulation_check import InSimulation as InSimulation
 from .results.simulation_check import in_simulation as in_simulation
 from .results.simulation_check import let_go as let_go
+from .run import DiagnosisProblem as DiagnosisProblem
 from .run import arm_for as arm_for
+from .run import build as build
 from .run import diagnose as diagnose
 from .scaled_efforts import EffortScaleSettings as EffortScaleSettings
 from .scaled_efforts import effort_scales as effort_scales

@@ -10,7 +10,7 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis.data.loading import Loaded, load
 from dvrk_gravity.diagnosis.data.reference import compared, model_of, require_moving
 from dvrk_gravity.diagnosis.fit_to_judge import require_gravity, require_predictable
-from dvrk_gravity.diagnosis.inference.infer import infer
+from dvrk_gravity.diagnosis.inference.infer import infer, silent
 from dvrk_gravity.diagnosis.recording_faults import put_right
 from dvrk_gravity.diagnosis.results.assembly import report
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
@@ -88,8 +88,9 @@ def diagnose(
     """
     if known_payload is not None:
         check_mass(known_payload)
-    say = progress or (lambda line: None)
-    problem = build(recordings, model, say, still, coordinates, reference, arm)
+    say = progress or silent
+    say("reading")
+    problem = build(recordings, model, still, coordinates, reference, arm)
     posterior = infer(problem.loaded, say)
     say("measuring gains on held-out blocks")
     diagnosis = report(posterior, problem.faults, known_payload)
@@ -104,8 +105,7 @@ def diagnose(
 
 def build(
     recordings: Given | Iterable[Given],
-    model: TorqueModel | str | Path | None,
-    say: Callable[[str], None],
+    model: TorqueModel | str | Path | None = None,
     still: Mapping[str, float] | None = None,
     coordinates: Coordinates | None = None,
     reference: Given | None = None,
@@ -129,7 +129,6 @@ def build(
         warnings += read.of_reference
     read = put_right(whole, tested, coordinates, still)
     tested, prepared, said = _prepared(model, arm, read.recordings, still)
-    say("reading")
     loaded = load(prepared, tested, still)
     doubts = tested.arm.doubts if tested.of_file else ()  # an identified model has its own
     loaded = replace(

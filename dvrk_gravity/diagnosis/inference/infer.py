@@ -58,8 +58,21 @@ class Posterior:
     at_calibration: AtCalibration | None
 
 
-def infer(loaded: Loaded, say: Callable[[str], None]) -> Posterior:
-    """Return what explains a motion; beside a reference, changed friction and springs are found."""
+def silent(line: str) -> None:
+    """Ignore a line of progress."""
+    del line
+
+
+def infer(loaded: Loaded, say: Callable[[str], None] = silent) -> Posterior:
+    """Return what explains a motion, in the samples of selection and confirmed on held-out ones.
+
+    Beside a reference, friction and springs are first taken to vary from day to day. Where the fit
+    needs more than that, they are hypotheses like any other.
+
+    Args:
+        loaded: The motion, beside the model or the reference.
+        say: Called with one line at every step.
+    """
     search = _search(loaded, say)
     friction, springs = search.changed_joints()
     while friction or springs:
