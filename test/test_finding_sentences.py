@@ -21,13 +21,15 @@ from dvrk_gravity.diagnosis import (
     Gain,
     Known,
     Rejected,
+    effect_found,
     hypotheses,
     load,
     ordered,
+    parameter_text,
 )
 from dvrk_gravity.effects import Estimate, Hypothesis, Residual
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.report import diagnosis_page, effect_found, parameter_rows, parameter_text
+from dvrk_gravity.report import diagnosis_page, parameter_rows
 from dvrk_gravity.units import quantity
 from testing.world import World
 
@@ -253,6 +255,8 @@ def test_the_headline_is_certain_where_any_finding_is_and_removes_most_of_these(
         False,
         False,
     ]
+    assert certain.to_dict()["certainty"] == "certain"
+    assert weak.to_dict()["certainty"] == "perhaps"
     more = finding("viscous_friction", clear, Gain(0.6, 0.5, 0.7, 0.001))
     assert ordered([weak, certain, more, small]) == [more, certain, small, weak]
 

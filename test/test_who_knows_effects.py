@@ -91,7 +91,8 @@ def test_every_exception_is_one(room, modules):
 
 @pytest.mark.parametrize(
     "room", ["effects/base/", "compensate/", "simulate/plant.py", "simulate/effects.py",
-             "diagnosis/results/extended_model.py", "report/sentences.py",
+             "diagnosis/results/extended_model.py", "diagnosis/results/sentences.py",
+             "report/findings.py",
              "diagnosis/inference/selection.py",
              "diagnosis/inference/cross_validation.py", "identification/columns.py",
              "identification/moves.py", "model.py"],

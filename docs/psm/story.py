@@ -22,11 +22,10 @@ from numpy.typing import NDArray
 
 from dvrk_gravity import TorqueModel, diagnose, identify
 from dvrk_gravity.arms import Arm, build_tree
-from dvrk_gravity.diagnosis import Diagnosis
+from dvrk_gravity.diagnosis import FLOORS, Diagnosis
 from dvrk_gravity.effects import Payload, State
 from dvrk_gravity.identification import Evaluation, evaluate
 from dvrk_gravity.recording import LowPass, Recording
-from dvrk_gravity.report import FLOORS
 
 Array = NDArray[np.float64]
 

@@ -20,9 +20,9 @@ import numpy as np
 
 from dvrk_gravity import Recording, TorqueModel, diagnose, gravity, identify
 from dvrk_gravity.arms import JOINT_NAMES, Arm
-from dvrk_gravity.diagnosis import Diagnosis, Finding
+from dvrk_gravity.diagnosis import FLOORS, Diagnosis, Finding
 from dvrk_gravity.effects import Gravity
-from dvrk_gravity.report import FLOORS, png
+from dvrk_gravity.report import png
 
 FOLDER = Path(__file__).resolve().parent
 PAGE = FOLDER.parent / "real_data.md"

@@ -67,6 +67,9 @@ from .results.findings import Picture as Picture
 from .results.findings import Rejected as Rejected
 from .results.findings import ordered as ordered
 from .results.other_findings import unexplained_error as unexplained_error
+from .results.sentences import FLOORS as FLOORS
+from .results.sentences import effect_found as effect_found
+from .results.sentences import parameter_text as parameter_text
 from .results.simulation_check import DURATION as DURATION
 from .results.simulation_check import WINDOW as WINDOW
 from .results.simulation_check import Drift as Drift

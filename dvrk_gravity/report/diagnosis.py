@@ -9,20 +9,26 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.diagnosis import Ambiguity, Diagnosis, Finding, Known, Picture
+from dvrk_gravity.diagnosis import (
+    FLOORS,
+    Ambiguity,
+    Diagnosis,
+    Finding,
+    Known,
+    Picture,
+    parameter_text,
+)
 from dvrk_gravity.effects import Estimate
 from dvrk_gravity.identification import contradiction
 from dvrk_gravity.report import html
-from dvrk_gravity.report.in_simulation import section
-from dvrk_gravity.report.sentences import (
+from dvrk_gravity.report.findings import (
     BETWEEN,
-    FLOORS,
     KNOWN,
     effect_title,
     parameter_rows,
-    parameter_text,
     size_of,
 )
+from dvrk_gravity.report.in_simulation import section
 from dvrk_gravity.report.units import (
     effort_in_picture,
     effort_in_table,

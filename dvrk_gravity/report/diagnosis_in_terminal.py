@@ -7,11 +7,11 @@ from itertools import groupby
 
 import numpy as np
 
-from dvrk_gravity.diagnosis import ERROR, Diagnosis, Finding
+from dvrk_gravity.diagnosis import ERROR, FLOORS, Diagnosis, Finding
 from dvrk_gravity.effects import Unknown
 from dvrk_gravity.identification import contradiction
-from dvrk_gravity.report import in_simulation, sentences
-from dvrk_gravity.report.sentences import BETWEEN, FLOORS, KNOWN, size_of
+from dvrk_gravity.report import in_simulation
+from dvrk_gravity.report.findings import BETWEEN, KNOWN, exact_model, size_of
 from dvrk_gravity.report.terminal import laid_out, warning_lines
 from dvrk_gravity.report.units import effort_in_table, errors_of, sizes_of
 
@@ -31,7 +31,7 @@ def diagnosis_text(
     if why:
         yield laid_out(why, width)
     if diagnosis.exact:
-        yield laid_out(sentences.exact_model(diagnosis.exact), width)
+        yield laid_out(exact_model(diagnosis.exact), width)
     verdict = diagnosis.verdict.replace("_", " ")
     if not findings:
         yield laid_out(f"{verdict}: {diagnosis.sentence}", width)

@@ -18,6 +18,7 @@ from dvrk_gravity.diagnosis.inference.readings import error_as_read, error_besid
 from dvrk_gravity.diagnosis.inference.refinement import RefinementSettings, plateau
 from dvrk_gravity.diagnosis.inference.tangent import tangents
 from dvrk_gravity.diagnosis.inference.worse_joints import worse
+from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis, Verdict, by_joint
 from dvrk_gravity.diagnosis.results.effect_findings import (
     Difference,
@@ -39,7 +40,6 @@ from dvrk_gravity.effects import Unknown
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import outside_range
 from dvrk_gravity.model import TorqueModel
-from dvrk_gravity.report import sentences
 
 _ABOVE = 2.5  # times the noise, or the model's known error: more is structure, if it lasts. Chosen
 _FAR_ABOVE = 5.0  # times likewise: more cannot be noise, of whatever colour. Chosen

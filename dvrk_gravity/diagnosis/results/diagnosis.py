@@ -11,11 +11,11 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.filtered_data import FloorFrom
+from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import Ambiguity, Finding, Known, PayloadCheck
 from dvrk_gravity.diagnosis.results.simulation_check import InSimulation
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import DataWarning
-from dvrk_gravity.report import sentences
 
 _UNEXPECTED = 2.0  # times what a model expects of itself: more than it should be. Chosen
 Verdict = Literal["nothing_to_explain", "explained", "partly_explained", "ambiguous", "unexplained"]

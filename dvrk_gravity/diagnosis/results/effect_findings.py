@@ -16,6 +16,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut, estimates
 from dvrk_gravity.diagnosis.inference.places import SelectedEffect
 from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
+from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import (
     NOT_AS_FOUND,
     Alternative,
@@ -26,7 +27,6 @@ from dvrk_gravity.diagnosis.results.findings import (
 from dvrk_gravity.diagnosis.results.identifiability import separation
 from dvrk_gravity.effects import Estimate, Hypothesis, Kind, is_friction
 from dvrk_gravity.estimation import squared_distance
-from dvrk_gravity.report import sentences
 
 _BEYOND = 0.9  # of an effect's squared torque outside the identified range. Chosen: nearly all
 _ALPHA = 1e-3  # that recordings which agree are said to differ. Chosen

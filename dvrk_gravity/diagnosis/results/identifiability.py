@@ -15,9 +15,9 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut, estimates
 from dvrk_gravity.diagnosis.inference.overlap import reproduced
 from dvrk_gravity.diagnosis.inference.selection import SelectionSettings
+from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.findings import Ambiguity, Contender
 from dvrk_gravity.effects import Estimate
-from dvrk_gravity.report import sentences
 from dvrk_gravity.units import pose, quantity
 
 _DEGREE = np.pi / 180.0

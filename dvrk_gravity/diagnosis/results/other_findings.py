@@ -16,6 +16,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import Gain, HeldOut, estimates
 from dvrk_gravity.diagnosis.inference.readings import WrongReading, reading_gain
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, SelectionSettings
+from dvrk_gravity.diagnosis.results import sentences
 from dvrk_gravity.diagnosis.results.effect_findings import picture_of
 from dvrk_gravity.diagnosis.results.findings import (
     ERROR,
@@ -29,7 +30,6 @@ from dvrk_gravity.diagnosis.results.findings import (
 from dvrk_gravity.effects import Estimate, Kind, Payload, Unknown, is_friction
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.parameters import DEFAULTS
-from dvrk_gravity.report import sentences
 from dvrk_gravity.units import quantity
 
 

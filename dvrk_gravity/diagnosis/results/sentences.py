@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dvrk_gravity import effects
-from dvrk_gravity.diagnosis import Contender, FilteredData, Finding, Gain, Loaded, Unconfirmed
+from dvrk_gravity.diagnosis.data.filtered_data import FilteredData
+from dvrk_gravity.diagnosis.data.loading import Loaded
+from dvrk_gravity.diagnosis.inference.held_out import Gain, Unconfirmed
+from dvrk_gravity.diagnosis.results.findings import Contender
 from dvrk_gravity.effects import Estimate, Hypothesis, compared_with
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import labels
 from dvrk_gravity.units import quantity
-
-_SIZES = 2  # of a finding's parameters in its row of a table of findings; the report has all
-_MORE = 2.0  # times what a model expects of itself: more than it should be. Chosen
 
 IDENTIFY_AGAIN = "identify the model again from this recording and its own"
 DIAGNOSE_ALONE = "diagnose each recording alone"
@@ -32,41 +32,11 @@ FLOORS: Mapping[str, str] = {
     "high_frequencies": "the noise at high frequencies",
     "nothing": "unknown",
 }
-KNOWN = "within the model's uncertainty, its error at calibration, or day-to-day friction variation"
-BETWEEN = "differences from the reference within day-to-day variation"
-
-
-def effect_title(effect: str) -> str:
-    """Return the readable name of an effect."""
-    return effects.named(effect).title()
 
 
 def parameter_text(effect: str, name: str, estimate: Estimate) -> str:
     """Return an effect's parameter with unit and interval, its sign in words."""
     return effects.named(effect).meaning(name).tell(estimate)
-
-
-def parameter_rows(finding: Finding) -> list[tuple[str, str]]:
-    """Return (name, value) of a finding's parameters, for a table."""
-    effect = effects.named(finding.effect)
-    return [
-        (
-            effect.meaning(name).label or name.replace("_", " "),
-            effect.meaning(name).tell(finding.parameters[name]),
-        )
-        for name in effect.listed(finding.parameters)
-    ]
-
-
-def size_of(finding: Finding) -> str:
-    """Return a finding's size with 95 % intervals in short, significant parameters first."""
-    if together := effects.named(finding.effect).in_short(finding.parameters):
-        return together
-    found = [f"{label} {value}" for label, value in parameter_rows(finding)]
-    found.sort(key=lambda text: "perhaps" in text)
-    shown = ", ".join(found[:_SIZES]) or finding.place
-    left = len(found) - _SIZES
-    return f"{shown}, {left} more in the report" if left > 0 else shown
 
 
 def effect_found(
@@ -341,16 +311,6 @@ def caveat(beside_reference: bool, with_model: bool) -> str:
         "warmth or from day to day: record both in one session. For a load on a link that rotates, "
         "mass times position is better known than mass alone, which only its inertia shows"
         f"{'' if with_model else without}"
-    )
-
-
-def exact_model(why: str) -> str:
-    """Return what it means that a model states no uncertainty; ``""`` if it does."""
-    if not why:
-        return ""
-    return (
-        f"the model is taken as exact ({why}): all of its error counts as findings, and intervals "
-        "do not include it"
     )
 
 
