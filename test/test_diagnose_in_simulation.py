@@ -188,7 +188,7 @@ def test_a_comparison_that_fails_says_why_in_words(recorded):
     assert all("the arm runs away" in note for note in wild.notes)
     assert bare.before is not None
     assert bare.drifts == ()
-    assert "no weights" in bare.notes[0]
+    assert "no gravity term" in bare.notes[0]
 
 
 MORE = np.array([0.5, 0.0, 0.0, 0.05])  # kg, kg·m

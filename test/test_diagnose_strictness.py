@@ -239,7 +239,7 @@ def test_an_error_of_poses_that_tell_no_noise_is_told_against_what_the_model_exp
     finding = unexplained_error(Arm.load("ecm"), 2, 5.0, float("nan"), 3.0, "nothing")
 
     assert finding.parameters["rms"].value == 4.0
-    assert "5.00 N RMS, 1.7 times the error that the model is known to have" in finding.sentence
+    assert "5.00 N RMS, 1.7 times the model's error at calibration" in finding.sentence
 
 
 def test_a_push_is_as_large_as_while_it_pushes():
