@@ -71,9 +71,7 @@ def test_what_comes_back_is_known_and_no_finding(world, exact, model):
     diagnosis = diagnose(recording, model)
     assert diagnosis.verdict == "nothing_to_explain"
     assert any(
-        each.joints == (name,)
-        and "not beside what the recording that the model was identified on shows of it"
-        in each.sentence
+        each.joints == (name,) and "already present in the calibration recording" in each.sentence
         for each in diagnosis.known
     )
 

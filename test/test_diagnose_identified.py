@@ -68,8 +68,8 @@ def test_more_than_a_model_expects_of_itself_is_told_though_nothing_is_named():
 
     more = replace(diagnosis, after=left, known=()).sentence
 
-    advice = f"a longer recording in which {joint} moves more, and one of it alone, would tell"
-    assert f"at most 3 times what it expects of itself ({joint}). That is more than" in more
+    advice = f"record longer, with more motion of {joint}, and once {joint} alone"
+    assert f"at most 3 times what the model expects ({joint}). That is more than" in more
     assert advice in more
     assert advice not in diagnosis.sentence
 

@@ -224,7 +224,7 @@ def slower_compensation(ratio: float | None) -> str:
     if ratio is None:
         return again
     return (
-        f"{again}; until then friction_compensation.ratio at most {ratio:.2f}, since more would "
+        f"{again}; until then friction_compensation.ratio {ratio:.2f} at most, since more would "
         "drive the arm"
     )
 
