@@ -4,7 +4,6 @@ from .data.candidate import most_parsimonious as most_parsimonious
 from .data.filtered_data import FilteredData as FilteredData
 from .data.filtered_data import FilterSettings as FilterSettings
 from .data.loading import UNREAD as UNREAD
-from .data.loading import Loaded as Loaded
 from .data.loading import LoadSettings as LoadSettings
 from .data.loading import load as load
 from .data.model_error import FRICTION_BY_LOAD as FRICTION_BY_LOAD
@@ -60,7 +59,6 @@ from .results.findings import NOT_AS_FOUND as NOT_AS_FOUND
 from .results.findings import Alternative as Alternative
 from .results.findings import Ambiguity as Ambiguity
 from .results.findings import Contender as Contender
-from .results.findings import Estimate as Estimate
 from .results.findings import Finding as Finding
 from .results.findings import Known as Known
 from .results.findings import Picture as Picture
