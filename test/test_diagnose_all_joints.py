@@ -78,7 +78,7 @@ def test_friction_that_has_halved_is_in_the_headline_with_what_to_do_about_it(wo
     assert "% less" in diagnosis.sentence
     ratio = float(known.remedy.split("friction_compensation.ratio ")[1].split()[0])
     assert 0.3 < ratio <= 0.5  # by what surely is there
-    assert not [entry for entry in others if "uncertainty of the model" in entry.sentence]
+    assert not [entry for entry in others if "explained by" in entry.sentence]
 
 
 def test_a_load_on_a_day_of_more_friction_is_told_as_the_load(world, model):

@@ -198,11 +198,9 @@ def payload(
 
 def within_uncertainty(joint: str, moved: str, reach: str, source: str, within: bool) -> str:
     """Return how much of a joint's error the model's own uncertainty explains."""
-    exceeds = "" if within else ", more than that uncertainty"
-    return (
-        f"{moved} RMS at {joint} explained by the uncertainty of the model's parameters "
-        f"({reach} RMS from its {source}){exceeds}"
-    )
+    how = "explained by" if within else "absorbed by the model's parameters, beyond"
+    whose = "the uncertainty of the model's parameters" if within else "their uncertainty"
+    return f"{moved} RMS at {joint} {how} {whose} ({reach} RMS from its {source})"
 
 
 def remaining_error(joint: str, rms: str, expected: str) -> str:
