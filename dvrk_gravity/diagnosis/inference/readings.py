@@ -26,9 +26,7 @@ _LEAST_REMOVED = 0.3  # of a joint's error. Chosen: a wrong sign or order leaves
 _SAMPLES = 600  # compared: a bound on time
 _BLOCKS = 24  # of the test: Wilcoxon's least p-value is then 6e-8
 _INDEPENDENT = 1.6  # samples per independent one. Chosen
-# Mean part of the samples by which a reading may lie further outside the joints' limits and the
-# identified range than the recording as it is. Chosen.
-_BEYOND = 0.02
+_BEYOND = 0.02  # more of the samples that may be outside limits and identified range. Chosen
 _CLOCKS = (0.2, 5.0)  # recorded over true time, between which a clock is looked for. Chosen
 _GRID = 17  # clocks that are tried first
 _CLOCK = 0.08  # relative error of a clock: of what only torques show, less is wrong inertia. Chosen
@@ -254,8 +252,7 @@ def try_readings(motion: MeasuredMotion) -> list[ReadingScore]:
                 continue
             better = np.bincount(block, (np.log(before + 0.1 * scale)
                                          - np.log(after + 0.1 * scale)).sum(axis=1))  # fmt: skip
-            # Where a joint is held or unloaded, a block does not show its sign: the likelihood of
-            # one sample a block may be certain where ranks are not.
+            # Held or unloaded joints do not show their sign in ranks, but in the likelihood.
             p_value = 2.0 * min(
                 float(stats.wilcoxon(better, alternative="greater").pvalue),
                 float(stats.chi2.sf(2.0 * _BLOCKS * gain, 1)),
