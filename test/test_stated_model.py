@@ -178,7 +178,7 @@ def test_what_is_done_alike_at_several_joints_is_told_once(recording, tmp_path, 
     assert told.count("removes") > 13  # each with its sizes
     done = [line for line in told.splitlines() if "what to do: " in line]
     assert len(done) == 3
-    assert "an arm's file says little of it: use the extended model, which has it" in done[1]
+    assert "an arm's file states little of it: use the extended model, which has it" in done[1]
 
 
 def test_convert_writes_it_as_a_model_file(tmp_path, capsys):
@@ -339,7 +339,7 @@ def test_efforts_that_its_masses_do_not_need_are_refused(recording, judge):
     [
         (
             {"urdf": str(UR5), "effort_unit": "A"},
-            "expected drive_gains in it: masses tell N·m, and not",
+            "expected drive_gains in it: masses give N·m, not",
         ),
         ({"urdf": "weightless.urdf"}, "expected an arm's file that states masses"),
     ],
