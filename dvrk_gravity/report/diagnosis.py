@@ -84,7 +84,7 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
     if diagnosis.payload_check is not None:
         parts.append(f"<p><b>Known payload:</b> {escape(diagnosis.payload_check.sentence)}.</p>")
     if diagnosis.known:
-        parts.append(_known(diagnosis.known, diagnosis.beside_reference))
+        parts.append(_known(diagnosis.known, diagnosis.against_reference))
     if diagnosis.ambiguities:
         parts.append(_ambiguities(diagnosis.ambiguities))
     parts.append(_errors(diagnosis))
@@ -169,14 +169,14 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
     return "\n".join(parts)
 
 
-def _known(known: Sequence[Known], beside_reference: bool) -> str:
+def _known(known: Sequence[Known], against_reference: bool) -> str:
     """Return what is expected: minor effects, the model's uncertainty and known error."""
     said = (
         f"{entry.sentence}. What to do: {entry.remedy}" if entry.remedy else entry.sentence
         for entry in known
     )
     items = "".join(f"<li>{escape(text)}</li>" for text in said)
-    within = BETWEEN if beside_reference else KNOWN
+    within = BETWEEN if against_reference else KNOWN
     return (
         f"<h2>Expected, not reported as findings</h2><p class=small>{within}:</p><ul>{items}</ul>"
     )

@@ -134,7 +134,7 @@ def _details(diagnosis: Diagnosis) -> Iterator[str]:
     yield from _findings(diagnosis.findings)
     known = [entry for entry in diagnosis.known if entry.effect != ERROR]
     if known:
-        yield f"expected ({BETWEEN if diagnosis.beside_reference else KNOWN}):"
+        yield f"expected ({BETWEEN if diagnosis.against_reference else KNOWN}):"
         for entry in known:
             yield f"   {entry.sentence}"
             if entry.remedy:

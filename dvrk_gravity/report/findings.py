@@ -21,7 +21,7 @@ def parameter_rows(finding: Finding) -> list[tuple[str, str]]:
     return [
         (
             effect.meaning(name).label or name.replace("_", " "),
-            effect.meaning(name).tell(finding.parameters[name]),
+            effect.meaning(name).in_words(finding.parameters[name]),
         )
         for name in effect.listed(finding.parameters)
     ]
@@ -29,7 +29,7 @@ def parameter_rows(finding: Finding) -> list[tuple[str, str]]:
 
 def size_of(finding: Finding) -> str:
     """Return a finding's size with 95 % intervals in short, significant parameters first."""
-    if together := effects.named(finding.effect).in_short(finding.parameters):
+    if together := effects.named(finding.effect).summary(finding.parameters):
         return together
     found = [f"{label} {value}" for label, value in parameter_rows(finding)]
     found.sort(key=lambda text: "perhaps" in text)

@@ -131,7 +131,7 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
     read = correct_readings(loaded, say)
     loaded, validation, pool = read.loaded, read.validation, read.pool
     # Single links first: what the masses of all links explain is not yet a cause.
-    sparse = [candidate for candidate in pool if not candidate.hypothesis.of_model]
+    sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
     at_calibration = AtCalibration.of(loaded.motion)
     expected = baseline_effects(validation, pool)
     selection = Selection(validation, sparse, say, expected=expected, at_calibration=at_calibration)
@@ -148,7 +148,7 @@ def _search(loaded: Loaded, say: Callable[[str], None]) -> _Search:
         selection, chosen = _with_free_masses(validation, pool, selection, chosen, say)
     chosen, unconfirmed = confirmed(selection, chosen, noise(chosen))
     # Masses that were only free are no cause: they come last.
-    chosen.sort(key=lambda candidate: candidate.hypothesis.of_model)
+    chosen.sort(key=lambda candidate: candidate.hypothesis.refits_model)
     selected = explained(selection, chosen)
     say("looking for unexplained structure")
     floor = noise(chosen)
@@ -183,11 +183,11 @@ def _from_friction(selection: Selection, chosen: list[Candidate]) -> list[Candid
     """
     validation = selection.validation
     hypotheses = [candidate.hypothesis for candidate in chosen]
-    if not any(each.composite and not effects.is_friction(each.effect) for each in hypotheses):
+    if not any(each.common_cause and not effects.is_friction(each.effect) for each in hypotheses):
         return chosen
     best, best_likelihood = chosen, validation.score(chosen).likelihood
     for start in selection.pool:
-        if start.hypothesis.composite and effects.is_friction(start.hypothesis.effect):
+        if start.hypothesis.common_cause and effects.is_friction(start.hypothesis.effect):
             selection.report(f"starting from {start.hypothesis}")
             other = selection.run([*selection.always, *selection.expected, start])
             likelihood = validation.score(other).likelihood
@@ -210,7 +210,7 @@ def _with_free_masses(
     when they are free.
     """
     say("comparing hypotheses with the model's own parameters free")
-    always = [candidate for candidate in pool if candidate.hypothesis.of_model]
+    always = [candidate for candidate in pool if candidate.hypothesis.refits_model]
     # The masses take the place of all causes at links, and of scales that they span.
     pool = [
         candidate

@@ -12,7 +12,7 @@ from dvrk_gravity.diagnosis.inference.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.inference.held_out import HeldOut
 from dvrk_gravity.diagnosis.inference.places import SelectedEffect
 from dvrk_gravity.diagnosis.inference.selection import EffectTrial, Selection, SelectionSettings
-from dvrk_gravity.effects import nameless
+from dvrk_gravity.effects import unexplained_hypotheses
 
 _AT_FLOOR = 1.05  # times the noise: nothing worth finding is left. Chosen
 # Part of a joint's error that such a function must remove: half as much again as an effect. Chosen.
@@ -37,7 +37,7 @@ def unexplained_structure(
     # Not clean where the floor is unknown.
     clean = validation.score(named).rms <= _AT_FLOOR * floor
     joints = np.flatnonzero(data.motion.present & ~clean).tolist()
-    pool = list(data.candidates(nameless(data.motion, joints)))
+    pool = list(data.candidates(unexplained_hypotheses(data.motion, joints)))
     unknown: list[EffectTrial] = []
     while len(unknown) < _MOST:
         beside = [*named, *(trial.candidate for trial in unknown)]

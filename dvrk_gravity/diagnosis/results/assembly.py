@@ -36,7 +36,7 @@ from dvrk_gravity.diagnosis.results.other_findings import (
     unexplained_error,
     unknown_finding,
 )
-from dvrk_gravity.effects import Unknown
+from dvrk_gravity.effects import AbsorbedByModel, Unknown
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import outside_range
 from dvrk_gravity.model import TorqueModel
@@ -80,7 +80,8 @@ def report(
             spread += back
             for name, deviation in of_settings.items():
                 spreads[i][name] = np.hypot(spreads[i].get(name, 0.0), deviation)
-        spread += hypothesis.taken_in(loaded.motion) * np.eye(len(spread))
+        if isinstance(hypothesis, AbsorbedByModel):
+            spread += hypothesis.absorbed_variance(loaded.motion) * np.eye(len(spread))
         parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
         finding = effect_finding(
             held_out, validation, posterior.selected, i, parameters, theta[rows], left_out[i]
@@ -129,7 +130,7 @@ def report(
         if known_payload is None
         else check_payload(findings, known_payload, reference),
         band=data.band,
-        beside_reference=reference,
+        against_reference=reference,
         with_model=not reference or bool(motion.model.terms),
         outside=outside,
         of_file=motion.model.of_file,

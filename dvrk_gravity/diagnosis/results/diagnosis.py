@@ -46,7 +46,7 @@ class Diagnosis:
             for, or if they are the same.
         payload_check: How the payload found compares with its known mass; ``None`` without one.
         band: Hz; errors are those below this. ``None`` for static poses.
-        beside_reference: The recordings are compared with a reference, not with the model.
+        against_reference: The recordings are compared with a reference, not with the model.
         with_model: A model was given, by itself or beside a reference.
         outside: Where joints are outside the identified range, one sentence each.
         of_file: The model is what an arm's own file states.
@@ -70,7 +70,7 @@ class Diagnosis:
     in_simulation: InSimulation | None = None
     payload_check: PayloadCheck | None = None
     band: float | None = None
-    beside_reference: bool = False
+    against_reference: bool = False
     with_model: bool = True
     outside: tuple[str, ...] = ()
     of_file: bool = False
@@ -96,7 +96,7 @@ class Diagnosis:
             if value > 0 and np.isfinite(self.after[name])
         }
         return sentences.nothing_found(
-            self.beside_reference,
+            self.against_reference,
             "; ".join(entry.of_all_friction for entry in self.known if entry.of_all_friction),
             ratio,
             words,
@@ -119,7 +119,7 @@ class Diagnosis:
         """What limits the findings; ``""`` if nothing does."""
         if not self.findings:
             return ""
-        return sentences.caveat(self.beside_reference, self.with_model)
+        return sentences.caveat(self.against_reference, self.with_model)
 
     @property
     def compared(self) -> str:

@@ -118,13 +118,13 @@ def _freed(
     validation: CrossValidation, named: Sequence[Candidate], i: int, parameters: dict[str, Estimate]
 ) -> dict[str, Estimate]:
     """Return parameters with intervals that include what parsimony assumed to be equal."""
-    freed = named[i].hypothesis.freed
-    if freed is None:
+    free = named[i].hypothesis.unrestricted
+    if free is None:
         return parameters
-    candidates = [*named[:i], validation.data.candidate(freed), *named[i + 1 :]]
+    candidates = [*named[:i], validation.data.candidate(free), *named[i + 1 :]]
     theta, covariance = validation.fit(candidates)
     rows = slices_of(candidates)[i]
-    alone = estimates(freed, theta[rows], covariance[rows, rows], {})
+    alone = estimates(free, theta[rows], covariance[rows, rows], {})
     widened = {
         name: replace(
             parameters[name],
@@ -190,7 +190,7 @@ def beyond_range(motion: MeasuredMotion, hypothesis: Hypothesis, theta: Array) -
     at_joint = hypothesis.site.kind is Kind.JOINT and hypothesis.variable == "position"
     if known is None or motion.model.of_file or not at_joint or not np.size(theta):
         return ""
-    columns = hypothesis.build(motion, hypothesis.setting)[:, joint]
+    columns = hypothesis.regressor(motion)[:, joint]
     square, q = (columns @ theta) ** 2, motion.true_q[:, joint]
     low, high = float(known.lower[joint]), float(known.upper[joint])
     if square[(q < low) | (q > high)].sum() <= _BEYOND * square.sum():
@@ -235,7 +235,7 @@ def difference(
     own = [(data.recording == number) & seen for number in range(len(sources))]
     shown = [number for number, rows in enumerate(own) if cause.values[rows].any()]
     # One recording may show little of the model itself, and what happens once is in one.
-    if len(shown) < 2 or cause.hypothesis.transient or cause.hypothesis.of_model:
+    if len(shown) < 2 or cause.hypothesis.transient or cause.hypothesis.refits_model:
         return None
     divided = _divided(cause, [data.recording == number for number in shown])
     candidates = [*named[:i], divided, *named[i + 1 :]]
@@ -275,10 +275,10 @@ def difference(
 def _divided(cause: Candidate, recordings: Sequence[Mask]) -> Candidate:
     """Return a cause with separate parameters in each recording."""
     values = [np.where(rows[:, None, None], cause.values, 0.0) for rows in recordings]
-    plausible = tuple(cause.hypothesis.plausible_size) * len(recordings)
+    plausible = tuple(cause.hypothesis.prior_std) * len(recordings)
     return replace(
         cause,
-        hypothesis=replace(cause.hypothesis, plausible_size=plausible),
+        hypothesis=replace(cause.hypothesis, prior_std=plausible),
         values=np.concatenate(values, axis=2),
     )
 

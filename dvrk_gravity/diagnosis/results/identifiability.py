@@ -134,8 +134,8 @@ def _separating_pose(
 ) -> str:
     """Return in which pose one degree of zero differs most from what resembles it in the motion."""
     arm = poses.arm
-    torque_of_zero = zero.hypothesis.build(poses, zero.hypothesis.setting) @ np.array([_DEGREE])
-    torque_of_other = other.hypothesis.build(poses, other.hypothesis.setting) @ theta
+    torque_of_zero = zero.hypothesis.regressor(poses) @ np.array([_DEGREE])
+    torque_of_other = other.hypothesis.regressor(poses) @ theta
     apart = np.abs(torque_of_zero - torque_of_other)
     where, joint = np.unravel_index(int(np.argmax(apart * validation.weight)), apart.shape)
     return (
@@ -161,8 +161,8 @@ def separation(
         other: The one that could stand in its place.
     """
     pair = (selected.hypothesis, other.hypothesis)
-    stated = next((each.told_apart_by for each in pair if each.told_apart_by), "")
-    if stated or not all(each.of_state for each in pair):
+    stated = next((each.separated_by for each in pair if each.separated_by), "")
+    if stated or not all(each.extrapolates for each in pair):
         return stated
     motion = validation.data.motion
     if motion.reference is not None:
@@ -174,7 +174,7 @@ def separation(
     torques = []
     for candidate in (selected, other):
         theta, _ = validation.fit([*rest, candidate])
-        columns = candidate.hypothesis.build(anywhere, candidate.hypothesis.setting)
+        columns = candidate.hypothesis.regressor(anywhere)
         torques.append(columns @ theta[-candidate.size :])
     apart = np.abs(torques[0] - torques[1])
     weighted = apart * validation.weight

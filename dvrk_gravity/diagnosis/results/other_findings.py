@@ -217,14 +217,14 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     theta, covariance = validation.fit([*named, candidate])
     rows = slice(len(theta) - candidate.size, len(theta))
     theta, covariance = theta[rows], covariance[rows, rows]
-    if hypothesis.composite:
+    if hypothesis.common_cause:
         differ = Alike(validation).differ(candidate, theta, named)
         covariance = covariance + differ * np.diag(theta**2)
     parameters = estimates(hypothesis, theta, covariance, {})
     claim, of_friction = hypothesis.claim(parameters), is_friction(hypothesis.effect)
     negligible = np.any(trial.size > SelectionSettings().consequence * validation.known_error)
     friction = "" if of_friction else _like_friction(validation, candidate, theta)
-    of_all = trial.other_day and hypothesis.composite and of_friction
+    of_all = trial.other_day and hypothesis.common_cause and of_friction
     return Known(
         hypothesis.effect,
         hypothesis.names,

@@ -36,7 +36,7 @@ FLOORS: Mapping[str, str] = {
 
 def parameter_text(effect: str, name: str, estimate: Estimate) -> str:
     """Return an effect's parameter with unit and interval, its sign in words."""
-    return effects.named(effect).meaning(name).tell(estimate)
+    return effects.named(effect).meaning(name).in_words(estimate)
 
 
 def effect_found(
@@ -163,7 +163,7 @@ def _contender(contender: Contender) -> str:
 
 
 def payload(
-    found: str, known: float, scale: Estimate | None, gain: str, beside_reference: bool
+    found: str, known: float, scale: Estimate | None, gain: str, against_reference: bool
 ) -> str:
     """Return how the payload found compares with the known mass.
 
@@ -172,7 +172,7 @@ def payload(
         known: The known mass, kg.
         scale: Mass found over known mass; ``None`` where efforts are not in N·m.
         gain: N·m per unit of effort in that case.
-        beside_reference: Two recordings were compared.
+        against_reference: Two recordings were compared.
     """
     if not found:
         return f"no payload was found; expected {quantity(known, 'kg')}"
@@ -188,7 +188,7 @@ def payload(
         )
     else:
         off = scale.percent(1.0).signed(("too high", "too low"))
-        other = " or more changed between the recordings" if beside_reference else ""
+        other = " or more changed between the recordings" if against_reference else ""
         verdict = (
             f"efforts read {off}, or the mass is different{other}: check torque constants, gear "
             "ratios and current scales"
@@ -228,13 +228,13 @@ def slower_compensation(ratio: float | None) -> str:
 
 
 def nothing_found(
-    beside_reference: bool, friction: str, ratio: Mapping[str, float], least: str,
+    against_reference: bool, friction: str, ratio: Mapping[str, float], least: str,
     known: Sequence[str], unexpected: float | None,
 ) -> str:  # fmt: skip
     """Return that nothing was found, and what error remains.
 
     Args:
-        beside_reference: Two recordings were compared.
+        against_reference: Two recordings were compared.
         friction: Change of friction since calibration; ``""`` for none.
         ratio: By joint, remaining error over what is expected.
         least: What is expected, in words.
@@ -242,7 +242,7 @@ def nothing_found(
         unexpected: Ratio that is more than it should be; ``None`` if nothing is.
     """
     but = f" but day-to-day friction variation: {friction}" if friction else ""
-    nothing = f"Nothing was found that {compared_with(beside_reference)} lacks{but}"
+    nothing = f"Nothing was found that {compared_with(against_reference)} lacks{but}"
     if not ratio:
         return f"{nothing}."
     most = max(ratio, key=lambda name: ratio[name])
@@ -296,9 +296,9 @@ def extrapolated(outside: Sequence[str]) -> list[str]:
     return [f"{line}: the model extrapolates there, and is uncertain" for line in outside]
 
 
-def caveat(beside_reference: bool, with_model: bool) -> str:
+def caveat(against_reference: bool, with_model: bool) -> str:
     """Return what limits findings beside a reference; ``""`` for a model."""
-    if not beside_reference:
+    if not against_reference:
         return ""
     without = (
         ". Without a model, a tilt of the base or a joint's zero appears as other causes: give "
