@@ -132,8 +132,8 @@ def test_files_are_recognised_under_any_name_and_read_in_parts(measured, tmp_pat
     kept, lines, warnings = counted_once([RecordingFile(first), RecordingFile(second)])
     assert [len(file.load()) for file in kept] == [2400]
     assert lines == (
-        f"{second}: 2400 of 2400 samples repeat exactly what was read before, and count once; it "
-        "is skipped",
+        f"{second}: 2400 of 2400 samples are exact duplicates of samples read before, and count "
+        "once; it is skipped",
     )
     assert [(warning.kind, warning.numbers["samples"]) for warning in warnings] == [
         ("read_before", 2400)
@@ -143,7 +143,7 @@ def test_files_are_recognised_under_any_name_and_read_in_parts(measured, tmp_pat
     kept, lines, _ = counted_once([RecordingFile(first), RecordingFile(more)])
     assert [len(file.load()) for file in kept] == [2400, 1200]
     assert len(kept[1].head) == 1200
-    assert "1200 of 2400 samples repeat exactly" in lines[0]
+    assert "1200 of 2400 samples are exact duplicates" in lines[0]
 
 
 def test_identifying_from_the_same_recording_twice_is_identifying_once(measured):
@@ -152,7 +152,9 @@ def test_identifying_from_the_same_recording_twice_is_identifying_once(measured)
     assert [p.ci95 for p in twice.parameters] == [p.ci95 for p in once.parameters]
     assert twice.held_out == once.held_out
     (line,) = [line for line in twice.handling if "read before" in line]
-    assert line.startswith("one.csv: 1200 of 1200 samples repeat exactly what was read before")
+    assert line.startswith(
+        "one.csv: 1200 of 1200 samples are exact duplicates of samples read before"
+    )
     assert [warning.kind for warning in twice.warnings].count("read_before") == 1
     assert not [warning for warning in once.warnings if warning.kind == "read_before"]
 
@@ -203,7 +205,7 @@ def test_poses_that_repeat_exactly_count_once(monkeypatch):
     ((first, second),) = fitted
     np.testing.assert_array_equal(first.position, poses.position)
     np.testing.assert_array_equal(second.position, more.position)
-    assert "40 of 40 samples repeat exactly" in fit.handling[0]
+    assert "40 of 40 samples are exact duplicates" in fit.handling[0]
     assert [warning.kind for warning in fit.warnings] == ["read_before", "other_hand"]
     # From the other direction it is another pose.
     assert poses.direction is not None

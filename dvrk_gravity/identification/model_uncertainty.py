@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.estimation import NoiseSettings, Uncertainty, correlation_time, prior_precision
+from dvrk_gravity.estimation import (
+    LONGEST_CORRELATION,
+    Uncertainty,
+    correlation_time,
+    prior_precision,
+)
 from dvrk_gravity.identification.columns import Columns
 from dvrk_gravity.identification.design import Design
 from dvrk_gravity.identification.problem import Problem
@@ -57,7 +62,7 @@ def known_error(design: Design, blind: Array, band: float) -> KnownError:
     """Return the error of (N, n) torques at the motors that fits predicted without seeing them."""
     rows = design.compared.all(axis=1)
     error = design.columns.arm.joint_effort(design.y - blind)[rows]
-    longest = int(NoiseSettings().longest * design.rate)
+    longest = int(LONGEST_CORRELATION * design.rate)
     together = correlation_time(error, design.part[rows], longest) / design.rate
     assert design.state.qd is not None
     speed = np.abs(design.state.qd).max(axis=0)
@@ -191,7 +196,7 @@ def uncertainty_of_poses(
     """
     here, own = coefficients(theta), coefficients_of(model.terms)
     part = np.ix_(index, index)
-    marginal = Uncertainty(spread.covariance[part], spread.bias[part], spread.settings)
+    marginal = Uncertainty(spread.covariance[part], spread.bias[part])
     found = _uncertain_directions(marginal, scale[index])
     directions = np.zeros((len(theta), found.shape[1]))
     directions[index] = found

@@ -19,7 +19,7 @@ from dvrk_gravity.model import parts
 from dvrk_gravity.parameters import is_finite
 from dvrk_gravity.recording import (
     DEFAULT_CUTOFF,
-    CheckSettings,
+    STILL,
     Coordinates,
     DataWarning,
     LowPass,
@@ -361,7 +361,7 @@ def without_standing(
 
 def stands(lower: Array, upper: Array, arm: Arm) -> NDArray[np.bool_]:
     """Return (n,) joints that friction may hold all the time, by their least and greatest q."""
-    return np.asarray((upper - lower < CheckSettings().still * arm.scale) & arm.rubs)
+    return np.asarray((upper - lower < STILL * arm.scale) & arm.rubs)
 
 
 def motors_measured(

@@ -11,8 +11,8 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.estimation import (
+    LONGEST_CORRELATION,
     Folds,
-    NoiseSettings,
     NormalEquations,
     RobustSettings,
     RobustState,
@@ -182,7 +182,7 @@ def weigh(design: Design) -> Weighting:
 def _weighting(design: Design, residual: Array, sample: Array) -> Weighting:
     """Return what (n, m) residuals say, beside (n, m) robust weights."""
     seen = design.compared
-    together = correlation_time(residual, design.part, int(NoiseSettings().longest * design.rate))
+    together = correlation_time(residual, design.part, int(LONGEST_CORRELATION * design.rate))
     variance = np.maximum(residual.var(axis=0, where=seen), 1e-12)
     power = np.maximum(np.mean(design.y**2, axis=0, where=seen), 1e-12)
     return Weighting(1.0 / (variance * together), power, sample)

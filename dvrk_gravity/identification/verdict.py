@@ -18,7 +18,7 @@ from dvrk_gravity.identification.result import (
     in_words,
 )
 from dvrk_gravity.model import NO_VERDICT, VERDICTS, TorqueModel
-from dvrk_gravity.recording import CheckSettings, Coordinates, DataWarning
+from dvrk_gravity.recording import STILL, Coordinates, DataWarning
 
 GOOD, USABLE, POOR = VERDICTS
 # What to record instead: of a motion, of static poses.
@@ -202,7 +202,7 @@ def of_clock(warnings: Iterable[DataWarning], arm: Arm) -> tuple[Contradiction, 
 
 def _stood(joint: Joint, holding: Holding, arm: Arm) -> bool:
     """Tell whether friction may have held a joint all the time."""
-    still = CheckSettings().still * SCALES[joint.kind]
+    still = STILL * SCALES[joint.kind]
     return holding.upper - holding.lower < still and joint.name not in arm.frictionless
 
 

@@ -9,19 +9,23 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.column_names import TIMES, UNITS, ColumnName, Quantity, recognised
 from dvrk_gravity.recording.csv_columns import (
     EXPECTED,
     OF_READINGS,
+    TIMES,
+    UNITS,
     WAY_OUT,
+    ColumnName,
     Header,
+    Quantity,
     TimeColumns,
+    recognised,
 )
-from dvrk_gravity.recording.notes import Note
+from dvrk_gravity.recording.data_warning import Note
 from dvrk_gravity.recording.samples import QUANTITIES, TimeBase, check_joints
 
 _SHOWN = 8  # names of columns in one line
-# What one value a row makes: nothing that can be put together for sure.
+# A file of one value a row, whose samples cannot be put together for sure.
 _FOXGLOVE = {"elapsed time", "receive time", "topic", "value"}
 
 
@@ -32,7 +36,7 @@ class HeaderReader:
     Attributes:
         where: File and line, for errors.
         arm: Whose joints are read; ``None``: those that the header names.
-        given: What columns are said to be.
+        given: Targets of columns that a user has mapped.
         time_base: Which of two times is read, where there are two.
     """
 
@@ -46,18 +50,13 @@ class HeaderReader:
         return self.arm.joint_names if self.arm else ()
 
     def read(self, names: Sequence[str], first: Sequence[str]) -> Header:
-        """Return where the columns are.
-
-        Args:
-            names: Of the columns.
-            first: Cells of the first row.
+        """Return the places of the columns, from their names and the cells of the first row.
 
         Raises:
-            RecordingError: Columns missing, twice, or that could be either of two things.
+            RecordingError: Columns missing, twice, or ambiguous.
         """
         columns, same = self._columns(names)
-        found = self._of_one_source(names, columns)
-        found = self._named(names, found, first)
+        found = self._named(names, self._of_one_source(names, columns), first)
         joints, quantities = self._quantities(names, found)
         time = self._time(names, columns, found, first)
         if time is None:
@@ -72,7 +71,7 @@ class HeaderReader:
     def _columns(
         self, names: Sequence[str]
     ) -> tuple[dict[int, ColumnName], tuple[tuple[int, int], ...]]:
-        """Return what is recognised, and which columns have the name of one before."""
+        """Return the recognised columns, and pairs of columns that share a name."""
         for name in self.given:
             if name not in names:
                 shown = ", ".join(names)[:200]
@@ -98,19 +97,18 @@ class HeaderReader:
         return found, tuple(pair for pair in same if pair[0] in found)
 
     def _taken(self, column: ColumnName) -> bool:
-        """Tell whether ``--columns`` names another column for what one seems to be."""
-        said = [recognised(target) for target in self.given.values()]
-        if column.number >= 0:
-            return any(other and other.quantity == column.quantity for other in said)
+        """Return whether ``--columns`` maps another column to the same quantity and joint."""
         return any(
-            other and (other.quantity, other.joint) == (column.quantity, column.joint)
-            for other in said
+            target is not None
+            and target.quantity == column.quantity
+            and (column.number >= 0 or target.joint == column.joint)
+            for target in map(recognised, self.given.values())
         )
 
     def _of_one_source(
         self, names: Sequence[str], columns: Mapping[int, ColumnName]
     ) -> dict[int, ColumnName]:
-        """Return the columns of joints' readings, those of the arm's topic if there are several."""
+        """Return the columns of joints' readings; of several topics, those of the arm's."""
         found = {
             at: column
             for at, column in columns.items()
@@ -151,15 +149,15 @@ class HeaderReader:
         if not numbered:
             return {at: column for at, column in columns.items() if column.quantity != "name"}
         numbers = sorted({c.number for c in numbered.values() if c.quantity == "position"})
-        said = {
+        joints = {
             column.number: first[at].strip().strip('"')
             for at, column in numbered.items()
             if column.quantity == "name" and at < len(first)
         }
-        if not said and numbers and len(numbers) == len(self._known):
-            said = dict(zip(numbers, self._known, strict=True))
+        if not joints and numbers and len(numbers) == len(self._known):
+            joints = dict(zip(numbers, self._known, strict=True))
         some = next(names[at] for at in numbered)
-        if numbers and not set(numbers) <= set(said):
+        if numbers and not set(numbers) <= set(joints):
             arm = f", expected {len(self._known)} of arm {self.arm.name}" if self.arm else ""
             raise RecordingError(
                 self.where,
@@ -170,8 +168,8 @@ class HeaderReader:
         for at, column in columns.items():
             if column.quantity == "name":
                 continue
-            if column.number >= 0 and column.number in said:
-                column = replace(column, joint=said[column.number])
+            if column.number >= 0 and column.number in joints:
+                column = replace(column, joint=joints[column.number])
             if column.joint or column.quantity == "direction":
                 result[at] = column
         return result
@@ -181,9 +179,9 @@ class HeaderReader:
     ) -> tuple[tuple[str, ...], dict[str, list[int]]]:
         """Return the joints, and the columns of each quantity."""
         known = self._known
-        index: dict[tuple[str, str], int] = {}
-        for at, column in columns.items():
-            index[column.joint, column.quantity] = at
+        index: dict[tuple[str, str], int] = {
+            (column.joint, column.quantity): at for at, column in columns.items()
+        }
         whole = all((joint, "position") in index for joint in known)
         for at, column in columns.items():
             # Where all of the arm's joints are, others are another arm's or a hand's; else a
@@ -228,12 +226,12 @@ class HeaderReader:
         self, names: Sequence[str], columns: Mapping[int, ColumnName],
         read: Mapping[int, ColumnName], first: Sequence[str],
     ) -> TimeColumns | None:  # fmt: skip
-        """Return where the times are."""
+        """Return the places of the times."""
         prefixes = {column.prefix.lower() for column in read.values()}
         times = {at: column for at, column in columns.items() if column.quantity == "time"}
-        said = [at for at in times if names[at] in self.given]
-        if said:
-            return self._one_time(names, said[0], times[said[0]], first)
+        mapped = [at for at in times if names[at] in self.given]
+        if mapped:
+            return self._one_time(names, mapped[0], times[mapped[0]], first)
         stamps: list[tuple[str, tuple[int, ...]]] = []
         for at, column in times.items():
             if column.part == "stamp":
@@ -255,7 +253,7 @@ class HeaderReader:
             return self._one_time(names, places[0], times[places[0]], first)
         if plain:
             return self._one_time(names, plain[0], times[plain[0]], first)
-        # What pandas writes first, without a name, if it is the time.
+        # pandas writes its index first, without a name: here it is the time.
         if names and names[0] == "" and first and _is_date(first[0]):
             return TimeColumns((0,), 1.0, True)
         return None
@@ -273,7 +271,7 @@ class HeaderReader:
         return TimeColumns((at,), UNITS["time"][unit] if unit else None, date)
 
     def _require_poses(self, names: Sequence[str], columns: Mapping[int, ColumnName]) -> None:
-        """Refuse a file without a time in which some column may be it."""
+        """Refuse a file without a time if some unknown column may be it."""
         others = [name for at, name in enumerate(names) if at not in columns and not self.given]
         if others:
             raise RecordingError(
@@ -299,7 +297,7 @@ class HeaderReader:
         read: Mapping[int, ColumnName], quantities: Mapping[str, list[int]],
         joints: Sequence[str], time: TimeColumns | None,
     ) -> tuple[Note, ...]:  # fmt: skip
-        """Return what was taken for what, and what is not read."""
+        """Return which columns were read as what, and which were not read."""
         taken = []
         for quantity, places in quantities.items():
             for joint, at in zip(joints, places, strict=True):
@@ -311,11 +309,10 @@ class HeaderReader:
         used = {at for places in quantities.values() for at in places} | set(
             time.columns if time else ()
         )
+        known = {at for at, c in columns.items() if c.quantity in ("nothing", "name", "time")}
+        own = {names[at] for at in read if read[at].native}
         others = [name for at, name in enumerate(names)
-                  if at not in used and not (at in columns and columns[at].quantity in
-                                             ("nothing", "name", "time"))]  # fmt: skip
-        own = [name for at, name in enumerate(names) if at in read and read[at].native]
-        others = [name for name in others if name not in own]
+                  if at not in used | known and name not in own]  # fmt: skip
         lines = []
         if taken:
             lines.append(f"columns read: {', '.join(taken)}, and so on")
@@ -328,7 +325,7 @@ class HeaderReader:
 
 
 def _belongs(prefix: str, prefixes: Iterable[str]) -> bool:
-    """Tell whether a stamp's prefix is that of the columns that are read."""
+    """Return whether a stamp's prefix is that of the columns that are read."""
     return any(prefix.strip("/").lower() == other.strip("/") for other in prefixes)
 
 
@@ -343,6 +340,6 @@ def _some(names: Sequence[str]) -> str:
 
 
 def _is_date(cell: str) -> bool:
-    """Tell whether a cell holds a date and time, and no number."""
+    """Return whether a cell holds a date and time, not a number."""
     text = cell.strip().strip('"')
     return len(text) >= 10 and text[4] == "-" and text[7] == "-" and text[:4].isdigit()

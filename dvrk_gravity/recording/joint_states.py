@@ -17,7 +17,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import BagReader
 from dvrk_gravity.recording.cdr import STAMP, CdrError, JointStateLayout
-from dvrk_gravity.recording.notes import Note
+from dvrk_gravity.recording.data_warning import Note
 from dvrk_gravity.recording.samples import (
     CHUNK,
     QUANTITIES,
@@ -28,9 +28,9 @@ from dvrk_gravity.recording.samples import (
 )
 from dvrk_gravity.recording.table import Assembly, RowTable
 
-# Layouts tried on all of a chunk's messages; a stranger stream than that is decoded singly.
+# Layouts tried on all of a chunk's messages; a more irregular stream is decoded singly.
 SHARED_LAYOUTS = 8
-NO_STAMP = bytes(8)  # what the dVRK marks invalid data by, and what drivers send that never stamp
+NO_STAMP = bytes(8)  # of data that the dVRK marks as invalid, and of drivers that never stamp
 
 
 class JointStateSample(NamedTuple):
@@ -54,7 +54,7 @@ class _Batch(NamedTuple):
 
 
 def _decode(raws: list[bytes]) -> tuple[list[_Batch], dict[int, str]]:
-    """Decode a chunk; return also what is wrong with messages that are none, by their index."""
+    """Decode a chunk; return also the errors of messages that are no JointStates, by index."""
     batches: list[_Batch] = []
     wrong: dict[int, str] = {}
     pending = np.arange(len(raws))
@@ -79,7 +79,7 @@ def _decode(raws: list[bytes]) -> tuple[list[_Batch], dict[int, str]]:
 def read_joint_states(
     path: str | Path, topic: str | None = None, chunk: int = 1000
 ) -> Iterator[JointStateSample]:
-    """Yield every JointState of a topic as it was sent, invalid ones included, in receive order.
+    """Yield every JointState of a topic as sent, invalid ones included, in receive order.
 
     Raises:
         RecordingError: If the bag or a message cannot be read.
@@ -114,8 +114,8 @@ def iterate_bag(
 
     Joints are matched by name, in any order; names that are not the arm's (a gripper) are left
     out. Without an arm, they are those of most of the first messages. Times are relative to the
-    first sample. Messages with stamp 0 are left out and counted (``invalid``), so are those with
-    the time of the message before (``repeated``), and what ``notes`` tell.
+    first sample. Messages are left out and counted with stamp 0 (``invalid``), with the time of
+    the message before (``repeated``), or for a reason in ``notes``.
 
     Raises:
         RecordingError: If nothing of the bag can be read, or its times cannot be used.
@@ -151,7 +151,7 @@ def _tables(
             if time_base == "receive":
                 stamps = np.array([receive_ns for _, receive_ns, _ in part], np.int64)
             numbers = np.arange(first - len(part), first)
-            part.clear()  # what is read next takes its place
+            part.clear()  # its memory serves the next read
             if not messages_of.joints:
                 invalid += left_out
                 continue
@@ -166,7 +166,7 @@ def _tables(
 
 
 class _Read(NamedTuple):
-    """What was read of N messages: stamps (N,) ns, arrays (N, n), which are used, notes."""
+    """Content of N messages: stamps (N,) ns, arrays (N, n), mask of the used ones, notes."""
 
     stamps: NDArray[np.int64]
     values: dict[str, Array]
@@ -191,7 +191,7 @@ class _Messages:
         self._problem = ""
 
     def read(self, first: int, raws: list[bytes]) -> _Read:
-        """Return what some messages hold; ``first`` is the number of the first one, for errors.
+        """Return the content of messages; ``first`` is the number of the first one, for errors.
 
         Raises:
             RecordingError: If the joints are a larger arm's.
@@ -240,7 +240,7 @@ class _Messages:
         check_joints(self._source, batch.names, self._arm)
 
     def nothing(self, messages: int) -> RecordingError:
-        """Return what to say of a topic without a message of use."""
+        """Return the error about a topic without a usable message."""
         if self._problem:
             return RecordingError(self._source, self._problem)
         return RecordingError(self._source, "holds no JointState messages")

@@ -1,4 +1,4 @@
-"""Recordings that are read from their files in parts, or are given in memory."""
+"""Recordings read from their files in parts, or in memory."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ArgumentError, RecordingError
 from dvrk_gravity.recording import files
 from dvrk_gravity.recording.csv_columns import Columns
-from dvrk_gravity.recording.data import Recording
 from dvrk_gravity.recording.files import A_PATH
-from dvrk_gravity.recording.pieces import blocks
+from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.samples import CHUNK, Coordinates, TimeBase, join
 from dvrk_gravity.validation import path_of
 
-HEAD = 10_000  # samples by which what is the same for all of a file is found out
+HEAD = 10_000  # samples of a file's first part
 
 
 def iterate_recording(
@@ -38,17 +37,34 @@ def iterate_recording(
     sample of the whole; arguments are those of ``Recording.load``.
 
     Raises:
-        RecordingError: When the part that cannot be used is reached.
+        RecordingError: On reaching a part that cannot be used.
     """
     parts = files.read(path, topic, coordinates, time_base, chunk, arm, columns)
     return map(Recording.checked, parts)
 
 
+def blocks(parts: Iterable[Recording], size: int) -> Iterator[Recording]:
+    """Yield consecutive parts of any length as blocks of ``size`` samples, the last one shorter."""
+    held: list[Recording] = []
+    count = 0
+    for part in parts:
+        held.append(part)
+        count += len(part)
+        while count > size:
+            whole = join(held)
+            yield whole.rows(slice(0, size))
+            # Left-out samples were counted with the block.
+            held = [whole.rows(slice(size, None)).counted()]
+            count -= size
+    if held:
+        yield join(held)
+
+
 class RecordingFile:
-    """A recording that is left in its file and read in parts, as often as asked for.
+    """A recording that stays in its file and is read in parts, any number of times.
 
     Attributes:
-        head: Its first part; tells joints, quantities, and whether there is a time.
+        head: Its first part, which has joints, quantities and kind of time.
 
     Raises:
         RecordingError: On opening, if the first part cannot be used.
@@ -67,13 +83,13 @@ class RecordingFile:
         self._path, self._topic, self._time_base = path, topic, time_base
         self._coordinates, self._arm, self._columns = coordinates, arm, columns
         self._changes: tuple[Callable[[Iterator[Recording]], Iterator[Recording]], ...] = ()
-        if arm is not None and arm.held:  # which the arm's own joints do not tell
+        if arm is not None and arm.held:  # those are not among the arm's joints
             whole = iterate_recording(path, topic, coordinates, time_base, columns=columns)
             next(whole).require_held(arm)
         self.head = next(blocks(self.parts(), HEAD))
 
     def __repr__(self) -> str:
-        """Say which file it is."""
+        """Return the file's name."""
         return f"<RecordingFile {self._path}>"
 
     def of(self, arm: Arm) -> RecordingFile:
@@ -85,7 +101,7 @@ class RecordingFile:
         return result._changed(*self._changes) if self._changes else result
 
     def without(self, left_out: Sequence[tuple[int, int]]) -> RecordingFile:
-        """Return the same file without some spans of its rows, each from one row to before another.
+        """Return the same file without some spans [start, stop) of its rows.
 
         Raises:
             RecordingError: If nothing is left.
@@ -93,7 +109,7 @@ class RecordingFile:
         return self._changed(partial(_without, left_out=tuple(left_out)))
 
     def mended(self, mend: Callable[[Recording], Recording]) -> RecordingFile:
-        """Return the same file with each of its parts put right; samples stay in their places."""
+        """Return the same file with each part corrected by a function that keeps its samples."""
         return self._changed(partial(map, mend))
 
     def _changed(
@@ -125,7 +141,7 @@ class RecordingFile:
 def _without(
     parts: Iterator[Recording], left_out: Sequence[tuple[int, int]]
 ) -> Iterator[Recording]:
-    """Yield what is left of parts without some spans of the rows of all."""
+    """Yield parts without some spans of the rows of all."""
     row = 0
     for part in parts:
         keep = np.ones(len(part), dtype=bool)
@@ -142,15 +158,15 @@ Given = Recording | RecordingFile | str | os.PathLike[str]
 def opened(
     given: Given | Iterable[Given], coordinates: Coordinates = "joint", arm: Arm | None = None
 ) -> list[Recording | RecordingFile]:
-    """Return one or several recordings as a list, paths as the files that they name.
+    """Return one or several recordings or paths as a list of recordings.
 
     Args:
         given: One or several.
-        coordinates: Of the files that are given as paths, which do not tell.
+        coordinates: Of files that are given as paths.
         arm: Whose joints they are to be; see ``Recording.of``.
 
     Raises:
-        ArgumentError: What is neither a recording nor a path.
+        ArgumentError: Neither a recording nor a path.
         RecordingError: A file that cannot be used, or joints that are not the arm's.
     """
     if isinstance(given, Recording | RecordingFile | str | os.PathLike):

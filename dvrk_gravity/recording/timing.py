@@ -1,4 +1,9 @@
-"""Bringing a trajectory onto a uniform time grid: stale samples, gaps, jittering stamps."""
+"""Time of a trajectory: stale samples, gaps, jittering stamps; onto a uniform grid.
+
+A console that reads its arm at one time and stamps the reading at another leaves a jitter that all
+joints share. Positions show it: between two readings every joint moves by its velocity times the
+same interval. With encoders of 1e-5 rad and joints at 1 rad/s that interval is known to some 10 us.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +16,15 @@ from numpy.typing import NDArray
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording.filters import LowPass, derivative
 from dvrk_gravity.recording.quantization import quantum
-from dvrk_gravity.recording.sample_times import retimed
 from dvrk_gravity.recording.samples import QUANTITIES, Samples, SamplesT, not_recorded
 
 
 @dataclass(frozen=True)
 class TimingSettings:
-    """What is a gap, what is a uniform grid already, and what is a reading not renewed.
+    """Thresholds of gaps, uniform grids and stale samples.
 
     Attributes:
-        gap: Interval, in median ones, from which on samples are missing. Chosen: more than jitter
+        gap: Interval, in median ones, beyond which samples are missing. Chosen: more than jitter
             makes of two lost samples.
         uniform: Part by which intervals of a uniform grid may differ. Chosen: rounding of stamps.
         on_grid: Intervals that a grid's points may be off. Chosen.
@@ -34,6 +38,13 @@ class TimingSettings:
     moving: float = 1e-6
 
 
+SLOWEST_JITTER = 1.0  # Hz; slower wander is left to the stamps: velocities are off by a percent
+_SLOPE = 0.03  # relative error of a velocity column against positions, to be of use. Chosen
+_LEAST_SHIFT = 0.1  # RMS, in sampling intervals; less is not worth a correction. Chosen
+_EXPLAINED = 0.5  # part of the disagreement that one common jitter must explain. Chosen: most
+_NEVER = 0.04  # sampling intervals; readings closer than this are the same reading. Chosen
+
+
 def speed(recording: Samples) -> Array:
     """Return a rough velocity ``(N, n)``, rad/s, from low-passed positions and nominal rate."""
     rate = recording.rate
@@ -42,10 +53,10 @@ def speed(recording: Samples) -> Array:
 
 
 def stale(recording: Samples) -> NDArray[np.bool_]:
-    """Return ``(N,)``: samples that repeat the one before, although the arm moves.
+    """Return the (N,) mask of samples that repeat the one before although the arm moves.
 
-    At rest identical samples are what an arm should give. While a joint travels by more than two
-    encoder steps a sample, they are readings that were not renewed.
+    At rest, identical samples are correct. While a joint travels by more than two encoder steps a
+    sample, they are readings that were not renewed.
     """
     result = np.zeros(len(recording), dtype=bool)
     rate = recording.rate
@@ -82,12 +93,7 @@ def longest_bridged(rate: float, band: float) -> float:
 
 
 def split_at_gaps(recording: SamplesT, longest: float | None = None) -> tuple[SamplesT, ...]:
-    """Return the parts between long intervals.
-
-    Args:
-        recording: What was recorded.
-        longest: Interval that is no gap yet, s; default: ``TimingSettings.gap`` median ones.
-    """
+    """Return the parts between intervals beyond ``longest`` s, by default ``gap`` median ones."""
     if recording.time is None or len(recording) < 3:
         return (recording,)
     intervals = np.diff(recording.time)
@@ -98,13 +104,65 @@ def split_at_gaps(recording: SamplesT, longest: float | None = None) -> tuple[Sa
     return tuple(recording.rows(slice(a, b)) for a, b in pairwise(edges))
 
 
+def retimed(recording: SamplesT) -> SamplesT:
+    """Return a recording without gaps and stale samples, each sample at the time of its reading.
+
+    It is unchanged without velocities, if it is too short, or if no jitter common to all joints
+    explains at least half of the disagreement of positions and velocities. Samples almost
+    simultaneous with the one before are left out.
+    """
+    time, velocity, rate = recording.time, recording.velocity, recording.rate
+    if time is None or velocity is None or rate is None or rate <= 4.0 * SLOWEST_JITTER:
+        return recording
+    low = LowPass(SLOWEST_JITTER, rate)
+    grid = np.arange(time[0], time[-1], 1.0 / rate)
+    if len(grid) <= 2 * low.edge:
+        return recording
+    stamped = np.diff(time)
+    found = _intervals(recording.position, velocity, stamped, 1.0 / rate)
+    if found is None:
+        return recording
+    late = np.append(0.0, np.cumsum(found - stamped))
+    late -= np.interp(time, grid, low(np.interp(grid, time, late)))
+    if np.std(late) * rate < _LEAST_SHIFT:
+        return recording
+    taken = time + late
+    before = np.append(-np.inf, np.maximum.accumulate(taken)[:-1])
+    kept = taken > before + _NEVER / rate
+    return replace(recording.rows(kept), time=taken[kept])
+
+
+def _intervals(position: Array, velocity: Array, stamped: Array, nominal: float) -> Array | None:
+    """Return (N - 1,) intervals on which joints agree; ``None`` if the stamps are as good.
+
+    Weighted least squares over the joints, with the stamped interval as a weak prior.
+    """
+    way, mean = np.diff(position, axis=0), 0.5 * (velocity[1:] + velocity[:-1])
+    expected = mean * stamped[:, None]
+    power = np.sum(expected**2, axis=0)
+    slope = np.sum(way * expected, axis=0) / np.where(power > 0.0, power, 1.0)
+    step = np.array([quantum(column) for column in position.T])
+    # Without steps the joints' noise is unknown: a hundredth of the typical way.
+    noise = np.where(step > 0.0, step / np.sqrt(6.0), 0.01 * np.std(way, axis=0))
+    used = (np.abs(slope - 1.0) < _SLOPE) & (noise > 0.0)
+    if used.sum() < 2:
+        return None
+    way, mean, weight = way[:, used], mean[:, used], noise[used] ** -2
+    prior = (0.5 * nominal) ** -2
+    known = (mean**2) @ weight
+    intervals = ((way * mean) @ weight + prior * stamped) / (known + prior)
+    residual, before = (
+        ((way - mean * interval[:, None]) ** 2 @ weight).sum() for interval in (intervals, stamped)
+    )
+    return np.asarray(intervals) if residual < (1.0 - _EXPLAINED) * before else None
+
+
 def resample(recording: SamplesT, rate: float, origin: float | None = None) -> SamplesT:
     """Return the recording on a uniform grid from its first to its last sample.
 
-    Samples that were taken off their stamps are put back first, see :func:`retimed`. A recording
-    whose intervals are uniform then is returned as it is, if it lies on the grid.
-    Values between samples come from Akima's piecewise cubics (Akima 1970): they follow curvature,
-    and a step or an outlier disturbs only its neighbours, where a spline would ring on.
+    Jitter is removed first (:func:`retimed`). A recording that lies on the grid then is returned
+    unchanged. Values between samples come from Akima's piecewise cubics (Akima 1970): they follow
+    curvature, and a step or an outlier disturbs only its neighbours, where a spline would ring on.
 
     Args:
         recording: With time, at least two samples.

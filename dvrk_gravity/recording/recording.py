@@ -13,7 +13,7 @@ import numpy as np
 from dvrk_gravity.arms import STAYS, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ArgumentError, RecordingError, ShapeError
-from dvrk_gravity.recording import files
+from dvrk_gravity.recording import files, writing
 from dvrk_gravity.recording.csv_columns import Columns
 from dvrk_gravity.recording.samples import (
     CHUNK,
@@ -23,6 +23,7 @@ from dvrk_gravity.recording.samples import (
     Samples,
     Storage,
     TimeBase,
+    converted,
     join,
     not_recorded,
 )
@@ -30,11 +31,7 @@ from dvrk_gravity.validation import floats, path_of
 
 
 def known_coordinates(given: Coordinates | None) -> Coordinates | None:
-    """Return what coordinates are said to be, ``None`` where they are not.
-
-    Raises:
-        ArgumentError: Anything else than joint or actuator.
-    """
+    """Return the coordinates; raise ``ArgumentError`` unless joint, actuator or ``None``."""
     if given is not None and given not in get_args(Coordinates):
         raise ArgumentError("coordinates", given, "joint or actuator")
     return given
@@ -51,14 +48,13 @@ def _frozen(name: str, array: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Recording(Samples):
-    """What some joints of an arm did: samples that were checked, in arrays that are read-only.
+    """The motion and efforts of some joints of an arm: checked samples in read-only arrays.
 
     Raises:
         ShapeError: If an array does not fit ``position``.
-        RecordingError: If there is no sample or joint, a joint is twice, or not the arm's or out of
-            its order, a value is not finite (but NaN throughout, of a joint without velocities or
-            efforts) or beyond 1e12, time does not increase, or a direction
-            is not +1 or -1.
+        RecordingError: No sample or joint; a joint twice, not the arm's or out of its order; a
+            value not finite (velocities and efforts of a joint may be NaN throughout) or beyond
+            1e12; time that does not increase; a direction other than +1 or -1.
     """
 
     def __post_init__(self) -> None:
@@ -141,11 +137,7 @@ class Recording(Samples):
 
     @classmethod
     def checked(cls, samples: Samples) -> Recording:
-        """Return what a file holds as a recording.
-
-        Raises:
-            RecordingError: If it is none; see above.
-        """
+        """Return samples as a recording; raises as the constructor does."""
         return cls(**vars(samples))
 
     @classmethod
@@ -164,14 +156,14 @@ class Recording(Samples):
             path: Folder of a rosbag2 (sqlite3 or mcap), one of its ``.db3`` or ``.mcap`` files, a
                 ROS 1 ``.bag``, or a ``.csv`` with a header ``time``, ``<joint>.position``,
                 ``<joint>.velocity``, ``<joint>.effort``, ``direction`` or ``<joint>.direction``, or
-                such as many programs write it.
+                one of those that other programs write.
             topic: JointState topic of a bag; found if there is one candidate.
-            coordinates: What the file's columns are; files do not tell.
+            coordinates: Of the file's columns; files do not state them.
             time_base: For bags: the header's stamp, or the time at which the bag received it.
-            arm: Whose joints are read, in its order, or its name or file; ``None``: those that the
-                recording names, in its.
-            columns: What columns of a CSV file are, where their names do not say it: ``{"q1":
-                "elbow.position"}``, or as ``--columns`` takes them.
+            arm: Arm, or its name or file: its joints are read in its order. ``None``: the
+                recording's joints in its own order.
+            columns: Meaning of CSV columns with other names: ``{"q1": "elbow.position"}``, or as
+                ``--columns`` takes them.
 
         Raises:
             RecordingError: If the file cannot be used; the text says where and why.
@@ -195,12 +187,12 @@ class Recording(Samples):
         Raises:
             RecordingError: If the target exists or cannot be written, or if a bag was asked for
                 and the recording has no time or has directions, which JointState cannot carry.
-            ArgumentError: A path that is none.
+            ArgumentError: Not a path.
         """
-        files.save_recording([self], path_of("path", path), storage, topic)
+        writing.save_recording([self], path_of("path", path), storage, topic)
 
     def __repr__(self) -> str:
-        """Say what it holds, in short."""
+        """Return source, size, joints and coordinates in short."""
         if self.time is None:
             what = f"{len(self)} static poses"
         else:
@@ -211,15 +203,11 @@ class Recording(Samples):
 
     @property
     def head(self) -> Recording:
-        """What tells joints, quantities, and whether there is a time: the whole, in memory."""
+        """The part that has joints, quantities and kind of time: in memory, the whole."""
         return self
 
     def joint(self, name: str) -> int:
-        """Return the column of a joint.
-
-        Raises:
-            RecordingError: If the joint was not recorded.
-        """
+        """Return the column of a joint; raise ``RecordingError`` if it was not recorded."""
         if name not in self.joints:
             raise RecordingError(
                 self.source, f"has no joint {name!r}, expected one of: {', '.join(self.joints)}"
@@ -227,10 +215,9 @@ class Recording(Samples):
         return self.joints.index(name)
 
     def of(self, arm: Arm) -> Recording:
-        """Return what an arm's joints did, in its order; other joints are left out.
+        """Return the recording of an arm's joints, in its order and with its drive gains applied.
 
-        So are such as have no effort where others have one.
-        Efforts that are not yet an arm's are taken to N·m by its drive gains.
+        Joints without efforts are left out if others have some.
 
         Raises:
             RecordingError: If no joint is the arm's, or one that it holds is elsewhere.
@@ -251,31 +238,21 @@ class Recording(Samples):
                 f"expected some of: {', '.join(arm.joint_names)}",
             )
         if joints == self.joints:
-            effort = files.converted(self.effort, self.position, joints, self.arm, arm)
+            effort = converted(self.effort, self.position, joints, self.arm, arm)
             return replace(self, arm=arm, effort=effort)
         columns = [self.joints.index(joint) for joint in joints]
 
         def pick(array: Array | None) -> Array | None:
             return None if array is None else array[:, columns]
 
-        return replace(
-            self,
-            joints=joints,
-            position=self.position[:, columns],
-            velocity=pick(self.velocity),
-            effort=files.converted(
-                pick(self.effort), self.position[:, columns], joints, self.arm, arm
-            ),
-            direction=pick(self.direction),
-            arm=arm,
-        )
+        position = self.position[:, columns]
+        effort = converted(pick(self.effort), position, joints, self.arm, arm)
+        velocity, direction = pick(self.velocity), pick(self.direction)
+        return replace(self, joints=joints, position=position, velocity=velocity, effort=effort,
+                       direction=direction, arm=arm)  # fmt: skip
 
     def require_held(self, arm: Arm) -> None:
-        """Refuse a recording in which joints that an arm has as held are elsewhere.
-
-        Raises:
-            RecordingError: Naming the joint and where it is.
-        """
+        """Raise ``RecordingError`` if a joint that an arm has as held is elsewhere."""
         for name, at in arm.held.items():
             if name not in self.joints:
                 continue
@@ -289,14 +266,14 @@ class Recording(Samples):
                 )
 
     def without(self, left_out: Sequence[tuple[int, int]]) -> Recording:
-        """Return it without some spans of its rows, each from one row to before another."""
+        """Return it without some spans of its rows, each [start, stop)."""
         keep = np.ones(len(self), dtype=bool)
         for start, stop in left_out:
             keep[start:stop] = False
         return self.rows(keep)
 
     def parts(self, size: int = CHUNK) -> Iterator[Recording]:
-        """Yield consecutive parts; samples that were left out are counted with the first."""
+        """Yield consecutive parts; the reader's findings are counted with the first."""
         for first in range(0, len(self), size):
             part = self.rows(slice(first, first + size))
             yield part.counted() if first else part

@@ -1,4 +1,9 @@
-"""Writing rosbag2 recordings (sqlite3, mcap) without ROS, complete or under another name."""
+"""Writing recordings: rosbag2 (sqlite3, mcap, without ROS) and CSV, complete or not at all.
+
+CSV columns: ``time`` (s; absent: static poses), ``<joint>.position``, ``<joint>.velocity``,
+``<joint>.effort``, and ``direction`` or ``<joint>.direction`` (+1/-1), in SI units. Numbers have
+the fewest digits that read back to the same float64.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +12,27 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.recording.bag import JOINT_STATE, typestore
+from dvrk_gravity.recording.bag import JOINT_STATE, SUFFIXES, typestore
 from dvrk_gravity.recording.cdr import CdrError, encode_joint_state
-from dvrk_gravity.recording.samples import Samples, Storage
+from dvrk_gravity.recording.samples import QUANTITIES, Samples, Storage, converted
 
 URI_MARKS = "?#%"  # the library opens sqlite3 files by URI and does not quote these
 COMMIT_INTERVAL = 1.0  # s; what a killed process loses at most of a sqlite3 bag
 # A stamp of 0 marks invalid data, so a recording without an absolute time starts at 1 s.
 DEFAULT_START_NS = 1_000_000_000
+# Names that would promise something else than the folder of a bag.
+FOREIGN_SUFFIXES = (".json", ".yaml", ".yml", ".txt", ".tsv")
 
 _log = logging.getLogger(__name__)
 
@@ -30,11 +40,11 @@ _log = logging.getLogger(__name__)
 class BagWriter:
     """A new rosbag2 that appears under its name only when complete (context manager).
 
-    Until then it lies in ``<path>.partial-…/<name>``. If an exception ends the ``with`` block, what
-    was written is closed properly, so that it can be read, and stays there; the log says where.
+    Until then it lies in ``<path>.partial-…/<name>``. If an exception ends the ``with`` block, the
+    partial bag is closed so that it can be read, and stays there; the log says where.
 
     Attributes:
-        path: Folder that the bag will be.
+        path: Folder of the bag.
         partial: Folder in which it is being written.
         count: Messages written so far.
     """
@@ -45,9 +55,9 @@ class BagWriter:
         """Store the arguments; nothing is created before ``with``.
 
         Args:
-            path: Folder that the bag will be; must not exist.
+            path: Folder of the bag; must not exist.
             storage: ``"sqlite3"`` (survives a kill up to the last second) or ``"mcap"``.
-            keep_partial: Keep what was written when an exception ends the block.
+            keep_partial: Keep the partial bag when an exception ends the block.
 
         Raises:
             RecordingError: If the storage is unknown.
@@ -61,11 +71,7 @@ class BagWriter:
         self._keep_partial = keep_partial
 
     def __enter__(self) -> BagWriter:
-        """Create the partial bag.
-
-        Raises:
-            RecordingError: If the target exists or cannot be created.
-        """
+        """Create the partial bag; raise ``RecordingError`` if the target exists or cannot be."""
         from rosbags.rosbag2 import StoragePlugin, Writer
 
         if self.path.exists():
@@ -99,11 +105,7 @@ class BagWriter:
         return RecordingError(self.path, f"cannot be written: {text}{kept}")
 
     def add_topic(self, topic: str, msgtype: str) -> None:
-        """Announce a topic, so that it is in the bag even without messages.
-
-        Args:
-            topic: Full name, such as ``/MTMR/measured_js``.
-            msgtype: Type, such as ``sensor_msgs/msg/JointState``.
+        """Announce a topic (``/MTMR/measured_js``), so that it is in the bag without messages, too.
 
         Raises:
             RecordingError: If the type is unknown, or the topic has another one already.
@@ -122,13 +124,7 @@ class BagWriter:
         )
 
     def write(self, topic: str, msgtype: str, message: Any, receive_ns: int) -> None:
-        """Write one message.
-
-        Args:
-            topic: Full name.
-            msgtype: Type, such as ``std_msgs/msg/Bool``.
-            message: CDR bytes, or a ``rosbags`` message object of that type.
-            receive_ns: Time of reception, ns.
+        """Write one message: CDR bytes or a ``rosbags`` object of its type, received at ns.
 
         Raises:
             RecordingError: If the type is unknown, the message is not of it, or the disk refuses.
@@ -151,7 +147,7 @@ class BagWriter:
         self.count += 1
 
     def _commit(self) -> None:
-        """Put sqlite3's pending messages on disk, which the library does only at the end."""
+        """Put sqlite3's pending messages on disk, as the library does only at the end."""
         from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
         if isinstance(self._writer.storage, Sqlite3Writer):
@@ -164,7 +160,7 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Complete the bag and give it its name, or close what there is and say where it is."""
+        """Complete the bag and give it its name, or close the partial one and log where it is."""
         if error is not None and (not self._keep_partial or not self.count):
             self._writer.abort()
             shutil.rmtree(self._temporary, ignore_errors=True)
@@ -217,3 +213,80 @@ def write_bag(
                 except CdrError as error:
                     raise RecordingError(part.source, str(error)) from error
                 bag.write(topic, JOINT_STATE, data, stamp)
+
+
+@contextmanager
+def new_file(path: str | Path) -> Iterator[TextIO]:
+    """Open a new text file that appears under its name only when complete."""
+    target = Path(path)
+    if target.exists():
+        raise RecordingError(target, "exists already, expected a new name")
+    partial = target.with_name(f"{target.name}.partial-{os.getpid()}")
+    try:
+        with partial.open("x", encoding="utf-8", newline="") as file:
+            yield file
+        partial.replace(target)
+    except OSError as error:
+        raise RecordingError(target, f"cannot be written: {error.strerror or error}") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_csv(chunks: Iterable[Samples], path: str | Path) -> None:
+    """Write consecutive parts of one recording as a CSV file, complete or not at all.
+
+    Raises:
+        RecordingError: If the target exists or cannot be written, or the parts differ in columns.
+    """
+    with new_file(path) as file:
+        header: list[str] = []
+        for part in chunks:
+            names, arrays = _table(part)
+            if not header:
+                header = names
+                file.write(",".join(header) + "\n")
+            elif names != header:
+                raise RecordingError(part.source, "columns change within the recording")
+            table = np.column_stack(arrays)
+            file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
+        if not header:
+            raise RecordingError(path, "nothing to write")
+
+
+def _table(part: Samples) -> tuple[list[str], list[Array]]:
+    names, arrays = [], []
+    if part.time is not None:
+        names.append("time")
+        arrays.append(part.time)
+    for quantity in QUANTITIES:
+        values = getattr(part, quantity)
+        if values is not None:
+            names += [f"{joint}.{quantity}" for joint in part.joints]
+            arrays.append(values)
+    if part.direction is not None:
+        if np.all(part.direction == part.direction[:, :1]):
+            names.append("direction")
+            arrays.append(part.direction[:, 0])
+        else:
+            names += [f"{joint}.direction" for joint in part.joints]
+            arrays.append(part.direction)
+    return names, arrays
+
+
+def save_recording(
+    parts: Iterable[Samples], path: str | Path, storage: Storage, topic: str
+) -> None:
+    """Write consecutive parts of one recording; see ``Recording.save``.
+
+    Efforts are written as the arm reads them: a file holds no drive gains.
+    """
+    parts = (
+        replace(part, effort=converted(part.effort, part.position, part.joints, part.arm, None))
+        for part in parts
+    )
+    if Path(path).suffix.lower() == ".csv":
+        write_csv(parts, path)
+    elif Path(path).name.endswith((*SUFFIXES, *FOREIGN_SUFFIXES)):
+        raise RecordingError(path, "expected a .csv file or the name of a new rosbag2 folder")
+    else:
+        write_bag(parts, path, storage, topic)
