@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.arrays import Array
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.csv_columns import WAY_OUT, Columns, Header, read_columns
 from dvrk_gravity.recording.csv_header import HeaderReader
@@ -157,8 +157,9 @@ class RowReader:
         self._first_lines = plain
         self._delimiter = _delimiter(head, first)
         names = [name.strip().strip('"') for name in self._cells(head)]
-        reader = HeaderReader(f"{self.source}: line {number}", self.arm, self.given, self.time_base)
-        return reader.read(names, self._cells(first))
+        where = f"{self.source}: line {number}"
+        cells = self._cells(first)
+        return HeaderReader(where, self.arm, self.given, self.time_base, names, cells).read()
 
     def _without_header(self, plain: list[tuple[int, str]]) -> Header:
         """Return the columns of a file of rows alone: mapped by a user, or `ros2 topic echo`'s."""
@@ -180,8 +181,7 @@ class RowReader:
                 where, "looks like `ros2 topic echo --csv`, of which two fields were sent, and it "
                 "does not say which; --columns '1=time,…' by the columns' numbers"
             )  # fmt: skip
-        reader = HeaderReader(where, self.arm, self.given, self.time_base)
-        return reader.read(names, cells)
+        return HeaderReader(where, self.arm, self.given, self.time_base, names, cells).read()
 
     def _cells(self, line: str) -> list[str]:
         text = line.rstrip("\r\n")
@@ -219,9 +219,7 @@ class RowReader:
                 left = len(known) - int(known.sum())
                 notes += (Note("not_finite", "without a time", count=left),)
                 values, lined = values[known], lined[known]
-            stamps = self._stamps(
-                header, values[:, [used[at] for at in header.time.columns]], lined
-            )
+            stamps = self._stamps(header, times[known], lined)
         missing = np.full(len(values), np.nan)
         arrays = {
             quantity: np.column_stack(
@@ -254,40 +252,36 @@ class RowReader:
             except ValueError:
                 return None
 
-    def _slow(
-        self, header: Header, numbers: list[int], lines: list[str]
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def _slow(self, header: Header, numbers: list[int], lines: list[str]) -> tuple[Array, Mask]:
         """Return the used columns (N, k) of the readable lines, and the mask of these."""
-        good = np.zeros(len(lines), dtype=bool)
-        rows = []
+        rows: list[list[float] | None] = []
+        for number, line in zip(numbers, lines, strict=True):
+            try:
+                rows.append(self._row(header, line))
+            except ValueError as error:
+                rows.append(None)
+                where = f"{self.source}: line {number}"
+                self._problem = self._problem or RecordingError(where, str(error))
+        good = np.array([row is not None for row in rows], dtype=bool)
+        found = [row for row in rows if row is not None]
+        return np.array(found, np.float64).reshape(-1, len(header.used)), good
+
+    def _row(self, header: Header, line: str) -> list[float]:
+        """Return the used columns of a line, or raise ``ValueError``."""
+        cells, expected = self._cells(line), len(header.names)
+        if len(cells) != expected and not (len(cells) == expected + 1 and not cells[-1].strip()):
+            raise ValueError(f"{len(cells)} values, expected {expected}")
         dates = header.time.columns if header.time is not None and header.time.text else ()
-        for place, (number, line) in enumerate(zip(numbers, lines, strict=True)):
-            cells = self._cells(line)
-            where = f"{self.source}: line {number}"
-            expected = len(header.names)
-            if len(cells) != expected and not (
-                len(cells) == expected + 1 and not cells[-1].strip()
-            ):
-                self._problem = self._problem or RecordingError(
-                    where, f"{len(cells)} values, expected {expected}"
+        row = []
+        for at in header.used:
+            value = _date(cells[at]) if at in dates else _number(cells[at], self._delimiter)
+            if value is None:
+                raise ValueError(
+                    f"{header.names[at]} is {cells[at].strip()[:40]!r}, expected a finite number "
+                    f"below {LARGEST:g}"
                 )
-                continue
-            row = []
-            for at in header.used:
-                value = _date(cells[at]) if at in dates else _number(cells[at], self._delimiter)
-                if value is None:
-                    name = header.names[at]
-                    self._problem = self._problem or RecordingError(
-                        where,
-                        f"{name} is {cells[at].strip()[:40]!r}, expected a finite number below "
-                        f"{LARGEST:g}",
-                    )
-                    break
-                row.append(value)
-            else:
-                good[place] = True
-                rows.append(row)
-        return np.array(rows, np.float64).reshape(-1, len(header.used)), good
+            row.append(value)
+        return row
 
     def _require_same(
         self, header: Header, used: Mapping[int, int], values: Array, lines: NDArray[np.int64]

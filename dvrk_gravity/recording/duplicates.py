@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,12 +205,10 @@ def counted_once(
 def _with_last(parts: Iterable[Recording]) -> Iterator[tuple[Recording, bool]]:
     """Yield parts, and whether they are the last."""
     held: Recording | None = None
-    for part in parts:
+    for part in chain(parts, (None,)):
         if held is not None:
-            yield held, False
+            yield held, part is None
         held = part
-    if held is not None:
-        yield held, True
 
 
 def _spans(mask: Mask) -> list[tuple[int, int]]:
@@ -221,10 +219,7 @@ def _spans(mask: Mask) -> list[tuple[int, int]]:
 
 def _hashes(part: Recording) -> Hashes:
     """Return (N,) hashes of positions, efforts and directions."""
-    values = [part.position]
-    for more in (part.effort, part.direction):
-        if more is not None:
-            values.append(more)
+    values = [a for a in (part.position, part.effort, part.direction) if a is not None]
     bits = (np.hstack(values) + 0.0).view(np.uint64)  # -0 is 0
     total = np.zeros(len(bits), dtype=np.uint64)
     for column in bits.T:

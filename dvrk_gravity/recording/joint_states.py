@@ -53,6 +53,9 @@ class _Batch(NamedTuple):
     values: tuple[Array, ...]
 
 
+_Sent = tuple[_Batch, tuple[str, ...], tuple[str, ...]]  # with its joints and its quantities
+
+
 def _decode(raws: list[bytes]) -> tuple[list[_Batch], dict[int, str]]:
     """Decode a chunk; return also the errors of messages that are no JointStates, by index."""
     batches: list[_Batch] = []
@@ -202,12 +205,11 @@ class _Messages:
         for index, why in wrong.items():
             self._problem = self._problem or f"message {first + index} is not a JointState: {why}"
         damaged, others = len(wrong), 0
-        found: list[tuple[_Batch, tuple[str, ...], tuple[str, ...]]] = []
+        found: list[_Sent] = []
         for batch in batches:
-            why = _misfit(batch, self._known)
             sent = tuple(q for q, v in zip(QUANTITIES, batch.values, strict=True) if v.shape[1])
             joints = tuple(joint for joint in self._known or batch.names if joint in batch.names)
-            if why:
+            if why := _misfit(batch, joints, self._known):
                 self._problem = self._problem or f"message {first + int(batch.indices[0])} {why}"
                 damaged += len(batch.indices) if joints else 0
                 others += 0 if joints else len(batch.indices)
@@ -229,7 +231,7 @@ class _Messages:
             used[batch.indices] = True
         return _Read(stamps, values, used, _notes(damaged, others))
 
-    def _choose(self, found: list[tuple[_Batch, tuple[str, ...], tuple[str, ...]]]) -> None:
+    def _choose(self, found: list[_Sent]) -> None:
         """Choose the joints and fields that most of the first messages have."""
         counts: Counter[tuple[frozenset[str], tuple[str, ...]]] = Counter()
         for batch, joints, sent in found:
@@ -246,10 +248,9 @@ class _Messages:
         return RecordingError(self._source, "holds no JointState messages")
 
 
-def _misfit(batch: _Batch, known: tuple[str, ...]) -> str:
-    """Return why messages cannot be used, if so."""
+def _misfit(batch: _Batch, joints: tuple[str, ...], known: tuple[str, ...]) -> str:
+    """Return why messages cannot be used, or ``""``."""
     names = batch.names
-    joints = tuple(joint for joint in known or names if joint in names)
     if not joints:
         expected = f"some of: {', '.join(known)}" if known else "names of joints"
         return f"names joints {', '.join(names)[:200] or '(none)'}, expected {expected}"

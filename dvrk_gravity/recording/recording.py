@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -70,8 +70,7 @@ class Recording(Samples):
         position = floats("position", self.position)
         shape = (position.shape[0] if position.ndim else 0, len(self.joints))
         for name in (*QUANTITIES, "direction"):
-            value = getattr(self, name)
-            if value is None and name != "position":
+            if (value := getattr(self, name)) is None and name != "position":
                 continue
             array = _frozen(name, value)
             if array.shape != shape:
@@ -241,15 +240,11 @@ class Recording(Samples):
             effort = converted(self.effort, self.position, joints, self.arm, arm)
             return replace(self, arm=arm, effort=effort)
         columns = [self.joints.index(joint) for joint in joints]
-
-        def pick(array: Array | None) -> Array | None:
-            return None if array is None else array[:, columns]
-
-        position = self.position[:, columns]
-        effort = converted(pick(self.effort), position, joints, self.arm, arm)
-        velocity, direction = pick(self.velocity), pick(self.direction)
-        return replace(self, joints=joints, position=position, velocity=velocity, effort=effort,
-                       direction=direction, arm=arm)  # fmt: skip
+        arrays: dict[str, Any] = {
+            name: array[:, columns] for name, array in self.arrays().items() if name != "time"
+        }
+        effort = converted(arrays.get("effort"), arrays["position"], joints, self.arm, arm)
+        return replace(self, joints=joints, arm=arm, **arrays | {"effort": effort})
 
     def require_held(self, arm: Arm) -> None:
         """Raise ``RecordingError`` if a joint that an arm has as held is elsewhere."""

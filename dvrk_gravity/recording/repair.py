@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, compress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity.arms import FASTEST, UNTIMED_STEP
-from dvrk_gravity.arrays import Array
+from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.recording.data_warning import Note, merged
 from dvrk_gravity.recording.limits import EFFORT_MARGIN, MOMENT, largest, reachable
 from dvrk_gravity.recording.samples import Samples, join
@@ -89,7 +89,7 @@ def _moved(part: Samples, offset: Array | float) -> Samples:
     return replace(part, position=position)
 
 
-def _count(text: str, joint: str, keep: NDArray[np.bool_], rows: NDArray[np.intp]) -> list[Note]:
+def _count(text: str, joint: str, keep: Mask, rows: NDArray[np.intp]) -> list[Note]:
     """Return a note of how many more samples are left out for a reason, if any."""
     count = int(keep[rows].sum())
     return [Note("impossible_readings", text, joint, count)] if count else []
@@ -119,26 +119,21 @@ def _unwrapped(samples: Samples) -> tuple[Samples, Array | float]:
         return samples, 0.0
     added = np.zeros_like(samples.position)
     added[1:] = np.cumsum(np.where(found, -TURN * turns, 0.0), axis=0)
-    notes = [
-        Note("wrapped", "its position wraps at a turn, and is read as going on beyond it", joint)
-        for joint, any_found in zip(samples.joints, found.any(axis=0), strict=True)
-        if any_found
-    ]
+    text = "its position wraps at a turn, and is read as going on beyond it"
+    notes = [Note("wrapped", text, joint) for joint in compress(samples.joints, found.any(axis=0))]
     moved = _moved(samples, added)
     return replace(moved, notes=merged((*samples.notes, *notes))), added[-1]
 
 
-def _may_turn(samples: Samples) -> NDArray[np.bool_]:
+def _may_turn(samples: Samples) -> Mask:
     """Return the (n,) mask of joints that can go on beyond a turn; of an unknown arm, all."""
     if samples.arm is None:
         return np.ones(len(samples.joints), dtype=bool)
-    joints = {joint.name: joint for joint in samples.arm.joints}
-    return np.array(
-        [
-            joints[name].kind == "revolute" and joints[name].upper - joints[name].lower > TURN
-            for name in samples.joints
-        ]
-    )
+    joints = {
+        joint.name: joint.kind == "revolute" and joint.upper - joint.lower > TURN
+        for joint in samples.arm.joints
+    }
+    return np.array([joints[name] for name in samples.joints])
 
 
 Left = tuple[str, str, NDArray[np.intp]]  # why, of which joint, which rows
@@ -201,7 +196,6 @@ class _Track:
     def of(self, joint: int) -> Iterator[tuple[str, int, int]]:
         """Yield faults of a joint: reason, first sample, sample after the last."""
         steps = np.flatnonzero(self.beyond[:, joint]).tolist()
-        count, away = len(self._time), _MOST_AWAY
         at = 0
         while at < len(steps):
             step = steps[at]  # from this sample to the next
@@ -215,14 +209,11 @@ class _Track:
                 yield _AWAY, step + 1, steps[at + back] + 1
                 at += back + 1
                 continue
-            if self._starts and at == 0 and self._time[step] - self._time[0] <= away:
+            first, last = self._starts and at == 0, self._ends and at == len(steps) - 1
+            if first and self._time[step] - self._time[0] <= _MOST_AWAY:
                 yield _AWAY, 0, step + 1
-            elif (
-                self._ends
-                and at == len(steps) - 1
-                and (self._time[-1] - self._time[step + 1] <= away)
-            ):
-                yield _AWAY, step + 1, count
+            elif last and self._time[-1] - self._time[step + 1] <= _MOST_AWAY:
+                yield _AWAY, step + 1, len(self._time)
             at += 1
 
     def _still_since(self, joint: int, sample: int) -> int:

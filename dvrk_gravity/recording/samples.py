@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,19 +34,17 @@ class Samples:
         time: ``(N,)`` s, strictly increasing, relative to ``start_ns`` (so the first sample
             of a file is at 0; a slice keeps its own times). ``None``: static poses.
         position: ``(N, n)`` rad or m.
-        velocity: ``(N, n)`` rad/s or m/s, or ``None`` where not recorded; NaN throughout of a joint
-            of which it was not.
-        effort: ``(N, n)`` N·m or N that the actuators apply, or ``None`` where not recorded; NaN
-            throughout of a joint of which it was not.
+        velocity: ``(N, n)`` rad/s or m/s, or ``None`` where not recorded; NaN throughout of a
+            joint without it.
+        effort: ``(N, n)`` N·m or N that the actuators apply, like ``velocity``.
         direction: ``(N, n)``, +1 or -1: how a static pose was approached, or ``None``.
         coordinates: ``"joint"`` (what measured_js publishes) or ``"actuator"`` (motors).
         source: File or folder that it came from.
         start_ns: Absolute stamp of time 0, ns; 0 where the file has none.
-        invalid: Number of messages left out because they carried stamp 0, which is how the
-            dVRK marks invalid data.
-        repeated: Number of samples left out because they carried the stamp of the sample before.
+        invalid: Number of messages left out with stamp 0, by which the dVRK marks invalid data.
+        repeated: Number of samples left out with the stamp of the sample before.
         arm: Whose joints these are; ``None`` where it is not known: then units are not known.
-        notes: What else reading found and left out.
+        notes: Other findings of the reader.
     """
 
     joints: tuple[str, ...]
@@ -83,18 +81,13 @@ class Samples:
 
     def rows(self, selection: slice | Sequence[int] | NDArray[np.bool_ | np.integer]) -> Self:
         """Return the samples that a slice, index array or mask of length N selects."""
+        arrays: dict[str, Any] = {name: a[selection] for name, a in self.arrays().items()}
+        return replace(self, **arrays)
 
-        def pick(array: Array | None) -> Array | None:
-            return None if array is None else array[selection]
-
-        return replace(
-            self,
-            time=pick(self.time),
-            position=self.position[selection],
-            velocity=pick(self.velocity),
-            effort=pick(self.effort),
-            direction=pick(self.direction),
-        )
+    def arrays(self) -> dict[str, Array]:
+        """Return the arrays of the samples by name, without those that were not recorded."""
+        named = ((name, getattr(self, name)) for name in ("time", *QUANTITIES, "direction"))
+        return {name: array for name, array in named if array is not None}
 
     @property
     def found(self) -> tuple[Note, ...]:
@@ -145,28 +138,11 @@ def join(parts: Sequence[SamplesT]) -> SamplesT:
     if len(parts) == 1:
         return parts[0]
 
-    def column(name: str) -> Array | None:
-        values = [getattr(part, name) for part in parts]
-        if values[0] is None:
-            return None
-        result = np.concatenate(values)
-        result.flags.writeable = False
-        return result
-
-    position = column("position")
-    assert position is not None
-    return (
-        replace(
-            parts[0],
-            time=column("time"),
-            position=position,
-            velocity=column("velocity"),
-            effort=column("effort"),
-            direction=column("direction"),
-        )
-        .counted()
-        .with_found(parts)
-    )
+    arrays: dict[str, Any] = {}
+    for name in parts[0].arrays():
+        arrays[name] = np.concatenate([getattr(part, name) for part in parts])
+        arrays[name].flags.writeable = False
+    return replace(parts[0], **arrays).counted().with_found(parts)
 
 
 def converted(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from itertools import chain
+from itertools import chain, compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,9 +66,7 @@ class RowTable:
         stamps = None
         if self.stamps is not None and other.stamps is not None:
             stamps = np.concatenate([other.stamps, self.stamps])
-        values = {
-            name: np.concatenate([other.values[name], array]) for name, array in self.values.items()
-        }
+        values = {name: np.concatenate([other.values[name], a]) for name, a in self.values.items()}
         numbers = np.concatenate([other.numbers, self.numbers])
         return replace(self, stamps=stamps, numbers=numbers, values=values)
 
@@ -167,7 +165,7 @@ class Assembly:
             self._joints, found = self._settled(table)
             notes += found
         joints = self._joints if self._joints is not None else np.ones(len(table.joints), bool)
-        names = tuple(name for name, own in zip(table.joints, joints, strict=True) if own)
+        names = tuple(compress(table.joints, joints))
         values, usable = {}, np.ones(len(table), dtype=bool)
         for quantity, array in table.values.items():
             absent = self._absent.get(quantity, np.zeros(int(joints.sum()), dtype=bool))
@@ -218,8 +216,7 @@ class Assembly:
             if quantity not in missing or not missing[quantity][joints].any():
                 continue
             self._absent[quantity] = missing[quantity][joints]
-            without = joints & missing[quantity]
-            named = [name for name, left in zip(table.joints, without, strict=True) if left]
+            named = list(compress(table.joints, joints & missing[quantity]))
             every = len(named) == int(joints.sum())
             whose = "of all joints" if every else f"of {', '.join(named)}"
             taken = ": differentiated from positions" if quantity == "velocity" else ""
@@ -230,8 +227,7 @@ class Assembly:
     @staticmethod
     def _left_out(table: RowTable, without: Mask, quantity: str) -> tuple[Note, ...]:
         text = f"not read: no {quantity} was recorded (no finite number)"
-        named = zip(table.joints, without.tolist(), strict=True)
-        return tuple(Note("not_recorded", text, name) for name, left in named if left)
+        return tuple(Note("not_recorded", text, name) for name in compress(table.joints, without))
 
     def _require_progress(self) -> None:
         """Refuse a file whose times stand still, or are in no order."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,9 +64,8 @@ def stale(recording: Samples) -> NDArray[np.bool_]:
     if rate is None or len(recording) < 100:
         return result
     same = np.ones(len(recording) - 1, dtype=bool)
-    for name in QUANTITIES:
-        values = getattr(recording, name)
-        if values is not None:
+    for name, values in recording.arrays().items():
+        if name in QUANTITIES:
             own = ~not_recorded(values)
             same &= np.all(values[1:, own] == values[:-1, own], axis=1)
     if not same.any():
@@ -193,11 +193,7 @@ def resample(recording: SamplesT, rate: float, origin: float | None = None) -> S
     direction = recording.direction
     if direction is not None:
         direction = direction[np.searchsorted(time, grid, side="right") - 1]
-    return replace(
-        recording,
-        time=grid,
-        position=onto_grid(recording.position),
-        velocity=None if recording.velocity is None else onto_grid(recording.velocity),
-        effort=None if recording.effort is None else onto_grid(recording.effort),
-        direction=direction,
-    )
+    arrays: dict[str, Any] = {
+        name: onto_grid(values) for name, values in recording.arrays().items() if name in QUANTITIES
+    }
+    return replace(recording, time=grid, direction=direction, **arrays)

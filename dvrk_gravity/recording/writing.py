@@ -25,7 +25,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.bag import JOINT_STATE, SUFFIXES, typestore
 from dvrk_gravity.recording.cdr import CdrError, encode_joint_state
-from dvrk_gravity.recording.samples import QUANTITIES, Samples, Storage, converted
+from dvrk_gravity.recording.samples import Samples, Storage, converted
 
 URI_MARKS = "?#%"  # the library opens sqlite3 files by URI and does not quote these
 COMMIT_INTERVAL = 1.0  # s; what a killed process loses at most of a sqlite3 bag
@@ -254,23 +254,15 @@ def write_csv(chunks: Iterable[Samples], path: str | Path) -> None:
 
 
 def _table(part: Samples) -> tuple[list[str], list[Array]]:
-    names, arrays = [], []
-    if part.time is not None:
-        names.append("time")
-        arrays.append(part.time)
-    for quantity in QUANTITIES:
-        values = getattr(part, quantity)
-        if values is not None:
-            names += [f"{joint}.{quantity}" for joint in part.joints]
-            arrays.append(values)
-    if part.direction is not None:
-        if np.all(part.direction == part.direction[:, :1]):
-            names.append("direction")
-            arrays.append(part.direction[:, 0])
-        else:
-            names += [f"{joint}.direction" for joint in part.joints]
-            arrays.append(part.direction)
-    return names, arrays
+    """Return names and arrays of a file's columns."""
+    names: list[str] = []
+    arrays = part.arrays()
+    for quantity, array in arrays.items():
+        if quantity == "direction" and np.all(array == array[:, :1]):
+            arrays[quantity] = array[:, 0]
+        single = arrays[quantity].ndim == 1
+        names += [quantity] if single else [f"{joint}.{quantity}" for joint in part.joints]
+    return names, list(arrays.values())
 
 
 def save_recording(
