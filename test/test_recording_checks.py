@@ -293,8 +293,8 @@ def test_every_kind_of_finding_has_a_case():
     # A recording does not tell its arm or its coordinates: `identify` finds these.
     of_the_arm = {"coordinates", "arm_limits", "other_hand", "arm_file"}
     # What gaps cost depends on the filter: `prepare` and `read_trajectory` find it.
-    # So does what is left of a long recording: `excerpt`. What was read before: `ReadBefore`.
-    of_others = {"samples_discarded", "excerpt", "read_before"}
+    # So does what is left of a long recording: `excerpt`. What was read before: `Duplicates`.
+    of_others = {"samples_discarded", "excerpt", "duplicate_samples"}
     # Reading a file finds these (test_recordings_as_they_are.py, test_csv_of_others.py).
     of_reading = {"stamps_back", "unreadable", "other_messages", "not_finite", "cut_off",
                   "impossible_readings", "not_recorded", "wrapped", "topic", "columns"}  # fmt: skip

@@ -23,11 +23,11 @@ from dvrk_gravity.recording import (
     Recording,
     RecordingFile,
     about,
-    counted_once,
     excerpt,
-    held_if_short,
     labels,
+    loaded_if_short,
     prepare,
+    without_duplicates,
 )
 
 _BETWEEN = 1.0  # s, between recordings whose clocks began anew. Chosen: they were apart
@@ -116,8 +116,8 @@ def load(
     if {head.joints for head in heads} != {heads[0].joints}:
         raise RecordingError(heads[0].source, "the recordings hold different joints")
     share = settings.longest / len(recordings)
-    recordings, left_out, repeated = counted_once(
-        [held_if_short(recording, share) for recording in recordings]
+    recordings, left_out, repeated = without_duplicates(
+        [loaded_if_short(recording, share) for recording in recordings]
     )
     sources = tuple(recording.head.source for recording in recordings)
     share = settings.longest / len(recordings)

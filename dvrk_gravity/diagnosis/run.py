@@ -45,8 +45,8 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     Coordinates,
     DataWarning,
+    Duplicates,
     Given,
-    ReadBefore,
     Recording,
     RecordingFile,
     about_arm,
@@ -213,7 +213,7 @@ def _beside_reference(
     for recording in (*recordings, other):
         require_moving(recording)
     heads = [recording.head for recording in (recordings[0], other)]
-    before = ReadBefore()
+    before = Duplicates()
     for recording in (*recordings, other):
         before.read(recording)
     if before.skipped:  # the last of them

@@ -22,8 +22,8 @@ from dvrk_gravity.recording import (
     STILL,
     Coordinates,
     DataWarning,
+    Duplicates,
     LowPass,
-    ReadBefore,
     Recording,
     RecordingFile,
     Stretch,
@@ -135,7 +135,7 @@ def read_once(
     Raises:
         RecordingError: Whatever ``read_trajectory`` refuses.
     """
-    before = ReadBefore()
+    before = Duplicates()
     found: list[Trajectory | None] = []
     lines: list[str] = []
     warnings: list[DataWarning] = []
@@ -153,7 +153,7 @@ def read_once(
                 if not before.skipped:
                     raise
         found.append(None if before.skipped else trajectory)
-        if (told := before.told()) is not None:
+        if (told := before.report()) is not None:
             lines.append(told[0])
             warnings += told[1]
     return found, tuple(lines), tuple(warnings)

@@ -36,15 +36,15 @@ from dvrk_gravity.identification.verdict import POOR, judge
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     Coordinates,
+    Duplicates,
     Given,
-    ReadBefore,
     Recording,
     RecordingFile,
     Trajectory,
     about_arm,
-    counted_once,
     known_coordinates,
     opened,
+    without_duplicates,
 )
 
 Report = Callable[[str, float], None]
@@ -185,7 +185,7 @@ def _none_read_before(
     held_out: Sequence[Recording | RecordingFile], fitted: Sequence[Recording | RecordingFile]
 ) -> None:
     """Refuse to hold out what was fitted."""
-    before = ReadBefore()
+    before = Duplicates()
     for recording in fitted:
         before.read(recording)
     for recording in held_out:
@@ -271,7 +271,7 @@ def _static(
         raise ConfigError("--coordinates", ",".join(map(str, coordinates)), "one for all poses")
     for recording in recordings:
         require_all(recording.head, arm)
-    once, left_out, repeated = counted_once(recordings)
+    once, left_out, repeated = without_duplicates(recordings)
     poses = [whole(recording) for recording in once]
     fit = fit_static(poses, arm, coordinates[0] or "joint", report, for_console)
     return replace(fit, handling=(*left_out, *fit.handling), warnings=(*repeated, *fit.warnings))

@@ -19,8 +19,8 @@ from .data_warning import about as about
 from .data_warning import about_arm as about_arm
 from .data_warning import brief as brief
 from .data_warning import labels as labels
-from .duplicates import ReadBefore as ReadBefore
-from .duplicates import counted_once as counted_once
+from .duplicates import Duplicates as Duplicates
+from .duplicates import without_duplicates as without_duplicates
 from .files import is_recording as is_recording
 from .filters import LowPass as LowPass
 from .filters import derivative as derivative
@@ -30,7 +30,7 @@ from .joint_states import read_joint_states as read_joint_states
 from .limits import jumps as jumps
 from .piecewise import Excerpt as Excerpt
 from .piecewise import excerpt as excerpt
-from .piecewise import held_if_short as held_if_short
+from .piecewise import loaded_if_short as loaded_if_short
 from .preparation import DEFAULT_CUTOFF as DEFAULT_CUTOFF
 from .preparation import Prepared as Prepared
 from .preparation import Segment as Segment

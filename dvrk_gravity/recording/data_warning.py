@@ -11,7 +11,7 @@ from typing import Literal
 Kind = Literal[
     "invalid_stamps", "repeated_stamps", "stamps_back", "unreadable", "other_messages",
     "not_finite", "impossible_readings", "cut_off", "not_recorded", "wrapped", "topic", "columns",
-    "read_before", "stale_samples", "read_jitter", "time_jitter", "gaps", "samples_discarded",
+    "duplicate_samples", "stale_samples", "read_jitter", "time_jitter", "gaps", "samples_discarded",
     "velocity_mismatch", "velocity_factor", "wrong_clock", "effort_ripple", "effort_saturation",
     "effort_frozen", "position_quantisation", "velocity_quantisation", "effort_quantisation",
     "no_motion", "nothing_moves", "position_unit", "effort_unit", "position_jump",

@@ -33,7 +33,7 @@ _MARKS = 16
 _LEAST = 2.0  # s left of a recording below which it is not used. Chosen: some lengths of the filter
 
 
-class ReadBefore:
+class Duplicates:
     """Reads recordings one after the other, and leaves out duplicate samples.
 
     It remembers a 64-bit hash of position and effort of every sample, not the samples.
@@ -103,7 +103,7 @@ class ReadBefore:
         for _ in self.fresh(recording.parts()):
             pass
 
-    def told(self) -> tuple[str, tuple[DataWarning, ...]] | None:
+    def report(self) -> tuple[str, tuple[DataWarning, ...]] | None:
         """Return the duplicates of the last recording, in a line and as a warning, if any."""
         if not self.left_out:
             return None
@@ -117,7 +117,7 @@ class ReadBefore:
         elif self.remaining < _LEAST:
             text += f"; the other {self.remaining:.2g} s are too short to be used"
         numbers = {"samples": self.number, "share": self.number / self.samples}
-        return text, (DataWarning("read_before", None, numbers, text),)
+        return text, (DataWarning("duplicate_samples", None, numbers, text),)
 
     @property
     def skipped(self) -> bool:
@@ -180,20 +180,20 @@ class ReadBefore:
         return again, continued
 
 
-def counted_once(
+def without_duplicates(
     recordings: Sequence[Recording | RecordingFile],
 ) -> tuple[list[Recording | RecordingFile], tuple[str, ...], tuple[DataWarning, ...]]:
     """Return recordings without duplicate samples, lines about these, and warnings.
 
     Recordings of duplicates alone are left out. Files are read once for it.
     """
-    before = ReadBefore()
+    before = Duplicates()
     kept: list[Recording | RecordingFile] = []
     lines: list[str] = []
     warnings: list[DataWarning] = []
     for recording in recordings:
         before.read(recording)
-        found = before.told()
+        found = before.report()
         if found is not None:
             lines.append(found[0])
             warnings += found[1]

@@ -166,7 +166,7 @@ def excerpt(source: Recording | RecordingFile, longest: float, stretch: float) -
     return Excerpt(_between(source.parts(), edges[chosen], edges[chosen + 1]), warnings)
 
 
-def held_if_short(source: Recording | RecordingFile, longest: float) -> Recording | RecordingFile:
+def loaded_if_short(source: Recording | RecordingFile, longest: float) -> Recording | RecordingFile:
     """Return a recording in memory if :func:`excerpt` takes it whole: its file is read once."""
     whole = _whole_if_short(source, longest)
     return source if whole is None else whole

@@ -20,7 +20,7 @@ _HANG = " " * 4
 # that is not here is shown.
 _DETAIL: frozenset[Kind] = frozenset(
     (
-        "invalid_stamps", "repeated_stamps", "read_before", "stale_samples", "read_jitter",
+        "invalid_stamps", "repeated_stamps", "duplicate_samples", "stale_samples", "read_jitter",
         "time_jitter", "gaps", "samples_discarded", "velocity_mismatch", "effort_ripple",
         "position_quantisation", "velocity_quantisation", "effort_quantisation", "excerpt",
     )

@@ -12,7 +12,13 @@ from test_identify import ARM, truth
 
 from dvrk_gravity import TorqueModel, diagnose, identify
 from dvrk_gravity.identification import Verdict, static_fit
-from dvrk_gravity.recording import DataWarning, ReadBefore, Recording, RecordingFile, counted_once
+from dvrk_gravity.recording import (
+    DataWarning,
+    Duplicates,
+    Recording,
+    RecordingFile,
+    without_duplicates,
+)
 from testing.world import COARSE, World
 
 pytestmark = pytest.mark.usefixtures("four_folds")
@@ -49,7 +55,7 @@ def appended(*recordings: Recording) -> Recording:
 
 def remaining(recordings: list[Recording], size: int) -> list[int]:
     """Return how many samples of each remain, read in parts of a size."""
-    before = ReadBefore()
+    before = Duplicates()
     return [
         sum(len(part) for part in before.fresh(recording.parts(size))) for recording in recordings
     ]
@@ -66,7 +72,7 @@ def test_what_was_read_before_is_left_out_whatever_the_parts(measured, size):
 
 
 def test_what_is_left_is_what_was_not_read_before_in_order(measured):
-    before, other = ReadBefore(), truth(2, 12.0)
+    before, other = Duplicates(), truth(2, 12.0)
     list(before.fresh(measured.between(2.0, 6.0).parts(500)))
     parts = list(before.fresh(appended(measured, other).parts(500)))
     position = np.concatenate([part.position for part in parts])
@@ -78,7 +84,7 @@ def test_what_is_left_is_what_was_not_read_before_in_order(measured):
 def test_samples_that_were_left_out_in_reading_are_counted_once_still(measured):
     given = replace(measured, invalid=3, repeated=5)
     for size in (70, 1000):
-        parts = list(ReadBefore().fresh(given.parts(size)))
+        parts = list(Duplicates().fresh(given.parts(size)))
         assert sum(part.invalid for part in parts) == 3
         assert sum(part.repeated for part in parts) == 5
 
@@ -129,18 +135,18 @@ def test_files_are_recognised_under_any_name_and_read_in_parts(measured, tmp_pat
     first, second = tmp_path / "run.csv", tmp_path / "copy.csv"
     appended(measured, truth(2, 12.0)).save(first)
     shutil.copy(first, second)
-    kept, lines, warnings = counted_once([RecordingFile(first), RecordingFile(second)])
+    kept, lines, warnings = without_duplicates([RecordingFile(first), RecordingFile(second)])
     assert [len(file.load()) for file in kept] == [2400]
     assert lines == (
         f"{second}: 2400 of 2400 samples are exact duplicates of samples read before, and count "
         "once; it is skipped",
     )
     assert [(warning.kind, warning.numbers["samples"]) for warning in warnings] == [
-        ("read_before", 2400)
+        ("duplicate_samples", 2400)
     ]
     more = tmp_path / "more.csv"
     appended(truth(3, 12.0), measured).save(more)
-    kept, lines, _ = counted_once([RecordingFile(first), RecordingFile(more)])
+    kept, lines, _ = without_duplicates([RecordingFile(first), RecordingFile(more)])
     assert [len(file.load()) for file in kept] == [2400, 1200]
     assert len(kept[1].head) == 1200
     assert "1200 of 2400 samples are exact duplicates" in lines[0]
@@ -155,8 +161,8 @@ def test_identifying_from_the_same_recording_twice_is_identifying_once(measured)
     assert line.startswith(
         "one.csv: 1200 of 1200 samples are exact duplicates of samples read before"
     )
-    assert [warning.kind for warning in twice.warnings].count("read_before") == 1
-    assert not [warning for warning in once.warnings if warning.kind == "read_before"]
+    assert [warning.kind for warning in twice.warnings].count("duplicate_samples") == 1
+    assert not [warning for warning in once.warnings if warning.kind == "duplicate_samples"]
 
 
 def test_a_recording_appended_to_itself_is_identified_as_it_is_once(measured, tmp_path):
@@ -206,7 +212,7 @@ def test_poses_that_repeat_exactly_count_once(monkeypatch):
     np.testing.assert_array_equal(first.position, poses.position)
     np.testing.assert_array_equal(second.position, more.position)
     assert "40 of 40 samples are exact duplicates" in fit.handling[0]
-    assert [warning.kind for warning in fit.warnings] == ["read_before", "other_hand"]
+    assert [warning.kind for warning in fit.warnings] == ["duplicate_samples", "other_hand"]
     # From the other direction it is another pose.
     assert poses.direction is not None
     turned = replace(poses, direction=-poses.direction)
@@ -250,7 +256,7 @@ def test_diagnosing_the_same_twice_or_appended_to_itself_is_diagnosing_once(moti
         assert again.floor_from == once.floor_from
         assert again.after == pytest.approx(once.after, rel=1e-9)
         assert again.floor == pytest.approx(once.floor, rel=1e-9)
-        assert [warning.kind for warning in again.warnings].count("read_before") == 1
+        assert [warning.kind for warning in again.warnings].count("duplicate_samples") == 1
 
 
 def test_what_is_left_out_of_what_was_left_out_is_the_same_of_a_file_as_in_memory(
