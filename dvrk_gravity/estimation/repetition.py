@@ -75,8 +75,7 @@ class CommonTime:
 def find_period(position: Array, rate: float) -> float | None:
     """Return the period of (n, m) positions, s; ``None`` if they do not repeat.
 
-    The least lag, up to two thirds of the length, at which the motion repeats, every channel in
-    units of its own spread.
+    It is the least lag, up to two thirds of the length, at which the motion repeats.
     """
     return _period(Series.of([(0.0, position)], rate))
 
@@ -119,7 +118,7 @@ def find_common_time(
 def find_repetition(
     seen: CommonTime, part: Labels, position: Array, rate: float
 ) -> tuple[Repetition, Array] | None:
-    """Return how a motion repeats as a whole, and (n,) its increasing times; ``None`` if not.
+    """Return the repetition of a whole motion and its (n,) increasing times, or ``None``.
 
     Args:
         seen: Common time of the samples.
@@ -290,8 +289,8 @@ def _merged(first: _Group, second: _Group, given: dict[int, Part], rate: float) 
 def _shift(first: Series, second: Series) -> float | None:
     """Return the shift, s, that makes the second series the same motion as the first, if any.
 
-    Of several such shifts, that of the longest overlap. The difference counts in units of the
-    spread within the overlap: two arms at rest in one place are not two of one motion.
+    Of several, that of the longest overlap. Differences count in units of the spread within the
+    overlap: two arms at rest in one place are not one motion.
     """
     seen = np.concatenate([first.seen, second.seen])
     middle, spread = seen.mean(axis=0), _spread_of(seen)
