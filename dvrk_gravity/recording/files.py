@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import RecordingError
@@ -26,30 +27,35 @@ def is_recording(path: Path) -> bool:
     return is_bag(path) or path.suffix.lower() in CSV_SUFFIXES
 
 
-def read(
-    path: str | Path,
-    topic: str | None = None,
-    coordinates: Coordinates = "joint",
-    time_base: TimeBase = "stamp",
-    chunk: int = CHUNK,
-    arm: Arm | None = None,
-    columns: Columns | None = None,
-) -> Iterator[Samples]:
+class ReadOptions(TypedDict, total=False):
+    """Options of ``Recording.load``."""
+
+    topic: str | None
+    coordinates: Coordinates
+    time_base: TimeBase
+    arm: Arm | None
+    columns: Columns | None
+
+
+def read(path: str | Path, chunk: int = CHUNK, **options: Unpack[ReadOptions]) -> Iterator[Samples]:
     """Yield a file in consecutive parts of at most ``chunk`` samples.
 
     Memory stays at a few parts, whatever the length of the file. Times are relative to the first
-    sample of the whole; arguments are those of ``Recording.load``.
+    sample of the whole.
 
     Raises:
         RecordingError: On reaching a part that cannot be used.
     """
+    arm, columns = options.get("arm"), options.get("columns")
+    coordinates = options.get("coordinates", "joint")
+    time_base = options.get("time_base", "stamp")
     path = path_of("recording", path, A_PATH)
     if not path.exists():
         raise RecordingError(path, "no such file or folder")
     if not text_file.is_file(path):
         raise RecordingError(path, "is a pipe or device, expected a file or a folder")
     if is_bag(path):
-        parts = iterate_bag(path, topic, coordinates, time_base, chunk, arm)
+        parts = iterate_bag(path, options.get("topic"), coordinates, time_base, chunk, arm)
     elif path.suffix.lower() in CSV_SUFFIXES:
         parts = iterate_csv(path, coordinates, chunk, arm, columns, time_base)
     else:

@@ -168,10 +168,11 @@ class Recording(Samples):
             RecordingError: If the file cannot be used; the text says where and why.
             ArgumentError: An argument of a wrong type.
         """
-        of = None if arm is None else Arm.of(arm)
-        return cls.checked(
-            join(list(files.read(path, topic, coordinates, time_base, arm=of, columns=columns)))
-        )
+        parts = files.read(
+            path, topic=topic, coordinates=coordinates, time_base=time_base, columns=columns,
+            arm=None if arm is None else Arm.of(arm),
+        )  # fmt: skip
+        return cls.checked(join(list(parts)))
 
     def save(
         self, path: str | Path, storage: Storage = "sqlite3", topic: str = "/measured_js"

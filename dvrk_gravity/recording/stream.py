@@ -7,40 +7,32 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from functools import partial
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.errors import ArgumentError, RecordingError
-from dvrk_gravity.recording import files
-from dvrk_gravity.recording.csv_columns import Columns
-from dvrk_gravity.recording.files import A_PATH
+from dvrk_gravity.recording.files import A_PATH, ReadOptions, read
 from dvrk_gravity.recording.recording import Recording
-from dvrk_gravity.recording.samples import CHUNK, Coordinates, TimeBase, join
+from dvrk_gravity.recording.samples import CHUNK, Coordinates, join
 from dvrk_gravity.validation import path_of
 
 HEAD = 10_000  # samples of a file's first part
 
 
 def iterate_recording(
-    path: str | Path,
-    topic: str | None = None,
-    coordinates: Coordinates = "joint",
-    time_base: TimeBase = "stamp",
-    chunk: int = CHUNK,
-    arm: Arm | None = None,
-    columns: Columns | None = None,
+    path: str | Path, chunk: int = CHUNK, **options: Unpack[ReadOptions]
 ) -> Iterator[Recording]:
     """Yield a recording in consecutive parts of at most ``chunk`` samples.
 
     Memory stays at a few parts, whatever the length of the file. Times are relative to the first
-    sample of the whole; arguments are those of ``Recording.load``.
+    sample of the whole; options are those of ``Recording.load``.
 
     Raises:
         RecordingError: On reaching a part that cannot be used.
     """
-    parts = files.read(path, topic, coordinates, time_base, chunk, arm, columns)
-    return map(Recording.checked, parts)
+    return map(Recording.checked, read(path, chunk, **options))
 
 
 def blocks(parts: Iterable[Recording], size: int) -> Iterator[Recording]:
@@ -70,22 +62,14 @@ class RecordingFile:
         RecordingError: On opening, if the first part cannot be used.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        topic: str | None = None,
-        time_base: TimeBase = "stamp",
-        coordinates: Coordinates = "joint",
-        arm: Arm | None = None,
-        columns: Columns | None = None,
-    ) -> None:
-        """Read the first part; arguments are those of ``Recording.load``."""
-        self._path, self._topic, self._time_base = path, topic, time_base
-        self._coordinates, self._arm, self._columns = coordinates, arm, columns
+    def __init__(self, path: str | Path, **options: Unpack[ReadOptions]) -> None:
+        """Read the first part; options are those of ``Recording.load``."""
+        self._path, self._options = path, options
         self._changes: tuple[Callable[[Iterator[Recording]], Iterator[Recording]], ...] = ()
+        arm = options.get("arm")
         if arm is not None and arm.held:  # those are not among the arm's joints
-            whole = iterate_recording(path, topic, coordinates, time_base, columns=columns)
-            next(whole).require_held(arm)
+            whole: ReadOptions = {**options, "arm": None}
+            next(iterate_recording(path, **whole)).require_held(arm)
         self.head = next(blocks(self.parts(), HEAD))
 
     def __repr__(self) -> str:
@@ -94,10 +78,10 @@ class RecordingFile:
 
     def of(self, arm: Arm) -> RecordingFile:
         """Return the same file read as an arm's; see ``Recording.of``."""
-        if self._arm is arm:
+        if self._options.get("arm") is arm:
             return self
-        given = self._path, self._topic, self._time_base, self._coordinates
-        result = RecordingFile(*given, arm, self._columns)
+        options: ReadOptions = {**self._options, "arm": arm}
+        result = RecordingFile(self._path, **options)
         return result._changed(*self._changes) if self._changes else result
 
     def without(self, left_out: Sequence[tuple[int, int]]) -> RecordingFile:
@@ -125,10 +109,7 @@ class RecordingFile:
 
     def parts(self) -> Iterator[Recording]:
         """Yield consecutive parts."""
-        parts = iterate_recording(
-            self._path, self._topic, self._coordinates, self._time_base,
-            arm=self._arm, columns=self._columns,
-        )  # fmt: skip
+        parts = iterate_recording(self._path, **self._options)
         for change in self._changes:
             parts = change(parts)
         return parts
