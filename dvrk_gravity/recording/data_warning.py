@@ -8,6 +8,8 @@ from pathlib import PurePath
 from types import MappingProxyType
 from typing import Literal
 
+from dvrk_gravity.errors import RecordingError
+
 Kind = Literal[
     "invalid_stamps", "repeated_stamps", "stamps_back", "unreadable", "other_messages",
     "not_finite", "impossible_readings", "cut_off", "not_recorded", "wrapped", "topic", "columns",
@@ -82,6 +84,13 @@ def merged(notes: Iterable[Note]) -> tuple[Note, ...]:
         before = found[key].count if key in found else 0
         found[key] = replace(note, count=before + note.count)
     return tuple(found.values())
+
+
+def require_usable(source: str, warnings: Iterable[DataWarning]) -> None:
+    """Raise ``RecordingError`` with the first warning that makes a recording unusable."""
+    for warning in warnings:
+        if warning.unusable:
+            raise RecordingError(source, str(warning))
 
 
 def about_arm(doubts: Iterable[str]) -> tuple[DataWarning, ...]:

@@ -9,9 +9,8 @@ from itertools import chain
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.checks import STILL, check_counts, check_motion, check_signals, in_order
-from dvrk_gravity.recording.data_warning import DataWarning, Kind, Note
+from dvrk_gravity.recording.data_warning import DataWarning, Kind, Note, require_usable
 from dvrk_gravity.recording.recording import Recording
 from dvrk_gravity.recording.samples import join
 from dvrk_gravity.recording.stream import RecordingFile, blocks
@@ -70,9 +69,7 @@ class Findings:
         # The interval from the block before belongs to this one.
         block = piece.recording.rows(slice(max(piece.first - 1, 0), piece.stop))
         found = check_signals(block)
-        for warning in found:
-            if warning.unusable:
-                raise RecordingError(block.source, str(warning))
+        require_usable(block.source, found)
         self._samples.append(piece.stop - piece.first)
         self._found.append(found)
         self._ranges.append(np.array([block.position.min(axis=0), block.position.max(axis=0)]))
@@ -88,9 +85,7 @@ class Findings:
         whole = ranges[:, 1].max(axis=0) - ranges[:, 0].min(axis=0)
         samples = np.array(self._samples)
         motion = check_motion(recording, whole)
-        for warning in motion:
-            if warning.unusable:
-                raise RecordingError(recording.source, str(warning))
+        require_usable(recording.source, motion)
         moved = ranges[:, 1] - ranges[:, 0] > STILL * recording.scale
         found = [*check_counts(int(samples.sum()), self._notes), *motion]
         for (kind, joint), holders in self._by_kind().items():

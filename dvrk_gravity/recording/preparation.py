@@ -10,7 +10,7 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.checks import check
-from dvrk_gravity.recording.data_warning import DataWarning
+from dvrk_gravity.recording.data_warning import DataWarning, require_usable
 from dvrk_gravity.recording.filters import ORDER, LowPass, derivative
 from dvrk_gravity.recording.quantization import known_acceleration, quantum
 from dvrk_gravity.recording.recording import Recording
@@ -164,9 +164,7 @@ def prepare(
             if the cut-off does not go with the sampling rate.
     """
     warnings = check(recording, effort_limits) if warnings is None else warnings
-    for warning in warnings:
-        if warning.unusable:
-            raise RecordingError(recording.source, str(warning))
+    require_usable(recording.source, warnings)
     rate = recording.rate
     if recording.time is None:
         segment = Segment(recording, None, 0)

@@ -15,7 +15,7 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.recording.checks import check_signals
-from dvrk_gravity.recording.data_warning import DataWarning, Note
+from dvrk_gravity.recording.data_warning import DataWarning, Note, require_usable
 from dvrk_gravity.recording.filters import LowPass, derivative
 from dvrk_gravity.recording.piecewise import Findings, Piece, with_margins
 from dvrk_gravity.recording.preparation import (
@@ -155,9 +155,7 @@ def _filters(first: Recording, rate: float, cutoff: float) -> tuple[LowPass, Low
         return low_pass(first, cutoff, rate), low_pass(first, MOTION_BAND * cutoff, rate)
     except RecordingError:
         # A wrong unit of time explains a filter that cannot be made.
-        for warning in check_signals(first):
-            if warning.unusable:
-                raise RecordingError(first.source, str(warning)) from None
+        require_usable(first.source, check_signals(first))
         raise
 
 
