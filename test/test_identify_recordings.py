@@ -11,7 +11,8 @@ from test_identify import ARM, truth
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identification import evaluate, identify, motors_measured, read_motions
+from dvrk_gravity.identification import evaluate, identify
+from dvrk_gravity.intake import motors_measured, read_motions
 from dvrk_gravity.recording import Recording, RecordingFile, read_trajectory, trajectory
 
 pytestmark = pytest.mark.usefixtures("four_folds")

@@ -7,7 +7,7 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
-from dvrk_gravity.identification import contradiction
+from dvrk_gravity.intake import contradiction
 from dvrk_gravity.recording import DataWarning, Kind, brief
 
 MOST_WARNINGS = 3
