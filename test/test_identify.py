@@ -260,7 +260,7 @@ def test_a_short_range_cannot_tell_gravity_from_a_spring():
     assert f"{found.identifiability.rank} of {found.identifiability.columns}" in counted
     leaning = next(line for line in printed if "named parameters depend on the prior" in line)
     open_ = [p.name for p in found.parameters if not p.identifiable]
-    assert leaning.strip().startswith(f"{len(open_)} of the {len(found.parameters)} ")
+    assert leaning.strip().startswith(f"{len(open_)} of {len(found.parameters)} ")
     assert "; ".join(open_[:6]) in leaning
     assert leaning.endswith(f"{len(open_) - 6} more (grey in the report's table)")
 
