@@ -109,10 +109,10 @@ class KnownPayload:
     @property
     def where(self) -> str:
         """What else may be wrong if no gain follows, in words; ``""`` if nothing was given."""
-        said = [f"--payload-link {self.link}"] if self.link else []
+        given = [f"--payload-link {self.link}"] if self.link else []
         if self.centre is not None:
-            said.append(f"--payload-centre {','.join(f'{part:g}' for part in self.centre)}")
-        return f" (or is it not at {' '.join(said)}?)" if said else ""
+            given.append(f"--payload-centre {','.join(f'{part:g}' for part in self.centre)}")
+        return f" (or is it not at {' '.join(given)}?)" if given else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,14 +124,12 @@ class DriveGains:
         error: (n,) relative standard errors.
         determined: (n,) found by the load; the others are the mean of those.
         how: How they were found, in words.
-        same_motion: Whether both recordings show the same motion.
     """
 
     gain: Array
     error: Array
     determined: Mask
     how: str
-    same_motion: bool
 
     def lines(self, arm: Arm) -> tuple[str, ...]:
         """Return the gains, in sentences."""
@@ -192,8 +190,7 @@ def drive_gains(
     carried = build_design(_Fixed(arm, np.column_stack([known, unknown])), second)
     when = _when(first, second, carried)
     shown = np.isfinite(when)
-    same = float(shown.sum()) / carried.rate >= SHOWN
-    if same:
+    if float(shown.sum()) / carried.rate >= SHOWN:
         found, felt = _of_difference(first, carried, when, sizes, load.mass)
         how = f"{shown.sum() / carried.rate:.0f} s of the same motion without and with it"
     else:
@@ -220,7 +217,6 @@ def drive_gains(
         np.where(determined, error, UNDETERMINED),
         determined,
         f"{how}, on {arm.body_names[body]}",
-        same,
     )
 
 
@@ -270,9 +266,8 @@ def _when(
     found = np.full(len(carried.y), np.nan)
     for number in sorted({part.source for part in second}):
         index = [i for i, part in enumerate(second) if part.source == number]
-        track = Track([second[i].time for i in index], [second[i].state.q for i in index])
         other = _track([part for part in first if part.source == first[0].source])
-        times = same_motion(track, other, second[index[0]].filter.rate)
+        times = same_motion(_track([second[i] for i in index]), other, second[index[0]].filter.rate)
         for i, when in zip(index, times, strict=True):
             rows = carried.part == i
             found[rows] = np.interp(carried.time[rows], second[i].time, when)

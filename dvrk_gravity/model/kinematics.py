@@ -126,10 +126,10 @@ class KinematicCalibration:
 
 
 def offset_joints(arm: Arm) -> tuple[int, ...]:
-    """Return the joints whose zeros torque can tell.
+    """Return the joints whose encoder offsets are identifiable from torque.
 
-    One that turns everything about the vertical has none that shows, the last one's takes the
-    parameters of its link along.
+    That of a joint that turns everything about the vertical is not, and the last one's is
+    equivalent to parameters of its link.
     """
     return tuple(joint for joint in joints_with_weight(arm) if joint < arm.n - 1)
 

@@ -253,16 +253,8 @@ def _values(table: Table, solution: PoseSolution) -> dict[str, Value]:
     }
 
 
-def _cable_name(side: str, joint: str) -> str:
-    """Return the name of the parameter with a joint's coefficients, positive or negative."""
-    return f"{_CABLE}.{side}.{joint}"
-
-
 def _cable_rows(table: Table, solution: PoseSolution, joint: int) -> dict[str, Array]:
-    """Return (13, p) matrices from theta to a joint's coefficients, lowest power first.
-
-    Keys: ``positive`` and ``negative``.
-    """
+    """Return by side (13, p) matrices from theta to a joint's coefficients, lowest power first."""
     columns = table.joints[joint]
     centre = 0.5 * (table.valid.lower[joint] + table.valid.upper[joint])
     half = 0.5 * (table.valid.upper[joint] - table.valid.lower[joint])
@@ -292,7 +284,7 @@ def _cables(table: Table, solution: PoseSolution) -> dict[str, Value]:
         used = np.flatnonzero(np.any([side.any(axis=1) for side in rows.values()], axis=0))
         degree = int(used[-1]) if len(used) else 0
         for side, powers in rows.items():
-            values[_cable_name(side, name)] = as_value((powers @ solution.theta)[: degree + 1])
+            values[f"{_CABLE}.{side}.{name}"] = as_value((powers @ solution.theta)[: degree + 1])
     scale = table.arm.scale
     return values | {
         f"{_CABLE}.dead_band": as_value(DEAD_BAND * scale),
@@ -319,7 +311,7 @@ def _held_load(table: Table, solution: PoseSolution) -> dict[str, Value]:
     for kind, joint, function, value in entries:
         sizes[kind][function, joint] = value
     values: dict[str, Value] = {
-        "held_load.orders": tuple(float(order) for function in index for order in function)
+        "held_load.orders": tuple(float(order) for orders in index for order in orders)
     }
     for kind, size in sizes.items():
         values |= write_rows(table.arm, f"held_load.{kind}", size)
@@ -367,7 +359,7 @@ def _quantities(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str
             for power, row in enumerate(rows):
                 if row.any():
                     unit = joint.effort_unit + (f"/{joint.unit}^{power}" if power else "")
-                    yield f"{_cable_name(side, joint.name)}[{power}]", unit, row
+                    yield f"{_CABLE}.{side}.{joint.name}[{power}]", unit, row
 
 
 def _of_gravity(table: Table, solution: PoseSolution) -> Iterator[tuple[str, str, Array]]:
@@ -395,7 +387,7 @@ def _statements(table: Table, solution: PoseSolution, spread: Uncertainty) -> It
     for first, _, of_first in _of_gravity(table, solution):
         for j, power in product(poses.moving, (0, 1)):
             joint = joints[j]
-            second = f"{_cable_name('positive', joint.name)}[{power}]"
+            second = f"{_CABLE}.positive.{joint.name}[{power}]"
             if second not in quantities:
                 continue
             correlation = spread.correlation(of_first, quantities[second])
