@@ -42,7 +42,7 @@ img{max-width:100%;display:block}
 <td class="why">{{ fit.verdict.joints[name].reason }}</td></tr>
 {% endfor %}</table>
 <p class="small">{{ rule }}. A joint's verdict is the worst of that of its error, of what is not
-known of the torque that holds the arm still, and of how far it moved.</p>
+known of its gravity torque, and of how far it moved.</p>
 
 <h2>Joint by joint</h2>
 {% for name, torque, residual in pictures %}<h3>{{ name }}</h3>
