@@ -32,7 +32,7 @@ _DONE: frozenset[Kind] = frozenset(("columns",))
 _SHOWN = (
     _WARNING,
     "not recorded",
-    "held where",
+    "held as given",
     "not judged",
     "efforts are ",
     "drive gains",
