@@ -14,7 +14,7 @@ from dvrk_gravity.arms import JOINT_NAMES, N_JOINTS
 from dvrk_gravity.cli import diagnose as command
 from dvrk_gravity.diagnosis import FilteredData, load
 from dvrk_gravity.estimation import Repetition, find_common_time, find_repetition, repetition_noise
-from dvrk_gravity.identification import KINEMATIC, identified
+from dvrk_gravity.model import KINEMATIC, identified
 from dvrk_gravity.planning import Multisine
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.simulate import SimulatedArm, record_motion

@@ -11,7 +11,8 @@ from recording_samples import shared_data
 from test_identify import ARM, truth
 
 from dvrk_gravity import TorqueModel, diagnose, identify
-from dvrk_gravity.identification import Verdict, static_fit
+from dvrk_gravity.identification import Verdict
+from dvrk_gravity.identification.poses import fit as static_fit
 from dvrk_gravity.recording import (
     DataWarning,
     Duplicates,

@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     # Here and not above: Pinocchio and SciPy are slow to load and --help needs none of it.
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.diagnosis import arm_for, diagnose
-    from dvrk_gravity.identification import contradiction
+    from dvrk_gravity.intake import contradiction
     from dvrk_gravity.model import TorqueModel, uncertainty_file
     from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report import columns, diagnosis_page, diagnosis_text

@@ -40,7 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
         0, or 1 if the model is not to be compensated with, by these errors or by the verdict in
         its file, or if the recordings are of the other arm.
     """
-    from dvrk_gravity.identification import POOR, by_errors, contradiction, evaluate
+    from dvrk_gravity.identification import POOR, by_errors, evaluate
+    from dvrk_gravity.intake import contradiction
     from dvrk_gravity.model import TorqueModel
     from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report import columns, evaluation_text

@@ -18,7 +18,7 @@ from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
 if TYPE_CHECKING:
-    from dvrk_gravity.identification import KnownPayload
+    from dvrk_gravity.intake import KnownPayload
     from dvrk_gravity.recording import Coordinates
 
 NAME = "identify"
@@ -143,7 +143,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _known_payload(arguments: argparse.Namespace) -> KnownPayload | None:
-    from dvrk_gravity.identification import KnownPayload
+    from dvrk_gravity.intake import KnownPayload
 
     link, centre = arguments.payload_link, arguments.payload_centre
     if arguments.known_payload is None:

@@ -51,11 +51,11 @@ def _entries(texts: Sequence[str]) -> Iterator[tuple[str, str, str]]:
 
 def _require_within_reach(entry: str, arm: Arm, name: str, position: float) -> None:
     """Refuse a position that is as far beyond the arm's limits as no zero is off."""
-    from dvrk_gravity.identification import HandSettings
+    from dvrk_gravity.intake import BEYOND
 
     index = arm.joint_names.index(name)
     joint, lower, upper = arm.joints[index], float(arm.lower[index]), float(arm.upper[index])
-    beyond = HandSettings().beyond * float(arm.scale[index])
+    beyond = BEYOND * float(arm.scale[index])
     if not lower - beyond <= position <= upper + beyond:
         limits = f"{joint.shown(lower)} to {joint.shown(upper)}, the limits of {arm.name}"
         raise ConfigError("--at", entry, f"a position of {name} at {limits}")

@@ -14,7 +14,7 @@ from dvrk_gravity.diagnosis.findings import Finding
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.stretch import motions, noise_density
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification import beyond_limits, held_beyond, require_all, require_measured
+from dvrk_gravity.intake import beyond_limits, held_beyond, require_all, require_measured
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     DataWarning,

@@ -34,13 +34,7 @@ from dvrk_gravity.diagnosis.unstated import unstated
 from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects import Kind
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification import (
-    check_mass,
-    in_their_unit,
-    known_still,
-    require_newtons,
-    with_held,
-)
+from dvrk_gravity.intake import check_mass, in_their_unit, known_still, require_newtons, with_held
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     Coordinates,

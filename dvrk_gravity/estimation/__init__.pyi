@@ -47,6 +47,7 @@ from .scales import Scales as Scales
 from .scales import solve_scales as solve_scales
 from .selection import SearchSettings as SearchSettings
 from .selection import Trial as Trial
+from .selection import beats as beats
 from .selection import eliminate_backward as eliminate_backward
 from .selection import select as select
 from .splits import Blocks as Blocks

@@ -6,6 +6,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
+import numpy as np
+
+from dvrk_gravity.arrays import Array, Mask
+
 State = TypeVar("State")
 Move = TypeVar("Move")
 T = TypeVar("T")
@@ -132,3 +136,21 @@ def eliminate_backward(
         note(weakest)
         kept = [item for item in kept if item is not weakest]
     return kept
+
+
+def beats(error: Array, constant: Array, deviations: float = 1.64, blocks: int = 20) -> Mask:
+    """Return (n,) whether squared errors are significantly less than those of a constant.
+
+    Args:
+        error: (N, n) squared errors of predictions.
+        constant: (N, n) squared errors of a constant.
+        deviations: Standard errors of the share removed. Chosen: 95 % of constants are not better.
+        blocks: Consecutive blocks whose sums give the standard error, as errors within one are
+            correlated. Chosen.
+    """
+    parts = [rows for rows in np.array_split(np.arange(len(error)), blocks) if len(rows)]
+    removed = np.array([(constant[rows] - error[rows]).sum(axis=0) for rows in parts])
+    share = removed.sum(axis=0) / np.maximum(constant.sum(axis=0), 1e-300)
+    by_block = np.array([constant[rows].sum(axis=0) for rows in parts])
+    spread = np.sqrt(((removed - share * by_block) ** 2).sum(axis=0))  # of a ratio of sums
+    return np.asarray(removed.sum(axis=0) > deviations * spread)

@@ -7,7 +7,7 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
-from dvrk_gravity.identification import contradiction
+from dvrk_gravity.intake import contradiction
 from dvrk_gravity.recording import DataWarning, Kind, brief
 
 MOST_WARNINGS = 3
@@ -32,7 +32,7 @@ _DONE: frozenset[Kind] = frozenset(("columns",))
 _SHOWN = (
     _WARNING,
     "not recorded",
-    "held where",
+    "held as given",
     "not judged",
     "efforts are ",
     "drive gains",

@@ -94,7 +94,7 @@ class ModelChange:
 
 
 class ColumnTable(Protocol):
-    """All columns that a fit may use; see ``dvrk_gravity.identification.columns``."""
+    """All columns that a fit may use; see ``dvrk_gravity.model.columns``."""
 
     @property
     def arm(self) -> Arm:
