@@ -223,7 +223,7 @@ def test_a_command_computes_in_one_thread_unless_told_otherwise(given, monkeypat
         "        print(os.environ.get('OPENBLAS_NUM_THREADS'))\n"
         "    return find(name, *rest)\n"
         "builtins.__import__ = told\n"
-        "import dvrk_gravity.cli.evaluate\n"  # as `ros2 run` does first
+        "import dvrk_gravity.command_line\n"  # as `ros2 run` does first
     )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout.splitlines()[0] == (given or "1")

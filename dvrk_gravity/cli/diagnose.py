@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
-from dvrk_gravity.cli import arm_options
-from dvrk_gravity.cli.still_joints import add_at, require_unrecorded, still_joints
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
@@ -49,10 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--reference", metavar="RECORDING",
                         help="the same motion when all was well: what changed since is told, with "
                         "--arm and no model, too")  # fmt: skip
-    parser.add_argument("--arm", help=f"{arm_options.arms()}, without --model")
+    parser.add_argument("--arm", help=f"{options.arms()}, without --model")
     parser.add_argument("--known-payload", metavar="KG", type=float,
                         help="mass that a link is said to carry: is the scale right?")  # fmt: skip
-    arm_options.add_drive_gains(parser)
+    options.add_drive_gains(parser)
     parser.add_argument(
         "--out", required=True, metavar="DIR",
         help="folder for findings.json, extended_model.yaml and report.html",
@@ -62,10 +59,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what the recordings' columns are (default: what a plain model fits them better in, "
         "of both alike with --reference; what is not joint coordinates is a finding)",
     )  # fmt: skip
-    add_at(parser)
-    arm_options.add_reading(parser)
+    options.add_at(parser)
+    options.add_reading(parser)
     parser.add_argument("--json", action="store_true", help="print findings.json, nothing else")
-    arm_options.add_verbose(parser)
+    options.add_verbose(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -91,16 +88,16 @@ def run(args: argparse.Namespace) -> int:
     arm = None if args.arm is None else Arm.load(args.arm)
     arm = arm_for(model, arm, args.reference is not None)
     if model is None:
-        arm = arm_options.with_drive_gains(arm, args)
+        arm = options.with_drive_gains(arm, args)
     else:
-        model = arm_options.of_model(model, args)
+        model = options.of_model(model, args)
         arm = model.arm
-    still = still_joints(args.at, arm)
+    still = options.still_joints(args.at, arm)
     files = [*args.recordings, *([] if args.reference is None else [args.reference])]
     read_as: Coordinates = args.coordinates or "joint"
-    given = arm_options.reading(args)
+    given = options.reading(args)
     recordings = [RecordingFile(path, coordinates=read_as, arm=arm, **given) for path in files]
-    require_unrecorded(args.at, recordings)
+    options.require_unrecorded(args.at, recordings)
     reference = None if args.reference is None else recordings.pop()
     try:
         with command_line.Progress(NAME, 1.0) as progress:
@@ -129,12 +126,3 @@ def run(args: argparse.Namespace) -> int:
             print(line)
         print(f"written: {out}/{', '.join(WRITTEN)}")
     return int(bool(contradiction(diagnosis.warnings)))
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the verb and return its exit status."""
-    return command_line.run(__name__, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

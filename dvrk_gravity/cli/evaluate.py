@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
-from dvrk_gravity import command_line
-from dvrk_gravity.cli import arm_options
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
@@ -28,9 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=Path, help="file to write the result to")
     parser.add_argument("--coordinates", choices=("joint", "actuator"),
                         help="of the recordings (default: found out)")  # fmt: skip
-    arm_options.add_drive_gains(parser)
-    arm_options.add_reading(parser)
-    arm_options.add_verbose(parser)
+    options.add_drive_gains(parser)
+    options.add_reading(parser)
+    options.add_verbose(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -46,8 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.report import columns, evaluation_text
 
     outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
-    model = arm_options.of_model(TorqueModel.load(arguments.model), arguments)
-    given = arm_options.reading(arguments)
+    model = options.of_model(TorqueModel.load(arguments.model), arguments)
+    given = options.reading(arguments)
     recordings = [RecordingFile(path, arm=model.arm, **given) for path in arguments.recordings]
     try:
         result = evaluate(model, recordings, arguments.coordinates)
@@ -60,8 +58,3 @@ def run(arguments: argparse.Namespace) -> int:
     alone = by_errors(model.arm, result.joints, result.coordinates, result.with_friction)
     levels = {model.verdict, *(verdict.level for verdict in alone.values())}
     return int(POOR in levels or bool(contradiction(result.warnings)))
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of ``ros2 run dvrk_gravity evaluate``."""
-    return command_line.run(__name__, argv)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dvrk_gravity import command_line
-from dvrk_gravity.cli import arm_options
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs
 
@@ -39,7 +39,7 @@ _JOINT_STATE = "sensor_msgs/msg/JointState"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--arm", required=True, help=arm_options.arms())
+    parser.add_argument("--arm", required=True, help=options.arms())
     parser.add_argument("--out", type=Path, required=True, help="rosbag2 to write measured_js to")
     parser.add_argument("--namespace", help="of the arm's topics (default: its name, as /MTMR)")
     parser.add_argument("--duration", type=float, default=60.0, metavar="S",
@@ -161,8 +161,3 @@ def _follow(
         return mover.follow(path, duration, record, lambda part: progress.update(round(100 * part)))
     finally:
         progress.done()
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of ``ros2 run dvrk_gravity excite``."""
-    return command_line.run(__name__, argv)

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from dvrk_gravity import command_line
-from dvrk_gravity.cli import arm_options
-from dvrk_gravity.cli.still_joints import add_at, require_unrecorded, still_joints
+from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
@@ -51,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recordings", metavar="RECORDING", type=Path, nargs="+",
         help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
     )  # fmt: skip
-    parser.add_argument("--arm", required=True, help=arm_options.arms())
+    parser.add_argument("--arm", required=True, help=options.arms())
     parser.add_argument("--out", type=Path, required=True, help="model .yaml to write")
     parser.add_argument("--report", type=Path, help="HTML report (default: OUT with .html)")
     parser.add_argument("--json", type=Path, help="file to write the result to")
@@ -61,12 +59,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--coordinates",
                         help="joint or actuator, one for all or a comma-separated one for each "
                         "recording (default: found out)")  # fmt: skip
-    add_at(parser)
+    options.add_at(parser)
     parser.add_argument("--physical", action="store_true",
                         help="links that can exist: pseudo-inertias positive definite")  # fmt: skip
     parser.add_argument("--for-console", action="store_true",
                         help="what `convert` can write to the console's file")  # fmt: skip
-    arm_options.add_drive_gains(parser)
+    options.add_drive_gains(parser)
     parser.add_argument("--known-payload", metavar="KG", type=float,
                         help="the last recording, and no other, was made with a load of this mass: "
                         "it tells the drive gains; the model is fitted to the others")  # fmt: skip
@@ -74,8 +72,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="link that carries it (default: the last joint's)")  # fmt: skip
     parser.add_argument("--payload-centre", metavar="X,Y,Z",
                         help="its centre of mass in the link's frame, m, if known")  # fmt: skip
-    arm_options.add_reading(parser)
-    arm_options.add_verbose(parser)
+    options.add_reading(parser)
+    options.add_verbose(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -104,13 +102,13 @@ def run(arguments: argparse.Namespace) -> int:
         },
         [*arguments.recordings, *arguments.validate, Arm.file(arguments.arm)],
     )
-    arm = arm_options.with_drive_gains(Arm.load(arguments.arm), arguments)
+    arm = options.with_drive_gains(Arm.load(arguments.arm), arguments)
     carried = _known_payload(arguments)
     coordinates = _coordinates(arguments.coordinates)
-    still = still_joints(arguments.at, arm)
-    given = arm_options.reading(arguments)
+    still = options.still_joints(arguments.at, arm)
+    given = options.reading(arguments)
     recordings = [RecordingFile(path, arm=arm, **given) for path in arguments.recordings]
-    require_unrecorded(arguments.at, recordings)
+    options.require_unrecorded(arguments.at, recordings)
     validate = [RecordingFile(path, arm=arm, **given) for path in arguments.validate]
     with command_line.Progress(NAME, 1.0) as progress:
         fit = identify(
@@ -153,7 +151,7 @@ def _known_payload(arguments: argparse.Namespace) -> KnownPayload | None:
         return None
     com = None
     if centre is not None:
-        x, y, z = arm_options.numbers("--payload-centre", centre, 3)
+        x, y, z = options.numbers("--payload-centre", centre, 3)
         com = (x, y, z)
     return KnownPayload(arguments.known_payload, link or "", com)
 
@@ -169,8 +167,3 @@ def _coordinates(text: str | None) -> Coordinates | list[Coordinates] | None:
     if len(sure) < len(found):
         raise ConfigError("--coordinates", text, "joint or actuator, one for all or for each")
     return sure[0] if len(sure) == 1 else sure
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of ``ros2 run dvrk_gravity identify``."""
-    return command_line.run(__name__, argv)

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from dvrk_gravity import command_line
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
 
@@ -95,12 +92,3 @@ def run(args: argparse.Namespace) -> int:
 def _fixed(value: float, decimals: int) -> str:
     """Return a number with fixed decimals and no minus before zero."""
     return f"{value:z.{decimals}f}"
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the verb and return its exit status."""
-    return command_line.run(__name__, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,4 +1,4 @@
-"""The simulator's rclpy node: topics and time around an arm that knows no ROS."""
+"""The simulator: topics and time around a simulated arm."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from dvrk_gravity.errors import ConfigError, DvrkGravityError
 from dvrk_gravity.model import ARM_PARAMETER, BY_EFFECTS, all_parameters, arm_of
 from dvrk_gravity.parameters import Parameter, check_all
 from dvrk_gravity.ros import runtime
-from dvrk_gravity.ros.command_topic import PARAMETERS, CommandTopic
+from dvrk_gravity.ros.wire import PARAMETERS, CommandTopic
 from dvrk_gravity.simulate import PlantFile, SimulatedArm
 
 STEP = 1e-3
 """Length of a simulation step, s."""
 
-# So long, s, it outlives a request to end while somebody commands it: twice what a compensator
-# waits for an acknowledgement (ros/hold.py), and less than the 5 s after which launch insists.
+# While a node commands it, it outlives a request to end by so long, s: twice a compensator's wait
+# for an acknowledgement (ros/hold.py), and less than the 5 s after which launch insists.
 _OUTLIVES = 3.0
 
-# Further behind than this, the simulation lets the time go instead of chasing it, s.
+# Further behind than this, the simulation skips time instead of catching up, s.
 _MOST_BEHIND = 0.05
 
 SIMULATOR_PARAMETERS: dict[str, Parameter] = {
@@ -71,19 +71,19 @@ SIMULATOR_PARAMETERS: dict[str, Parameter] = {
 
 
 def initial_position(arm: Arm) -> tuple[float, ...]:
-    """Return (n,) where a simulated arm is at first unless it is told."""
+    """Return the default (n,) initial position of a simulated arm."""
     if mtm.is_mtm(arm):
         return mtm.defaults.INITIAL_POSITION
     return tuple(np.clip(np.zeros(arm.n), arm.lower, arm.upper).tolist())
 
 
 class Simulator(Node):
-    """Moves the arm in real time and speaks the console's topics.
+    """Moves the arm in real time on the console's topics.
 
-    Stamps count simulated time from the moment the node started, and every message that is due is
-    sent, the late ones of a busy machine too: a recording shows the arm as it moved, whatever the
-    machine did meanwhile. Where the machine is too slow altogether, time is left out: the log says
-    how much, and the stamps are behind the clock by that.
+    Stamps count simulated time from the start of the node, and every message is sent, also late
+    ones of a busy machine: a recording shows the arm's motion, whatever the machine did meanwhile.
+    Where the machine is too slow altogether, time is skipped: the log says how much, and the stamps
+    lag the clock by that.
     """
 
     def __init__(self) -> None:
@@ -94,7 +94,7 @@ class Simulator(Node):
         """
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
         given = runtime.given_parameters(self)
-        # A file for all nodes (`/**`) holds the compensator's parameters, too.
+        # A file for all nodes (`/**`) has the compensator's parameters, too.
         arm = arm_of(given)
         others = all_parameters(arm)
         own_values = {name: value for name, value in given.items() if name not in others}
@@ -125,7 +125,7 @@ class Simulator(Node):
             STEP,
         )
         self._names = simulated.joint_names
-        self._as_read = simulated.reading_of_torque  # efforts in A, where the arm tells these
+        self._as_read = simulated.reading_of_torque  # efforts in A, where the arm reads A
         self._push_timeout = value["push_timeout"] * value["realtime_factor"]
         self._steps_per_second = value["realtime_factor"] / STEP
         self._origin = time.monotonic()
@@ -134,22 +134,22 @@ class Simulator(Node):
         self._connect(value["rate"], value["setpoint_rate"], efforts)
         builtin = "on" if value["builtin_gravity_compensation"] else "off"
         self.get_logger().info(
-            f"simulating {simulated.name} ({truth.source}), in hold; its own gravity compensation "
-            f"is {builtin}"
+            f"simulating {simulated.name} ({truth.source}), in hold; built-in gravity compensation "
+            f"{builtin}"
         )
 
     def finish(self) -> bool:
-        """Go on until nobody commands the arm any more, and stop the clock.
+        """Go on until no node commands the arm, and stop the clock.
 
-        Who commands the arm, asked to end at the same time, holds it and waits for it to
-        acknowledge that: the arm ends last.
+        A compensator that is asked to end at the same time waits for the arm to acknowledge a hold:
+        the arm ends last.
         """
         runtime.outlive(self, self._is_commanded, _OUTLIVES)
         self._timer.cancel()
         return True
 
     def _is_commanded(self) -> bool:
-        """Tell whether somebody publishes commands, or could hold the arm."""
+        """Return whether a node publishes commands, or could hold the arm."""
         return any(self.count_publishers(topic) for topic in self._commands)
 
     def _connect(self, rate: float, setpoint_rate: float, efforts: CommandTopic) -> None:
@@ -189,7 +189,7 @@ class Simulator(Node):
         self._timer = self.create_timer(STEP, self._on_timer, clock=runtime.STEADY_CLOCK)
 
     def _listen(self, message_type: Any, topic: str, command: Callable[[Any], None]) -> None:
-        """Subscribe; what the arm refuses is told, and the arm goes on as before."""
+        """Subscribe; commands that the arm refuses are logged and change nothing."""
 
         def receive(message: Any) -> None:
             try:
@@ -208,12 +208,12 @@ class Simulator(Node):
             self._origin += late
             due = most
             self.get_logger().warning(
-                f"behind real time: {late * 1e3:.0f} ms left out",
+                f"slower than real time: skipped {late * 1e3:.0f} ms",
                 throttle_duration_sec=1.0,
             )
         for _ in range(due):
             if not self._arm.step():
-                self.get_logger().error("pushed beyond all that can be computed: the arm holds")
+                self.get_logger().error("the pushed arm left the range of numbers: it holds")
             self._steps += 1
             self._publish()
 
@@ -231,7 +231,7 @@ class Simulator(Node):
     def _send(self, publisher: Any, position: Any, velocity: Any, effort: Any) -> None:
         message = JointState(
             name=self._names,
-            # array('d') is taken as it is; of a list or numpy array every entry is checked.
+            # rclpy takes array('d') unchecked; of a list or numpy array it checks every entry.
             position=array("d", position.tobytes()),
             velocity=array("d", velocity.tobytes()),
             effort=array("d", self._as_read(effort).tobytes()),
@@ -250,16 +250,15 @@ class Simulator(Node):
 
 
 class _Due:
-    """Tells at which steps something at a fixed rate is to be done."""
+    """A fixed rate, Hz, in steps of simulated time."""
 
     def __init__(self, rate: float) -> None:
-        """Begin at time 0; ``rate`` in Hz, of simulated time."""
         self._period = 1.0 / rate
         self._count = 0
 
     def at(self, now: float) -> bool:
-        """Tell whether it is due; to be asked once a step, at ``now`` s."""
-        # Half a step early rather than half a step late.
+        """Return whether it is due; to be called once a step, at ``now`` s."""
+        # Half a step early rather than late.
         if now < self._count * self._period - 0.5 * STEP:
             return False
         self._count += 1
