@@ -322,7 +322,7 @@ def test_after_a_pause_of_ours_the_arm_is_not_sent_after_the_motion(fake: FakeAr
     ("topic", "says"),
     [
         ("servo_jf", f"commands {PRIVATE}/servo_jf: stop it first"),
-        ("hold", "has told the arm to hold"),
+        ("hold", "sent hold"),
     ],
 )
 def test_an_arm_that_somebody_else_commands_is_left_alone(

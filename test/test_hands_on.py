@@ -141,7 +141,7 @@ def test_a_change_beyond_what_a_start_accepts_holds_the_arm_and_is_measured_anew
     assert arm.client.set_parameters(change)[0]
     arm.run_until(lambda: bool(arm.holds), "the hold")
     said = arm.client.states["compensator"][before:]
-    assert said[0].startswith("waiting: changed parameters ask ")
+    assert said[0].startswith("waiting: changed parameters command ")
     assert arm.commands[-1][0] < arm.holds[0] + 0.1
     torque = arm.efforts[-1]
     np.testing.assert_allclose(torque, MODEL.torque(arm.position), atol=0.03)
@@ -396,7 +396,7 @@ def test_any_command_of_anybody_else_ends_ours_in_a_fault(crowd, topic, kind):
     held = len(arm.holds)
     others[topic].publish(kind())
     arm.run_until(lambda: arm.state.startswith("fault"), "the fault")
-    told = "told the arm to hold" if topic == "hold" else f"commands {PRIVATE}/{topic}:"
+    told = "sent hold" if topic == "hold" else f"commands {PRIVATE}/{topic}:"
     assert told in arm.state
     arm.run_until(lambda: len(arm.holds) > held, "the hold")
     assert_silent(arm, 0.2)
@@ -558,6 +558,6 @@ def test_a_velocity_that_contradicts_the_positions_drives_no_joint(arm, start):
     arm.run(0.5)
     np.testing.assert_allclose(arm.efforts[-1], at_rest, atol=1e-9)
     arm.run_until(
-        lambda: "the velocity of shoulder_pitch, wrist_roll contradicts" in (told or [""])[-1],
+        lambda: "velocity of shoulder_pitch, wrist_roll contradicts" in (told or [""])[-1],
         "the warning",
     )

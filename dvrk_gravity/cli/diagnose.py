@@ -1,4 +1,4 @@
-"""Tell what a model gets wrong about recordings: named effects, proof, extended model."""
+"""Diagnose what a model gets wrong: named effects, evidence, extended model."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ EXAMPLE = (
     "--out out/load"
 )
 
-
-# Share of the time that is over when each begins: of a diagnosis of a real MTM's motion with twelve
+# Share of the time at the beginning of each: of a diagnosis of a real MTM's motion with twelve
 # findings (half a minute), and of a real PSM's with one (nine seconds).
 STAGES = (
     ("reading", 0.0),
@@ -40,15 +39,13 @@ FINDINGS, EXTENDED, REPORT = WRITTEN = ("findings.json", "extended_model.yaml", 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="rosbag2 or CSV")
-    parser.add_argument(
-        "--model", type=Path, help="model file that is on trial; or a .urdf: its masses are"
-    )
+    parser.add_argument("--model", type=Path, help="model file to test; or a .urdf, for its masses")
     parser.add_argument("--reference", metavar="RECORDING",
-                        help="the same motion when all was well: what changed since is told, with "
-                        "--arm and no model, too")  # fmt: skip
+                        help="baseline recording of the same motion: report what changed since "
+                        "(with --arm, no model is needed)")  # fmt: skip
     parser.add_argument("--arm", help=f"{options.arms()}, without --model")
     parser.add_argument("--known-payload", metavar="KG", type=float,
-                        help="mass that a link is said to carry: is the scale right?")  # fmt: skip
+                        help="known mass of a payload, to check the effort scale")  # fmt: skip
     options.add_drive_gains(parser)
     parser.add_argument(
         "--out", required=True, metavar="DIR",
@@ -56,13 +53,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--coordinates", choices=("joint", "actuator"),
-        help="what the recordings' columns are (default: what a plain model fits them better in, "
-        "of both alike with --reference; what is not joint coordinates is a finding)",
+        help="of the recordings (default: those that a plain model fits better; others than joint "
+        "are a finding)",
     )  # fmt: skip
     options.add_at(parser)
     options.add_reading(parser)
-    parser.add_argument("--json", action="store_true", help="print findings.json, nothing else")
-    options.add_verbose(parser)
+    parser.add_argument("--json", action="store_true", help="print findings.json only")
+    parser.add_argument("--verbose", action="store_true", help="print every finding and note")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -71,7 +68,6 @@ def run(args: argparse.Namespace) -> int:
     Returns:
         0, or 1 if the recordings are of the other arm than the model.
     """
-    # Here and not above: Pinocchio and SciPy are slow to load and --help needs none of it.
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.diagnosis import arm_for, diagnose
     from dvrk_gravity.identification import contradiction

@@ -1,4 +1,4 @@
-"""The error of a model on recordings, by joint; status 1 if it is not to be compensated with."""
+"""The error of a model on recordings, by joint; status 1 if it is unfit to compensate with."""
 
 from __future__ import annotations
 
@@ -16,27 +16,24 @@ EXAMPLE = "python -m dvrk_gravity evaluate other.csv --model model.yaml"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
+    options.add_recordings(parser)
     parser.add_argument(
-        "recordings", metavar="RECORDING", type=Path, nargs="+",
-        help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
-    )  # fmt: skip
-    parser.add_argument(
-        "--model", type=Path, required=True, help="model: a parameter file; or a .urdf: its masses"
+        "--model", type=Path, required=True, help="model file; or a .urdf, for its masses"
     )
-    parser.add_argument("--json", type=Path, help="file to write the result to")
+    parser.add_argument("--json", type=Path, help="file for the result")
     parser.add_argument("--coordinates", choices=("joint", "actuator"),
-                        help="of the recordings (default: found out)")  # fmt: skip
+                        help="of the recordings (default: detected)")  # fmt: skip
     options.add_drive_gains(parser)
     options.add_reading(parser)
-    options.add_verbose(parser)
+    parser.add_argument("--verbose", action="store_true", help="print every finding and note")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate, write the JSON and print the table.
 
     Returns:
-        0, or 1 if the model is not to be compensated with, by these errors or by the verdict in
-        its file, or if the recordings are of the other arm.
+        0, or 1 if the model is unfit to compensate with, by these errors or by the verdict in its
+        file, or if the recordings are of the other arm.
     """
     from dvrk_gravity.identification import POOR, by_errors, contradiction, evaluate
     from dvrk_gravity.model import TorqueModel

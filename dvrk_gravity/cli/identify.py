@@ -1,4 +1,4 @@
-"""Identify a torque model from recordings; status 1 if it is not to be compensated with.
+"""Identify a torque model from recordings; status 1 if it is unfit to compensate with.
 
 Terms are chosen by held-out error.
 """
@@ -28,8 +28,8 @@ EXAMPLE = (
     "--known-payload 2.8 --out model.yaml"
 )
 
-# Share of the time that is over when each begins: of motions of a real MTM, PSM and UR10e (one to
-# five seconds), and of static poses of a real MTM.
+# Share of the time at the beginning of each: of motions of a real MTM, PSM and UR10e (one to five
+# seconds), and of static poses of a real MTM.
 STAGES = (
     ("reading", 0.0),
     ("coordinates", 0.1),
@@ -45,42 +45,40 @@ STAGES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "recordings", metavar="RECORDING", type=Path, nargs="+",
-        help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
-    )  # fmt: skip
+    options.add_recordings(parser)
     parser.add_argument("--arm", required=True, help=options.arms())
     parser.add_argument("--out", type=Path, required=True, help="model .yaml to write")
     parser.add_argument("--report", type=Path, help="HTML report (default: OUT with .html)")
-    parser.add_argument("--json", type=Path, help="file to write the result to")
-    parser.add_argument("--terms", help="comma-separated effects that may be used (default: all)")
+    parser.add_argument("--json", type=Path, help="file for the result")
+    parser.add_argument("--terms", help="comma-separated candidate effects (default: all)")
     parser.add_argument("--validate", metavar="RECORDING", type=Path, nargs="+", default=[],
-                        help="recordings kept out of the fit, to judge it by")  # fmt: skip
+                        help="recordings held out of the fit, to evaluate it")  # fmt: skip
     parser.add_argument("--coordinates",
-                        help="joint or actuator, one for all or a comma-separated one for each "
-                        "recording (default: found out)")  # fmt: skip
+                        help="joint or actuator, for all recordings or a comma-separated one for "
+                        "each (default: detected)")  # fmt: skip
     options.add_at(parser)
     parser.add_argument("--physical", action="store_true",
-                        help="links that can exist: pseudo-inertias positive definite")  # fmt: skip
+                        help="physically consistent links (positive definite "
+                        "pseudo-inertias)")  # fmt: skip
     parser.add_argument("--for-console", action="store_true",
-                        help="what `convert` can write to the console's file")  # fmt: skip
+                        help="only terms that `convert` can write to a console's file")  # fmt: skip
     options.add_drive_gains(parser)
     parser.add_argument("--known-payload", metavar="KG", type=float,
-                        help="the last recording, and no other, was made with a load of this mass: "
-                        "it tells the drive gains; the model is fitted to the others")  # fmt: skip
+                        help="the last recording, and no other, was made with a payload of this "
+                        "mass, which sets the drive gains; the others are fitted")  # fmt: skip
     parser.add_argument("--payload-link", metavar="LINK",
                         help="link that carries it (default: the last joint's)")  # fmt: skip
     parser.add_argument("--payload-centre", metavar="X,Y,Z",
                         help="its centre of mass in the link's frame, m, if known")  # fmt: skip
     options.add_reading(parser)
-    options.add_verbose(parser)
+    parser.add_argument("--verbose", action="store_true", help="print every finding and note")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fit, write the model, the report and the JSON, and print what was found.
+    """Fit, write the model, the report and the JSON, and print a summary.
 
     Returns:
-        0, or 1 if the model, which is written all the same, is not to be compensated with.
+        0, or 1 if the model, which is written nevertheless, is unfit to compensate with.
     """
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.identification import identify
@@ -98,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
             "--out": arguments.out,
             "--report": report,
             "--json": arguments.json,
-            "--out, how sure it is": uncertainty,
+            "--out, its uncertainty": uncertainty,
         },
         [*arguments.recordings, *arguments.validate, Arm.file(arguments.arm)],
     )
@@ -110,19 +108,13 @@ def run(arguments: argparse.Namespace) -> int:
     recordings = [RecordingFile(path, arm=arm, **given) for path in arguments.recordings]
     options.require_unrecorded(arguments.at, recordings)
     validate = [RecordingFile(path, arm=arm, **given) for path in arguments.validate]
+    terms = arguments.terms.split(",") if arguments.terms else None
     with command_line.Progress(NAME, 1.0) as progress:
+        stages = command_line.Stages(progress, STAGES)
         fit = identify(
-            recordings,
-            arm,
-            coordinates,
-            arguments.terms.split(",") if arguments.terms else None,
-            validate,
-            arguments.physical,
-            command_line.Stages(progress, STAGES),
-            still,
-            arguments.for_console,
-            carried,
-        )
+            recordings, arm, coordinates, terms, validate, arguments.physical, stages, still,
+            arguments.for_console, carried,
+        )  # fmt: skip
     sources = ", ".join(str(path) for path in arguments.recordings)
     fit.model.save(
         arguments.out,
@@ -136,7 +128,7 @@ def run(arguments: argparse.Namespace) -> int:
         text_file.write(arguments.json, json.dumps(fit.to_json(), indent=1) + "\n")
     for line in fit_text(fit, arguments.verbose, columns()):
         print(line)
-    print(f"written: {arguments.out}, {uncertainty} (how sure it is), {report}")
+    print(f"written: {arguments.out}, {uncertainty} (its uncertainty), {report}")
     return int(fit.verdict.level == VERDICTS[-1])
 
 
@@ -149,11 +141,10 @@ def _known_payload(arguments: argparse.Namespace) -> KnownPayload | None:
             if value is not None:
                 raise ConfigError(option, value, "--known-payload beside it")
         return None
-    com = None
-    if centre is not None:
-        x, y, z = options.numbers("--payload-centre", centre, 3)
-        com = (x, y, z)
-    return KnownPayload(arguments.known_payload, link or "", com)
+    if centre is None:
+        return KnownPayload(arguments.known_payload, link or "", None)
+    x, y, z = options.numbers("--payload-centre", centre, 3)
+    return KnownPayload(arguments.known_payload, link or "", (x, y, z))
 
 
 def _coordinates(text: str | None) -> Coordinates | list[Coordinates] | None:

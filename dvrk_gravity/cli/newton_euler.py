@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("mechanism", type=Path, help="YAML description of chain and motion")
     parser.add_argument(
-        "--json", type=Path, metavar="FILE", help="also write everything, unrounded, to FILE"
+        "--json", type=Path, metavar="FILE", help="also write all results, unrounded, to FILE"
     )
     parser.add_argument(
         "--decimals", type=_decimals, default=2, help="printed decimals, 0 to 15 (default: 2)"
@@ -38,7 +38,6 @@ def _decimals(text: str) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Compute and print; return the exit status."""
-    # Here and not above: Pinocchio is slow to load and --help needs none of it.
     from dvrk_gravity.newton_euler import JointType, inverse_dynamics, read
 
     outputs.check({"--json": args.json}, [args.mechanism])

@@ -24,6 +24,14 @@ def arms() -> str:
     return f"{', '.join(shipped('arms'))}, or an arm's .yaml or .urdf file"
 
 
+def add_recordings(parser: argparse.ArgumentParser) -> None:
+    """Declare the recordings."""
+    parser.add_argument(
+        "recordings", metavar="RECORDING", type=Path, nargs="+",
+        help="rosbag2 or CSV; all of them trajectories, or (no time column) static poses",
+    )  # fmt: skip
+
+
 def add_drive_gains(parser: argparse.ArgumentParser) -> None:
     """Declare ``--drive-gains`` and ``--effort-unit``."""
     given = parser.add_mutually_exclusive_group()
@@ -36,13 +44,6 @@ def add_drive_gains(parser: argparse.ArgumentParser) -> None:
         help="unit of the efforts if it is not N·m and the gains are unknown: A; or N·m, to "
         "override the masses in the arm's file",
     )  # fmt: skip
-
-
-def add_verbose(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--verbose``."""
-    parser.add_argument(
-        "--verbose", action="store_true", help="print all findings, not only those to act on"
-    )
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:

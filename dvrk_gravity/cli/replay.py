@@ -314,28 +314,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay and print the result; status 1 if an answer is missing or wrong."""
-    outputs.check(
-        {"--json": arguments.json},
-        [arguments.bag, arguments.model],
-        {"--out": arguments.out},
-    )
+    bag, model, out = arguments.bag, arguments.model, arguments.out
+    outputs.check({"--json": arguments.json}, [bag, model], {"--out": out})
     end_on_signals()
-    result = replay(
-        arguments.bag,
-        arguments.model,
-        arguments.out,
-        arguments.topic,
-        arguments.speed == "recorded",
-    )
+    result = replay(bag, model, out, arguments.topic, arguments.speed == "recorded")
     difference = result.largest_difference
     shown = "not comparable" if difference is None else f"{difference:.2e} {result.unit}"
     print(
         f"{arguments.bag}: {result.answered} of {result.valid} answered in {result.seconds:.1f} s"
     )
-    if result.valid < result.messages:
-        print(
-            f"  {result.messages - result.valid} further messages are invalid, rightly unanswered"
-        )
+    invalid = result.messages - result.valid
+    if invalid:
+        print(f"  {invalid} further messages are invalid, rightly unanswered")
     print(f"  in order, with the stamps of their messages: {'yes' if result.in_order else 'NO'}")
     print(f"  largest difference from the model offline: {shown} (allowed {TOLERANCE:g})")
     if arguments.json is not None:

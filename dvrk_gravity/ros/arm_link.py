@@ -31,6 +31,7 @@ class ArmLink:
     """Commands one arm, and reports what forbids it.
 
     Attributes:
+        presence: Who measures the arm, and hears a hold.
         hold: Holds the arm, and repeats that until it is acknowledged.
         others: Nodes that command the arm on other topics.
         rivals: Nodes that command it on ours.
@@ -61,8 +62,8 @@ class ArmLink:
         """
         self._as_array = topic.as_array
         self._command = node.create_publisher(topic.message_type, topic.name, _COMMANDS)
-        self._presence = Presence(node, any_subscriber=topic.as_array)
-        self.hold = Hold(node, self._presence.listens)
+        self.presence = Presence(node, any_subscriber=topic.as_array)
+        self.hold = Hold(node, self.presence.listens)
         # Controllers of ros2_control subscribe with DDS's best effort, and obey publishers that a
         # reliable subscription does not hear. An arm's console is reliable.
         reliability = (
@@ -85,16 +86,12 @@ class ArmLink:
         """Full name of our command topic."""
         return self._command.topic_name
 
-    def is_there(self) -> bool:
-        """Return whether a node publishes ``measured_js``."""
-        return self._presence.is_there()
-
     def is_connected(self) -> bool:
         """Return whether the arm measures, and receives our commands and a hold."""
         return (
-            self.is_there()
+            self.presence.is_there()
             and self._command.get_subscription_count() > 0
-            and self._presence.listens()
+            and self.presence.listens()
         )
 
     def two_measure(self, info: Mapping[str, Any]) -> str:
@@ -103,8 +100,7 @@ class ArmLink:
         Args:
             info: The middleware's information on a message of ``measured_js``.
         """
-        mixed = self._presence.count(info["publication_sequence_number"])
-        return self._presence.two_measure() if mixed else ""
+        return self.presence.count(info["publication_sequence_number"])
 
     def read(self, data: bytes) -> tuple[Sample, Stamp]:
         """Return the sample and the stamp in the bytes of a message of ``measured_js``.
@@ -153,17 +149,13 @@ class ArmLink:
         """
         self.hold.look()
         self.rivals.watch(active)
-        deaf = measuring and self.is_there() and not self._presence.listens()
+        deaf = measuring and self.presence.is_there() and not self.presence.listens()
         return {
             "others": self.others.reason() if self.others.heard_lately() else "",
             "unheard": self.others.unheard(),
-            "hold": self._presence.no_hold_reason() if deaf else "",
-            "measured_js": self._presence.two_measure(),
+            "hold": self.presence.no_hold_reason() if deaf else "",
+            "measured_js": self.presence.two_measure(),
         }
-
-    def measured_elsewhere(self) -> list[str]:
-        """Return the ``measured_js`` topics of other namespaces, by their full names."""
-        return self._presence.elsewhere()
 
     def commanded_by_others(self) -> bool:
         """Return whether another node has just commanded the arm."""
@@ -171,4 +163,4 @@ class ArmLink:
 
     def listened(self) -> bool:
         """Return whether other nodes have had the time to be heard."""
-        return self.rivals.listened(self.is_there())
+        return self.rivals.listened(self.presence.is_there())

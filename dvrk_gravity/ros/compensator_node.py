@@ -182,7 +182,7 @@ class Compensator(PromptNode):
             return
         if self._arm.listened():
             self._subscribe(MEASURED)
-        elif not self._arm.is_there():
+        elif not self._arm.presence.is_there():
             self.get_logger().info(
                 f"waiting for {self.resolve_topic_name(MEASURED)}, which no node publishes: is the "
                 "arm's namespace another one (--ros-args -r __ns:=/NAME)?",

@@ -113,7 +113,6 @@ class Scenario:
         self._schedule = schedule or Schedule()
         self._friction_scale, self._output = friction_scale, output
         self.simulator: NodeProcess | None = None
-        self._stack = ExitStack()
         self._positions: list[tuple[float, list[float]]] = []
         self._holds: list[float] = []
         self.interruptions: list[str] = []
@@ -228,9 +227,9 @@ class Scenario:
                 title = "after the compensator was killed"
                 return Kill(after - killed, self._watch(title, self._schedule.rest))
             self._interrupted()  # a fault ended its commands, with a hold, just before the kill
-            states = self._client.states["compensator"]
+            before = len(self._client.states["compensator"])
             self._begin_compensator()
-            self._client.wait(partial(_longer, states, len(states)), "another compensator")
+            self._client.wait(partial(self._says_more, before), "another compensator")
         raise self._failed()
 
     def _compensated(self, pose: Array, act: Callable[[], Result]) -> Result:
@@ -247,19 +246,20 @@ class Scenario:
     def _starts(self) -> bool:
         """Start the compensator; return whether it commands in the end."""
         self._client.enable(True)
-
-        def fault() -> bool:
-            return self._client.state("compensator").startswith("fault")
-
-        # Its last state may be an old one.
-        self._client.spin(0.1)
-        self._client.wait(lambda: self._commands() or fault(), "commanding")
-        if fault():
+        self._client.spin(0.1)  # its last state may be an old one
+        self._client.wait(lambda: self._commands() or self._is("fault"), "commanding")
+        if self._is("fault"):
             self._interrupted()
-        return not fault()
+        return not self._is("fault")
+
+    def _is(self, state: str) -> bool:
+        return self._client.state("compensator").startswith(state)
 
     def _commands(self) -> bool:
-        return self._client.state("compensator").startswith("commanding")
+        return self._is("commanding")
+
+    def _says_more(self, than: int) -> bool:
+        return len(self._client.states["compensator"]) > than
 
     def _ended(self, count: int, since: float) -> bool:
         """Return whether the compensator stopped or its watchdog has held the arm."""
@@ -325,10 +325,6 @@ class Scenario:
         when = np.array([stamp for stamp, _ in self._positions[mark:]])
         position = np.array([values for _, values in self._positions[mark:]])
         return Phase(title, when - start, position.reshape(-1, self._stage.arm.n))
-
-
-def _longer(values: Sequence[str], than: int) -> bool:
-    return len(values) > than
 
 
 def _arguments(parameters: dict[str, Any]) -> Sequence[str]:

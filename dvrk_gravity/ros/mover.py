@@ -130,7 +130,7 @@ class Mover:
                 if self._following.last is not None
                 else self._dropped or "nothing publishes it"
             )
-            elsewhere = self._link.measured_elsewhere()
+            elsewhere = self._link.presence.elsewhere()
             seen = f" {', '.join(elsewhere)} is published" if elsewhere else ""
             raise MotionError(
                 f"{self.topic}: no arm within {timeout:g} s: {missing}; is its console on, and is "

@@ -24,35 +24,23 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 # (dvrk_system_ROS.cpp), and those of earlier versions of both. A PSM's jaw is no part of the arm,
 # and `use_gravity_compensation` is observed by its effect.
 _TYPES = {
-    "hold": "std_msgs/Empty",
-    "free": "std_msgs/Empty",
-    "servo_jp": "sensor_msgs/JointState",
-    "servo_jr": "sensor_msgs/JointState",
-    "servo_jv": "sensor_msgs/JointState",
-    "servo_jf": "sensor_msgs/JointState",
-    "servo_cp": "geometry_msgs/PoseStamped",
-    "servo_cr": "geometry_msgs/PoseStamped",
-    "servo_cv": "geometry_msgs/TwistStamped",
-    "servo_cf": "geometry_msgs/WrenchStamped",
-    "body/servo_cf": "geometry_msgs/WrenchStamped",
-    "spatial/servo_cf": "geometry_msgs/WrenchStamped",
-    "servo_cs": "crtk_msgs/CartesianState",
-    "servo_ci": "crtk_msgs/CartesianImpedance",
-    "local/servo_cp": "geometry_msgs/PoseStamped",
-    "interpolate_jp": "sensor_msgs/JointState",
-    "interpolate_jr": "sensor_msgs/JointState",
-    "interpolate_cp": "geometry_msgs/PoseStamped",
-    "interpolate_cr": "geometry_msgs/PoseStamped",
-    "move_jp": "sensor_msgs/JointState",
-    "move_jr": "sensor_msgs/JointState",
-    "move_cp": "geometry_msgs/PoseStamped",
-    "move_cr": "geometry_msgs/PoseStamped",
-    "local/move_cp": "geometry_msgs/PoseStamped",
-    "state_command": "crtk_msgs/StringStamped",
-    "lock_orientation": "geometry_msgs/Quaternion",
-    "unlock_orientation": "std_msgs/Empty",
-    "body/set_cf_orientation_absolute": "std_msgs/Bool",
-    "set_cartesian_impedance_gains": "cisst_msgs/PrmCartesianImpedanceGains",
+    name: kind
+    for kind, names in {
+        "std_msgs/Empty": "hold free unlock_orientation",
+        "std_msgs/Bool": "body/set_cf_orientation_absolute",
+        "sensor_msgs/JointState": "servo_jp servo_jr servo_jv servo_jf interpolate_jp "
+        "interpolate_jr move_jp move_jr",
+        "geometry_msgs/PoseStamped": "servo_cp servo_cr local/servo_cp interpolate_cp "
+        "interpolate_cr move_cp move_cr local/move_cp",
+        "geometry_msgs/TwistStamped": "servo_cv",
+        "geometry_msgs/WrenchStamped": "servo_cf body/servo_cf spatial/servo_cf",
+        "geometry_msgs/Quaternion": "lock_orientation",
+        "crtk_msgs/CartesianState": "servo_cs",
+        "crtk_msgs/CartesianImpedance": "servo_ci",
+        "crtk_msgs/StringStamped": "state_command",
+        "cisst_msgs/PrmCartesianImpedanceGains": "set_cartesian_impedance_gains",
+    }.items()
+    for name in names.split()
 }
 
 

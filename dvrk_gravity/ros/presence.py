@@ -158,18 +158,19 @@ class Presence:
         who = publishers_of(self._measured, self._node)
         return f"the arm{who} does not subscribe to {self._hold}: in a fault it could not be held"
 
-    def count(self, number: int | None) -> bool:
-        """Note a message's publication number; return whether several nodes publish.
+    def count(self, number: int | None) -> str:
+        """Note a message's publication number; return who publishes if several do, else ``""``.
 
-        Every publisher counts its own messages: of two, one is behind the other.
+        Every publisher counts its own messages: of two, one is behind the other. ``None``: this
+        middleware does not count.
         """
-        if number is None:  # this middleware does not count
-            return False
-        mixed = number <= self._number
-        if mixed:
-            self._mixed = time.monotonic()
-        self._number = number
-        return mixed
+        if number is None:
+            return ""
+        mixed, self._number = number <= self._number, number
+        if not mixed:
+            return ""
+        self._mixed = time.monotonic()
+        return self.two_measure()
 
     def two_measure(self) -> str:
         """Return who published ``measured_js`` a moment ago if several did, else ``""``."""

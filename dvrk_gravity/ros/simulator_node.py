@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -117,12 +118,9 @@ class Simulator(Node):
         if len(begin) != simulated.n:
             raise ConfigError("initial_position", begin, f"{simulated.n} positions, rad or m")
         plant.reset(begin)
+        sensors, builtin = value["sensor_noise"], value["builtin_gravity_compensation"]
         self._arm = SimulatedArm(
-            plant,
-            truth.sensors if value["sensor_noise"] else None,
-            int(value["seed"]),
-            value["builtin_gravity_compensation"],
-            STEP,
+            plant, truth.sensors if sensors else None, int(value["seed"]), builtin, STEP
         )
         self._names = simulated.joint_names
         self._as_read = simulated.reading_of_torque  # efforts in A, where the arm reads A
@@ -132,10 +130,9 @@ class Simulator(Node):
         self._first_stamp = self.get_clock().now()
         self._steps = 0
         self._connect(value["rate"], value["setpoint_rate"], efforts)
-        builtin = "on" if value["builtin_gravity_compensation"] else "off"
         self.get_logger().info(
             f"simulating {simulated.name} ({truth.source}), in hold; built-in gravity compensation "
-            f"{builtin}"
+            f"{'on' if builtin else 'off'}"
         )
 
     def finish(self) -> bool:
@@ -159,33 +156,27 @@ class Simulator(Node):
         self._measured = publisher("measured_js")
         self._setpoint = publisher("setpoint_js")
         self._compensation = publisher("gravity_compensation/setpoint_js")
-        self._measured_due = _Due(rate)
-        self._setpoint_due = _Due(setpoint_rate)
+        self._measured_due = _due(rate)
+        self._setpoint_due = _due(setpoint_rate)
         arm = self._arm
-        self._listen(
-            efforts.message_type,
-            efforts.name,
-            lambda message: arm.servo_jf(efforts.effort(message), as_read=True),
-        )
         self._commands = (efforts.name, "servo_jp", "move_jp", "hold")
-        self._listen(JointState, "servo_jp", lambda message: arm.servo_jp(message.position))
-        self._listen(Empty, "hold", lambda _: arm.hold())
-        # The demonstration's own way to move it: no real arm takes these.
-        for prefix in ("", "simulator/"):
-            self._listen(
-                JointState, f"{prefix}move_jp", lambda message: arm.move_jp(message.position)
-            )
-            self._listen(Empty, f"{prefix}free", lambda _: arm.free())
-        self._listen(
-            Bool,
-            "use_gravity_compensation",
-            lambda message: arm.use_gravity_compensation(message.data),
-        )
-        self._listen(
-            JointState,
-            "simulator/push_jf",
-            lambda message: arm.push(message.effort, self._push_timeout),
-        )
+        commands: list[tuple[Any, str, Callable[[Any], None]]] = [
+            (efforts.message_type, efforts.name,
+             lambda message: arm.servo_jf(efforts.effort(message), as_read=True)),
+            (JointState, "servo_jp", lambda message: arm.servo_jp(message.position)),
+            (Empty, "hold", lambda _: arm.hold()),
+            (Bool, "use_gravity_compensation",
+             lambda message: arm.use_gravity_compensation(message.data)),
+            (JointState, "simulator/push_jf",
+             lambda message: arm.push(message.effort, self._push_timeout)),
+        ]  # fmt: skip
+        for prefix in ("", "simulator/"):  # the latter for the demonstration: no real arm has these
+            commands += [
+                (JointState, f"{prefix}move_jp", lambda message: arm.move_jp(message.position)),
+                (Empty, f"{prefix}free", lambda _: arm.free()),
+            ]
+        for command in commands:
+            self._listen(*command)
         self._timer = self.create_timer(STEP, self._on_timer, clock=runtime.STEADY_CLOCK)
 
     def _listen(self, message_type: Any, topic: str, command: Callable[[Any], None]) -> None:
@@ -218,11 +209,11 @@ class Simulator(Node):
             self._publish()
 
     def _publish(self) -> None:
-        arm, now = self._arm, self._steps * STEP
-        if self._measured_due.at(now):
+        arm = self._arm
+        if next(self._measured_due):
             sample = arm.measure()
             self._send(self._measured, sample.position, sample.velocity, sample.effort)
-        if self._setpoint_due.at(now):
+        if next(self._setpoint_due):
             none = np.empty(0)
             target = none if arm.target is None else arm.target
             self._send(self._setpoint, target, none, arm.commanded)
@@ -249,17 +240,10 @@ class Simulator(Node):
         return SetParametersResult(successful=True)
 
 
-class _Due:
-    """A fixed rate, Hz, in steps of simulated time."""
-
-    def __init__(self, rate: float) -> None:
-        self._period = 1.0 / rate
-        self._count = 0
-
-    def at(self, now: float) -> bool:
-        """Return whether it is due; to be called once a step, at ``now`` s."""
-        # Half a step early rather than late.
-        if now < self._count * self._period - 0.5 * STEP:
-            return False
-        self._count += 1
-        return True
+def _due(rate: float) -> Iterator[bool]:
+    """Yield, once a step, whether something at a fixed rate, Hz, is due."""
+    count = 0
+    for step in itertools.count(1):
+        due = step * STEP >= count / rate - 0.5 * STEP  # half a step early rather than late
+        count += due
+        yield due
