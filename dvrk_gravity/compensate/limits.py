@@ -130,14 +130,9 @@ class Ramp:
     """
 
     def __init__(self, first: Array, wanted: Array, now: float, duration: float, arm: Arm) -> None:
-        """Begin at time ``now``, s.
+        """Begin at monotonic time ``now`` between (n,) commands at the same measurement, N·m.
 
-        Args:
-            first: (n,) the present command, N·m.
-            wanted: (n,) the wanted one at the same measurement, N·m.
-            now: Monotonic time, s.
-            duration: s; longer if the difference is considerable, none if it is rounding.
-            arm: The arm.
+        The ``duration``, s, is longer if their difference is considerable, zero if it is rounding.
         """
         self.over = False
         self._joint, self._actuator = np.abs(first), np.abs(arm.actuator_effort(first))

@@ -50,15 +50,10 @@ class ArmLink:
     ) -> None:
         """Connect the topics of the node's namespace.
 
-        Args:
-            node: The node.
-            arm: The arm.
-            topic: Its command topic.
-            margin: (n,) positions further outside the arm's limits are refused, rad or m.
-            on_other: Called for a command of another node on another topic.
-            on_rival: Called for one on ours.
-            on_state: Called with why the arm's operating state forbids commands, ``""``: it does
-                not.
+        Positions further than ``margin`` (n,), rad or m, outside the arm's limits are refused.
+        ``on_other`` is called for a command of another node on another topic than ours,
+        ``on_rival`` for one on ours, and ``on_state`` with why the arm's operating state forbids
+        commands, ``""``: it does not.
         """
         self._as_array = topic.as_array
         self._command = node.create_publisher(topic.message_type, topic.name, _COMMANDS)

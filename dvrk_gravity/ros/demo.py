@@ -55,7 +55,7 @@ class Phase:
     """One part of the demonstration.
 
     Attributes:
-        title: What happens.
+        title: Its name.
         time: (N,) s since its start.
         position: (N, n) measured joint positions, rad or m.
     """
@@ -87,6 +87,8 @@ class Kill:
 class Scenario:
     """Runs the parts one after the other (context manager), in a private ROS domain.
 
+    A bag records measurements and commands.
+
     Attributes:
         simulator: The arm's process, once started.
         interruptions: Why the compensator stopped in a part, which was then repeated.
@@ -100,15 +102,6 @@ class Scenario:
         output: str = "servo_jf",
         schedule: Schedule | None = None,
     ) -> None:
-        """Store the arguments; ``with`` starts all.
-
-        Args:
-            stage: The arm.
-            bag: Bag for measurements and commands.
-            friction_scale: Factor on the simulated arm's friction.
-            output: Of the compensator: ``servo_jf`` or ``array``.
-            schedule: Durations of the parts.
-        """
         self._stage, self._bag = stage, bag
         self._schedule = schedule or Schedule()
         self._friction_scale, self._output = friction_scale, output

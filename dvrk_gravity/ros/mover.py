@@ -60,14 +60,7 @@ class Mover:
     """
 
     def __init__(self, client: Client, arm: Arm, rate: float, timeout: float = TIMEOUT) -> None:
-        """Connect the topics.
-
-        Args:
-            client: The node, in the arm's namespace.
-            arm: The arm.
-            rate: Positions per second, Hz.
-            timeout: Without measured_js for so long the arm is held, s.
-        """
+        """Connect the topics of ``client``'s namespace; ``rate`` Hz, ``timeout`` s."""
         self._client, self._arm, self._rate, self._timeout = client, arm, rate, timeout
         self._link = ArmLink(
             client.node,

@@ -45,7 +45,7 @@ _TYPES = {
 
 
 def _message_type(name: str) -> Any:
-    """Return the class of a message, ``None`` where this computer does not have it."""
+    """Return the class of a message, ``None``: not installed."""
     package, _, message = name.partition("/")
     try:
         return getattr(import_module(f"{package}.msg"), message, None)
@@ -124,13 +124,9 @@ class Others(_Heard):
     def __init__(
         self, node: Node, own_topic: str, echo: Callable[[], bool], heard: Callable[[], None]
     ) -> None:
-        """Listen from now on.
+        """Listen from now on to all but ``own_topic``, and call ``heard`` for each command.
 
-        Args:
-            node: The node.
-            own_topic: Topic of our own commands, which :class:`Rivals` listens to.
-            echo: Returns whether a received hold is our own.
-            heard: Called for every command that is not ours.
+        ``echo`` returns whether a received hold is our own.
         """
         super().__init__(node, heard)
         self._echo = echo
@@ -194,13 +190,9 @@ class Rivals(_Heard):
         heard: Callable[[], None],
         reliability: ReliabilityPolicy,
     ) -> None:
-        """Listen from now on.
+        """Listen from now on to the topic of our ``publisher``, with the arm's ``reliability``.
 
-        Args:
-            node: The node.
-            publisher: Publishes our commands.
-            heard: Called for every command that is not ours.
-            reliability: That of the arm's subscription.
+        ``heard`` is called for every command that is not ours.
         """
         super().__init__(node, heard)
         self._profile = QoSProfile(depth=_DEPTH, reliability=reliability)

@@ -108,12 +108,7 @@ class Presence:
     """
 
     def __init__(self, node: Node, any_subscriber: bool) -> None:
-        """Watch the topics of ``node``'s namespace.
-
-        Args:
-            node: The node.
-            any_subscriber: Any subscriber to ``hold`` counts as the arm.
-        """
+        """Watch ``node``'s namespace, where ``any_subscriber`` to ``hold`` may be the arm."""
         self._node, self._any_subscriber = node, any_subscriber
         self._measured = node.resolve_topic_name(MEASURED)
         self._hold = node.resolve_topic_name(HOLD)

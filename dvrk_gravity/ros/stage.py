@@ -53,14 +53,10 @@ class Stage:
 
     @classmethod
     def of(cls, arm: Arm, plant: str, model: Path | None, folder: Path) -> Stage:
-        """Prepare an arm's demonstration.
+        """Prepare an arm's demonstration with a plant's name or file; ``""``: the arm's.
 
-        Args:
-            arm: The arm.
-            plant: Name or file of the plant; ``""``: the arm's.
-            model: The model; ``None``: the package's for the arm, or else the plant's own terms,
-                which are written to ``folder``.
-            folder: An existing folder.
+        Without a model it is the package's for the arm, or else the plant's own terms, written to
+        ``folder``.
 
         Raises:
             ConfigError: A model or a plant of another arm, or an unusable one.
