@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", default="demo", help="folder for picture and bag")
     parser.add_argument("--arm", help="a name, or an arm's .yaml or .urdf file (default: that of "
                         f"--model, or {_ARM})")  # fmt: skip
-    parser.add_argument("--plant", default="", help="what is simulated: the name or file of a "
-                        "plant, or a model (default: the arm's plant)")  # fmt: skip
+    parser.add_argument("--plant", default="", help="plant to simulate: its name or file, or a "
+                        "model (default: the arm's plant)")  # fmt: skip
     parser.add_argument("--model", type=Path, help="the compensator's model (default: the one in "
                         "config/ for the arm, or else the plant's own terms)")  # fmt: skip
     parser.add_argument("--output", choices=("servo_jf", "array"), default="servo_jf",
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     bag = out / BAG
     if bag.exists():
         if not (bag / "metadata.yaml").is_file():
-            raise ConfigError("--out", str(bag), "no such folder, or a bag of an earlier demo")
+            raise ConfigError("--out", str(bag), "a new folder, or a bag of an earlier demo")
         shutil.rmtree(bag)
     start = time.monotonic()
     end_on_signals()

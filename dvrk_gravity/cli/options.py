@@ -148,7 +148,7 @@ def add_at(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--at", metavar="JOINT=POSITION,...", action="append", default=[],
         help="positions of joints that the recording lacks, in joint coordinates: "
-        "shoulder_pitch=2.5deg,others=0deg; in mm or m where a joint slides",
+        "shoulder_pitch=2.5deg,others=0deg; mm or m for prismatic joints",
     )  # fmt: skip
 
 

@@ -41,7 +41,7 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
     if not all(joint.effort_stated for joint in arm.joints):
         most = LARGEST
     least = float(arm.scale.min())
-    slide = "; of one that slides a tenth, in m" if least < 1.0 else ""
+    slide = "; for prismatic joints a tenth, in m" if least < 1.0 else ""
     if mtm.is_mtm(arm):
         default = mtm.defaults.NODE_DEFAULTS
     else:
@@ -54,12 +54,12 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
     entries = (
         Parameter("enabled", True, "", "command the arm; ~/enable starts and stops it too"),
         Parameter(
-            "effort_limit", (), effort, "largest joint effort; not given, or above it: the arm's",
+            "effort_limit", (), effort, "largest joint effort; default and upper bound: the arm's",
             lower=0.0, upper=most, lengths=lengths, units=arm.effort_units,
         ),
         Parameter(
             "actuator_effort_limit", (), effort,
-            "largest actuator effort; not given, or above it: the arm's",
+            "largest actuator effort; default and upper bound: the arm's",
             lower=0.0, upper=most, lengths=lengths, units=arm.effort_units,
         ),
         Parameter(
@@ -132,7 +132,7 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
             choices=("servo_jf", "array"), read_only=True,
         ),
         Parameter(
-            "output_topic", "", "", "topic of the commands; not given: servo_jf or commands",
+            "output_topic", "", "", "topic of the commands; default: servo_jf or commands",
             read_only=True,
         ),
         Parameter(
@@ -140,7 +140,7 @@ def node_parameters(arm: Arm) -> Mapping[str, Parameter]:
             lower=0.002, upper=1.0, read_only=True,
         ),
         Parameter(
-            "input_depth", 1.0, "", "depth of the measured_js queue: 1 always takes the newest",
+            "input_depth", 1.0, "", "depth of the measured_js queue; 1: always the newest",
             lower=1.0, upper=10000.0, read_only=True,
         ),
     )  # fmt: skip

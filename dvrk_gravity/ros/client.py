@@ -91,7 +91,7 @@ class Client:
         try:
             self.wait(client.service_is_ready, f"the service {name}")
             future = client.call_async(kind.Request() if request is None else request)
-            self.wait(future.done, f"an answer of {name}")
+            self.wait(future.done, f"a response of {name}")
             return future.result()
         finally:
             self.node.destroy_client(client)

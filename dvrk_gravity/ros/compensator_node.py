@@ -126,7 +126,7 @@ class Compensator(PromptNode):
             self._statistics.computed(time.monotonic() - now)
             if sample.velocity is None and not self._warned_of_velocity:
                 self._warned_of_velocity = True
-                self.get_logger().warning("measured_js has no velocity: friction terms are off")
+                self.get_logger().warning("measured_js has no velocity: friction not compensated")
         self._settle()
 
     def _now(self) -> int:

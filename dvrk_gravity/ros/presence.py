@@ -67,7 +67,7 @@ def require_own(arm: Arm, namespace: str) -> None:
     named = last if last in kinds else re.sub(r"[0-9]+$", "", last)  # PSM1, PSM2
     own = arm.name.lower()
     if own in kinds and named in kinds and named != own:
-        expected = f"that of arm {own}, as /{own.upper()}: limits and model of {own} are not its"
+        expected = f"that of arm {own}, as /{own.upper()}: its limits and model fit no other arm"
         raise ConfigError("namespace", namespace, expected)
 
 

@@ -95,7 +95,7 @@ def _run(
     try:
         rclpy.init(args=list(ros_args), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl reports bad arguments and files as several types
-        raise ConfigError("--ros-args", _first_line(error), "arguments that ROS takes") from error
+        raise ConfigError("--ros-args", _first_line(error), "valid ROS arguments") from error
     try:
         try:
             node = _construct(make_node)
@@ -173,14 +173,14 @@ def _construct(make_node: Callable[[], Node]) -> Node:
     except ValueError as error:
         if "PARAMETER_NOT_SET" in str(error):
             raise ConfigError(
-                "--params-file", "an empty list", "a list with numbers, or no such line"
+                "--params-file", "an empty list", "a list of numbers, or no such line"
             ) from error
         raise
 
 
 def _spin(node: Node, stop: threading.Event) -> int:
     gc.collect()
-    gc.freeze()  # what is there now stays: no collection has to look at it again
+    gc.freeze()  # objects so far stay: no collection has to check them again
     executor = _executor_of(node)
     try:
         with kept_awake(executor):

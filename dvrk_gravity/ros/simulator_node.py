@@ -40,31 +40,31 @@ SIMULATOR_PARAMETERS: dict[str, Parameter] = {
     for entry in (
         Parameter(
             "plant", "", "",
-            "plant: a name, a plant's or model's .yaml file, or a .urdf; not given: that of `arm`",
+            "plant: a name, a plant's or model's .yaml file, or a .urdf; default: that of `arm`",
         ),
         Parameter("rate", 1000.0, "Hz", "measured_js", lower=1.0, upper=1000.0),
         Parameter(
             "setpoint_rate", 100.0, "Hz", "setpoint_js and gravity_compensation/setpoint_js",
             lower=1.0, upper=1000.0,
         ),
-        Parameter("friction_scale", 1.0, "", "factor on every friction", lower=0.0, upper=100.0),
+        Parameter("friction_scale", 1.0, "", "factor on all friction", lower=0.0, upper=100.0),
         Parameter(
             "initial_position", (), "rad or m",
-            "where the arm is at first, in hold; not given: zero, or the nearest that it reaches",
+            "initial position, in hold; default: zero, or the nearest within the limits",
         ),
         Parameter("seed", 0.0, "", "seed of the sensors' noise", lower=0.0, upper=2.0**53),
         Parameter("sensor_noise", True, "", "false: perfect sensors"),
         Parameter(
             "builtin_gravity_compensation", True, "",
-            "the arm's own compensation at first; on, as on a real console",
+            "built-in compensation initially on, as on a real console",
         ),
         Parameter(
-            "push_timeout", 0.1, "s", "a hand lets go when no simulator/push_jf comes for so long",
+            "push_timeout", 0.1, "s", "a push ends after so long without simulator/push_jf",
             lower=0.002, upper=60.0,
         ),
         Parameter(
             "realtime_factor", 1.0, "",
-            "simulated seconds in a second; stamps and rates count simulated ones",
+            "simulated seconds per second; stamps and rates count simulated ones",
             lower=0.01, upper=20.0,
         ),
     )
@@ -235,7 +235,7 @@ class Simulator(Node):
         for parameter in parameters:
             if parameter.name in SIMULATOR_PARAMETERS:
                 return SetParametersResult(
-                    successful=False, reason=f"{parameter.name} is read when the node starts"
+                    successful=False, reason=f"{parameter.name} is read only at the start"
                 )
         return SetParametersResult(successful=True)
 

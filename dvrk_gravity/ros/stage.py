@@ -68,7 +68,7 @@ class Stage:
         own = model is None
         if model is None:
             model = folder / MODEL
-            truth.model.save(model, f"The terms of the simulated {arm.name} themselves.")
+            truth.model.save(model, f"The terms of the simulated {arm.name}.")
         _same_joints("model", str(model), TorqueModel.load(model).arm, arm)
         poses, push = _staged(truth.plant())
         return cls(arm, plant, model, own, poses, push, f"{PRIVATE}{namespace_of(arm)}")
