@@ -155,12 +155,8 @@ class MotionCheck:
     def check(self, sample: Sample, now: float, timeout: float) -> Sample:
         """Return the sample, with velocity zero at joints where the reported one cannot be true.
 
-        At zero velocity no friction is compensated, which never drives a joint.
-
-        Args:
-            sample: The sample.
-            now: Monotonic time of its arrival, s.
-            timeout: After so long without a sample, its predecessors say nothing, s.
+        At zero velocity no friction is compensated, which never drives a joint. After ``timeout``
+        without a sample nothing is compared. For the arguments see :meth:`InputGate.admit`.
 
         Raises:
             DroppedSampleError: A joint cannot have got there since the last sample.

@@ -36,25 +36,13 @@ FULL_SCALE_TIME = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """One complete and consistent set of the compensator's parameters.
+    """One complete and consistent set of the compensator's parameters (``parameters/nodes.py``).
 
     Attributes:
         model: The torque model.
         limits: Effort limits in both spaces, never above the arm's own.
-        slew_limit: (n,) fastest change of a joint's command, N·m/s.
-        ramp_time: Time of the blend from the present effort to the model's, s.
-        timeout: Longest time without valid input, s.
-        position_margin: Positions further outside the arm's limits than this are refused, rad.
-        start_tolerance: Part of the effort limits by which measured and modelled effort may
-            differ at a start.
-        max_stamp_age: Farthest stamp from the node's clock, s; 0 if not checked.
-        friction_ratio: (n,) part of friction that is compensated, at each joint and motor.
-        friction_dead_band: (n,) rad/s below which it is not.
-        allowance: (n,) speed up to which a motion may grow by friction compensation, rad/s.
-        speed_limit: (n,) speed beyond which a joint must not be driven, rad/s.
-        enabled: Whether to command at all.
-        resume_automatically: Go on by itself after a fault of the input.
-        disable_builtin: Switch the arm's own compensation off when it is on.
+        slew_limit: (n,) N·m/s, ``FULL_SCALE_TIME`` considered.
+        friction_ratio, friction_dead_band, allowance, speed_limit: (n,) rad/s, or a part.
     """
 
     model: TorqueModel
@@ -78,14 +66,12 @@ class Settings:
     def from_parameters(cls, values: Mapping[str, Any], before: Settings | None = None) -> Settings:
         """Build settings from parameter names and values; absent ones take their defaults.
 
-        Args:
-            values: Values by parameter name.
-            before: Settings that these replace: their arm stays, whatever has become of its
-                file, and their model where no parameter of it changes.
+        The arm of settings ``before``, which these replace, stays, whatever has become of its file,
+        and so does their model where no parameter of it changes.
 
         Raises:
-            ConfigError: An unknown name, a value that fails its check, no weight: an arm that is
-                commanded zero torque falls; or a model that was found not fit to compensate with.
+            ConfigError: An unknown name, a value that fails its check, no weight (an arm without
+                torque falls), or a model found unfit to compensate with.
         """
         arm = arm_of(values) if before is None else before.model.arm
         declared = all_parameters(arm)
@@ -111,23 +97,25 @@ class Settings:
         )
         fastest = arm.effort_limit / FULL_SCALE_TIME
         slew_limit = np.array(value["slew_limit"])
+        ratio, dead_band, allowance = (
+            np.array(value[f"friction_compensation.{name}"])
+            for name in ("ratio", "dead_band", "allowance")
+        )
+        unchanged = (
+            "ramp_time", "timeout", "position_margin", "start_tolerance", "max_stamp_age",
+            "enabled", "disable_builtin",
+        )  # fmt: skip
         return cls(
-            model,
-            limits,
-            np.minimum(np.where(slew_limit > 0.0, slew_limit, np.inf), fastest),
-            value["ramp_time"],
-            value["timeout"],
-            value["position_margin"],
-            value["start_tolerance"],
-            value["max_stamp_age"],
-            np.array(value["friction_compensation.ratio"]),
-            np.array(value["friction_compensation.dead_band"]),
-            np.array(value["friction_compensation.allowance"]),
-            np.array(value["speed_limit"]),
-            value["enabled"],
-            value["resume"] == "automatic",
-            value["disable_builtin"],
-            of_model,
+            model=model,
+            limits=limits,
+            slew_limit=np.minimum(np.where(slew_limit > 0.0, slew_limit, np.inf), fastest),
+            friction_ratio=ratio,
+            friction_dead_band=dead_band,
+            allowance=allowance,
+            speed_limit=np.array(value["speed_limit"]),
+            resume_automatically=value["resume"] == "automatic",
+            _given=of_model,
+            **{name: value[name] for name in unchanged},
         )
 
     @cached_property

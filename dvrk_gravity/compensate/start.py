@@ -103,15 +103,11 @@ class Start:
         effort. An arm that does not measure its efforts (none in half of the samples, or all of
         them exactly zero) begins with the model's torque.
 
-        Args:
-            settings: What is to be commanded.
-            tolerance: Part of the effort limits by which measured and modelled effort may differ.
-
         Raises:
             StartRefusedError: The arm is where this one cannot be, measured and modelled efforts
-                differ by more than ``tolerance``, the model holds next to nothing of
-                the weight, or another weight than the masses in the arm's file have, or the limits
-                cut what holds the arm.
+                differ by more than ``tolerance``, a part of the effort limits, the model holds next
+                to nothing of the weight, or another weight than the masses in the arm's file have,
+                or the limits cut the holding effort.
         """
         model = np.mean(self._models, axis=0)
         arm, position = settings.model.arm, self._position
@@ -147,13 +143,8 @@ class Start:
     ) -> tuple[Array, str]:
         """Return :meth:`origin` where the measured efforts support changed parameters.
 
-        Nobody has asked for this start: the arm was held for some reason, perhaps for the change.
-
-        Args:
-            settings: What is to be commanded.
-            before: What the last start accepted.
-            tolerance: Part of the effort limits by which measured and modelled effort may differ.
-            measurable: What has changed acts on an arm at rest.
+        Nobody has asked for this start: the arm was held for some reason, perhaps for the change
+        since the last start accepted ``before``; ``measurable``: it acts on an arm at rest.
 
         Raises:
             StartRefusedError: As :meth:`origin`, or no measurement supports the change.
@@ -328,16 +319,13 @@ class Accepted:
     def origin(
         self, start: Start, settings: Settings, position: Array, asked: bool
     ) -> tuple[Array, str]:
-        """Return what a start begins with, as :meth:`Start.origin`.
+        """Return :meth:`Start.origin`, or :meth:`Start.confirmed` for settings not yet accepted.
 
-        Args:
-            start: What was measured.
-            settings: What is to be commanded.
-            position: (n,) of the arm, rad or m.
-            asked: A person has asked for this start, with the present parameters.
+        ``asked``: a person has asked for this start, with the present parameters. ``position`` is
+        (n,), rad or m.
 
         Raises:
-            StartRefusedError: The arm must not be commanded under these conditions.
+            StartRefusedError: As these.
         """
         unconfirmed = None if asked else self.deviation(settings, position)
         if unconfirmed is None:

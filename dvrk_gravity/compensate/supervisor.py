@@ -238,10 +238,7 @@ class Supervisor:
     def command(self, sample: Sample, now: float, clock: int) -> Array | None:
         """Return the (n,) effort that answers a valid sample, ``None`` if there is none.
 
-        Args:
-            sample: The sample.
-            now: Monotonic time of its arrival, s.
-            clock: The node's clock, ns, to which stamps are compared.
+        ``now`` is the monotonic time of its arrival, s, ``clock`` the node's clock, ns.
 
         Raises:
             DroppedSampleError: Its stamp or its positions disqualify it.

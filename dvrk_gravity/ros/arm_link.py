@@ -90,11 +90,7 @@ class ArmLink:
         )
 
     def two_measure(self, info: Mapping[str, Any]) -> str:
-        """Return which nodes measure if several do, of two arms perhaps; else ``""``.
-
-        Args:
-            info: The middleware's information on a message of ``measured_js``.
-        """
+        """Return which nodes measure if several do; ``info`` is the middleware's on a message."""
         return self.presence.count(info["publication_sequence_number"])
 
     def read(self, data: bytes) -> tuple[Sample, Stamp]:
@@ -135,12 +131,8 @@ class ArmLink:
     def look(self, active: bool, measuring: bool) -> dict[str, str]:
         """Repeat a pending hold, and look for other nodes; to be called a few times a second.
 
-        Args:
-            active: The arm is under our command.
-            measuring: We subscribe to ``measured_js``: by then DDS knows the arm's subscriptions.
-
-        Returns:
-            By cause, why the arm must not be commanded; ``""``: it may.
+        Returns by cause why the arm must not be commanded; ``""``: it may. When we are
+        ``measuring``, subscribed to ``measured_js``, DDS knows the arm's subscriptions.
         """
         self.hold.look()
         self.rivals.watch(active)

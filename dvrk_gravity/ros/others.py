@@ -227,11 +227,9 @@ class Rivals(_Heard):
             self._subscription = None
 
     def listened(self, to_arm: bool) -> bool:
-        """Return whether others have had the time to be heard.
+        """Return whether others have had the time to be heard since the arm is there.
 
-        Args:
-            to_arm: The arm is there. Before DDS has found the arm, it has not found others
-                either, and silence means nothing.
+        Before DDS has found the arm, it has not found others either: silence proves nothing.
         """
         now = time.monotonic()
         if not to_arm:

@@ -70,9 +70,7 @@ def end_on_signals() -> None:
 def end_with(parent: int) -> None:
     """Have Linux send this process SIGTERM when its parent ends, for whatever reason.
 
-    Args:
-        parent: The parent's process, which may have ended already; its end is that of the thread
-            that started this process.
+    The parent may have ended already; its end is that of the thread that started this process.
     """
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:

@@ -136,13 +136,7 @@ class CommandWriter:
     """Packs JointStates of commands, all with the same names, frame and fields."""
 
     def __init__(self, names: Sequence[str], frame: str, fields: Sequence[str] = EFFORT) -> None:
-        """Pack one message, whose stamp and numbers are then replaced.
-
-        Args:
-            names: The joints.
-            frame: Text for ``frame_id``, our mark.
-            fields: Those with a number a joint, in JointState's order; the others are empty.
-        """
+        """Pack one message, whose stamp and numbers are then replaced; other fields are empty."""
         raw = bytearray(b"\0\1\0\0" + bytes(8))  # little-endian CDR; a stamp
 
         def text(value: str) -> None:
