@@ -52,7 +52,11 @@ _INTERRUPTED = 128 + signal.SIGINT
 
 def main() -> int:
     """Entry point of ``ros2 run dvrk_gravity VERB``: the executable is named as its verb."""
-    return run(VERBS[Path(sys.argv[0]).name][0])
+    name = Path(sys.argv[0]).name
+    if name not in VERBS:
+        print(f"dvrk_gravity: executable {name!r}, expected a name of a verb", file=sys.stderr)
+        return 2
+    return run(VERBS[name][0])
 
 
 def run(name: str, argv: Sequence[str] | None = None) -> int:
