@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from dvrk_gravity import command_line
 from dvrk_gravity.cli import options
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import outputs, text_file
-
-if TYPE_CHECKING:
-    from dvrk_gravity.recording import Coordinates
 
 NAME = "diagnose"
 EXAMPLE = (
@@ -72,14 +68,15 @@ def run(args: argparse.Namespace) -> int:
     from dvrk_gravity.diagnosis import arm_for, diagnose
     from dvrk_gravity.identification import contradiction
     from dvrk_gravity.model import TorqueModel, uncertainty_file
-    from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report import columns, diagnosis_page, diagnosis_text
 
+    references = [] if args.reference is None else [args.reference]
     read = [] if args.model is None else [args.model, uncertainty_file(args.model)]
     read += [] if args.arm is None else [Arm.file(args.arm)]
-    read += [] if args.reference is None else [args.reference]
     beside = uncertainty_file(Path(EXTENDED)).name
-    out = outputs.check_folder("--out", args.out, [*WRITTEN, beside], [*args.recordings, *read])
+    out = outputs.check_folder(
+        "--out", args.out, [*WRITTEN, beside], [*args.recordings, *read, *references]
+    )
     model = None if args.model is None else TorqueModel.load(args.model)
     arm = None if args.arm is None else Arm.load(args.arm)
     arm = arm_for(model, arm, args.reference is not None)
@@ -89,12 +86,9 @@ def run(args: argparse.Namespace) -> int:
         model = options.of_model(model, args)
         arm = model.arm
     still = options.still_joints(args.at, arm)
-    files = [*args.recordings, *([] if args.reference is None else [args.reference])]
-    read_as: Coordinates = args.coordinates or "joint"
-    given = options.reading(args)
-    recordings = [RecordingFile(path, coordinates=read_as, arm=arm, **given) for path in files]
+    recordings = options.recordings(files, args, arm, args.coordinates or "joint")
     options.require_unrecorded(args.at, recordings)
-    reference = None if args.reference is None else recordings.pop()
+    reference = recordings.pop() if references else None
     try:
         with command_line.Progress(NAME, 1.0) as progress:
             diagnosis = diagnose(

@@ -37,13 +37,11 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from dvrk_gravity.identification import POOR, by_errors, contradiction, evaluate
     from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report import columns, evaluation_text
 
     outputs.check({"--json": arguments.json}, [*arguments.recordings, arguments.model])
     model = options.of_model(TorqueModel.load(arguments.model), arguments)
-    given = options.reading(arguments)
-    recordings = [RecordingFile(path, arm=model.arm, **given) for path in arguments.recordings]
+    recordings = options.recordings(arguments.recordings, arguments, model.arm)
     try:
         result = evaluate(model, recordings, arguments.coordinates)
     except ConfigError as error:

@@ -83,7 +83,6 @@ def run(arguments: argparse.Namespace) -> int:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.identification import identify
     from dvrk_gravity.model import VERDICTS, uncertainty_file
-    from dvrk_gravity.recording import RecordingFile
     from dvrk_gravity.report import columns, fit_text, identification_page
     from dvrk_gravity.validation import is_urdf
 
@@ -104,10 +103,9 @@ def run(arguments: argparse.Namespace) -> int:
     carried = _known_payload(arguments)
     coordinates = _coordinates(arguments.coordinates)
     still = options.still_joints(arguments.at, arm)
-    given = options.reading(arguments)
-    recordings = [RecordingFile(path, arm=arm, **given) for path in arguments.recordings]
+    recordings = options.recordings(arguments.recordings, arguments, arm)
     options.require_unrecorded(arguments.at, recordings)
-    validate = [RecordingFile(path, arm=arm, **given) for path in arguments.validate]
+    validate = options.recordings(arguments.validate, arguments, arm)
     terms = arguments.terms.split(",") if arguments.terms else None
     with command_line.Progress(NAME, 1.0) as progress:
         stages = command_line.Stages(progress, STAGES)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from dvrk_gravity.files.resources import shipped
 if TYPE_CHECKING:
     from dvrk_gravity.arms import Arm
     from dvrk_gravity.model import TorqueModel
-    from dvrk_gravity.recording import RecordingFile
+    from dvrk_gravity.recording import Coordinates, RecordingFile
 
 
 def arms() -> str:
@@ -63,6 +63,19 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 def reading(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the arguments with which to read a recording."""
     return {name: getattr(arguments, name) for name in ("topic", "time_base", "columns")}
+
+
+def recordings(
+    paths: Iterable[str | Path],
+    arguments: argparse.Namespace,
+    arm: Arm,
+    coordinates: Coordinates = "joint",
+) -> list[RecordingFile]:
+    """Return the recordings of the command line."""
+    from dvrk_gravity.recording import RecordingFile
+
+    given = reading(arguments)
+    return [RecordingFile(path, coordinates=coordinates, arm=arm, **given) for path in paths]
 
 
 def with_drive_gains(arm: Arm, arguments: argparse.Namespace) -> Arm:
