@@ -74,9 +74,8 @@ def run(args: argparse.Namespace) -> int:
     read = [] if args.model is None else [args.model, uncertainty_file(args.model)]
     read += [] if args.arm is None else [Arm.file(args.arm)]
     beside = uncertainty_file(Path(EXTENDED)).name
-    out = outputs.check_folder(
-        "--out", args.out, [*WRITTEN, beside], [*args.recordings, *read, *references]
-    )
+    files = [*args.recordings, *references]
+    out = outputs.check_folder("--out", args.out, [*WRITTEN, beside], [*files, *read])
     model = None if args.model is None else TorqueModel.load(args.model)
     arm = None if args.arm is None else Arm.load(args.arm)
     arm = arm_for(model, arm, args.reference is not None)
