@@ -242,8 +242,8 @@ class Simulator(Node):
 
 def _due(rate: float) -> Iterator[bool]:
     """Yield, once a step, whether something at a fixed rate, Hz, is due."""
-    count = 0
+    count, period = 0, 1.0 / rate
     for step in itertools.count(1):
-        due = step * STEP >= count / rate - 0.5 * STEP  # half a step early rather than late
+        due = step * STEP >= count * period - 0.5 * STEP  # half a step early rather than late
         count += due
         yield due
