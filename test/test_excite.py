@@ -599,7 +599,8 @@ def test_after_a_long_sleep_the_arm_is_held_and_sent_nowhere(fake: FakeArm) -> N
 
     with mover(fake) as moving:
         moving.connect()
-        with pytest.raises(MotionError, match=r"was suspended for|is .* from its set point|broken encoder"):
+        says = r"was suspended for|is .* from its set point|broken encoder"
+        with pytest.raises(MotionError, match=says):
             moving.follow(path, 2.0)
         assert fake.held()
     assert len(fake.told) <= slept[0] + 1
