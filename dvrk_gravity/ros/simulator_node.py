@@ -199,7 +199,7 @@ class Simulator(Node):
             self._origin += late
             due = most
             self.get_logger().warning(
-                f"slower than real time: skipped {late * 1e3:.0f} ms",
+                f"behind real time: skipped {late * 1e3:.0f} ms",
                 throttle_duration_sec=1.0,
             )
         for _ in range(due):
