@@ -26,8 +26,8 @@ def syntax(path: Path) -> tuple[ast.AST, ...]:
     return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
 
 
-def executables() -> dict[str, str]:
-    """Return what setup.py installs: verb -> module below ``dvrk_gravity``."""
+def executables() -> tuple[str, ...]:
+    """Return the verbs that setup.py installs."""
     tree = ast.parse((REPOSITORY / "setup.py").read_text())
     return next(
         ast.literal_eval(node.value)

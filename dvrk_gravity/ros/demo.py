@@ -1,4 +1,7 @@
-"""What the demonstration does to the simulated arm, and what it measures."""
+"""The demonstration: a simulated arm falls, floats, is pushed, and is held without compensator.
+
+Simulator, compensator and watchdog run as separate processes.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +21,16 @@ from std_msgs.msg import Bool, Empty
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.recording import BagWriter
 from dvrk_gravity.ros.client import Client
-from dvrk_gravity.ros.command_topic import CommandTopic
-from dvrk_gravity.ros.demo.stage import Stage
 from dvrk_gravity.ros.processes import NodeProcess, ProcessError
+from dvrk_gravity.ros.stage import Stage
+from dvrk_gravity.ros.wire import CommandTopic
 
 Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long each part takes, s. Chosen: long enough to see what happens.
+    """Duration of each part, s. Chosen: long enough to see what happens.
 
     Attributes:
         fall: Without compensation.
@@ -35,8 +38,8 @@ class Schedule:
         push: A hand pushes.
         coast: Until the arm has come to rest.
         rest: Of watching afterwards.
-        attempts: How often a part that the compensator gave up is tried; it gives up, for
-            instance, where the machine stands still for longer than its time-out.
+        attempts: Number of attempts at a part in which the compensator stops, for instance where
+            the machine is suspended for longer than its time-out.
     """
 
     fall: float = 3.0
@@ -52,7 +55,7 @@ class Phase:
     """One part of the demonstration.
 
     Attributes:
-        title: What happens.
+        title: Its name.
         time: (N,) s since its start.
         position: (N, n) measured joint positions, rad or m.
     """
@@ -63,18 +66,18 @@ class Phase:
 
     @property
     def drift(self) -> Array:
-        """(n,) largest distance from where each joint was at the start, rad or m."""
+        """(n,) largest distance of each joint from its start, rad or m."""
         way: Array = np.abs(self.position - self.position[0]).max(axis=0)
         return way
 
 
 @dataclass(frozen=True, eq=False)
 class Kill:
-    """What happened after the compensator was killed.
+    """The hold after the compensator was killed.
 
     Attributes:
         hold_after: Time from the kill to the watchdog's hold, s.
-        after: The time after it.
+        after: The motion afterwards.
     """
 
     hold_after: float
@@ -82,11 +85,13 @@ class Kill:
 
 
 class Scenario:
-    """Runs the parts one after the other (context manager); needs a ROS domain of its own.
+    """Runs the parts one after the other (context manager), in a private ROS domain.
+
+    A bag records measurements and commands.
 
     Attributes:
-        simulator: The arm's process, once it has been started.
-        interruptions: Why the compensator gave up a part, which was then repeated.
+        simulator: The arm's process, once started.
+        interruptions: Why the compensator stopped in a part, which was then repeated.
     """
 
     def __init__(
@@ -97,26 +102,15 @@ class Scenario:
         output: str = "servo_jf",
         schedule: Schedule | None = None,
     ) -> None:
-        """Store the arguments; ``with`` starts all.
-
-        Args:
-            stage: The arm.
-            bag: Where measurements and commands are recorded.
-            friction_scale: Factor on the simulated arm's friction.
-            output: Of the compensator: ``servo_jf`` or ``array``.
-            schedule: How long each part takes.
-        """
         self._stage, self._bag = stage, bag
         self._schedule = schedule or Schedule()
         self._friction_scale, self._output = friction_scale, output
         self.simulator: NodeProcess | None = None
-        self._stack = ExitStack()
         self._positions: list[tuple[float, list[float]]] = []
         self._holds: list[float] = []
         self.interruptions: list[str] = []
 
     def __enter__(self) -> Scenario:
-        """Start the processes and wait until all are connected."""
         stage, output = self._stage, {"output": self._output}
         with ExitStack() as stack:
             self._writer = stack.enter_context(BagWriter(self._bag))
@@ -132,7 +126,6 @@ class Scenario:
         return self
 
     def __exit__(self, *error: Any) -> None:
-        """End the processes and close the bag."""
         self._stack.__exit__(*error)
 
     def _begin(self, verb: str, arguments: Sequence[str]) -> NodeProcess:
@@ -140,7 +133,7 @@ class Scenario:
         return self._processes.enter_context(process)
 
     def _begin_compensator(self) -> None:
-        # The simulated arm's clock is behind by all the time that a slow machine has left out.
+        # The simulated arm's clock lags by all the time that a slow machine has skipped.
         given = {
             "enabled": "false", "ramp_time": 0.5, "max_stamp_age": 0.0, "output": self._output,
         }  # fmt: skip
@@ -185,21 +178,21 @@ class Scenario:
         self._positions.append((time.monotonic(), list(message.position)))
 
     def fall(self) -> Phase:
-        """Without any compensation: the arm is let go of at the first pose."""
+        """Release the arm at the first pose, without any compensation."""
         self._builtin.publish(Bool(data=False))
         self._go_to(self._stage.poses[0])
         self._free.publish(Empty())
-        return self._watch("let go without compensation", self._schedule.fall)
+        return self._watch("released without compensation", self._schedule.fall)
 
     def floats(self) -> Iterator[Phase]:
-        """With compensation, at one pose after the other."""
+        """Release the arm with compensation, at one pose after the other."""
         for number, pose in enumerate(self._stage.poses, start=1):
             title = f"floating at pose {number}"
             yield self._compensated(pose, partial(self._watch, title, self._schedule.floating))
             self._client.enable(False)
 
     def push(self) -> tuple[Phase, Phase]:
-        """A hand pushes the floating arm and lets go: the motion, and the rest after it."""
+        """Push the floating arm and release it: return the motion, and the rest after it."""
         hand = JointState(name=self._stage.arm.joint_names, effort=self._stage.push)
 
         def act() -> tuple[Phase, Phase]:
@@ -212,84 +205,84 @@ class Scenario:
         return self._compensated(self._stage.poses[0], act)
 
     def kill(self) -> Kill:
-        """The compensator is killed while it commands: the watchdog holds the arm."""
+        """Kill the compensator while it commands: the watchdog holds the arm."""
         for _ in range(self._schedule.attempts):
             if not self._commands():
                 self._go_to(self._stage.poses[0])
                 if not self._starts():
                     continue
-            said = len(self._client.states["watchdog"])
+            count = len(self._client.states["watchdog"])
             killed = time.monotonic()
             self._compensator.process.kill()
-            self._client.wait(partial(self._ended, said, killed), "the watchdog's hold")
-            after = self._held(said, killed)
+            self._client.wait(partial(self._ended, count, killed), "the watchdog's hold")
+            after = self._held(count, killed)
             if self._commands() and after is not None:
                 title = "after the compensator was killed"
                 return Kill(after - killed, self._watch(title, self._schedule.rest))
-            self._give_up()  # a fault ended its commands, with a hold, just before it was killed
-            states = self._client.states["compensator"]
-            told = len(states)
+            self._interrupted()  # a fault ended its commands, with a hold, just before the kill
+            before = len(self._client.states["compensator"])
             self._begin_compensator()
-            self._client.wait(partial(_longer, states, told), "another compensator")
+            self._client.wait(partial(self._says_more, before), "another compensator")
         raise self._failed()
 
     def _compensated(self, pose: Array, act: Callable[[], Result]) -> Result:
-        """Do something with the arm under compensation from a pose on, again if that ended."""
+        """Act on the arm under compensation from a pose on; again if compensation stopped."""
         for _ in range(self._schedule.attempts):
             self._go_to(pose)
             if self._starts():
                 result = act()
                 if self._commands():
                     return result
-                self._give_up()
+                self._interrupted()
         raise self._failed()
 
     def _starts(self) -> bool:
-        """Let the compensator begin; return whether it commands in the end."""
+        """Start the compensator; return whether it commands in the end."""
         self._client.enable(True)
+        self._client.spin(0.1)  # its last state may be an old one
+        self._client.wait(lambda: self._commands() or self._is("fault"), "commanding")
+        if self._is("fault"):
+            self._interrupted()
+        return not self._is("fault")
 
-        def fault() -> bool:
-            return self._client.state("compensator").startswith("fault")
-
-        # What it last said may be of before.
-        self._client.spin(0.1)
-        self._client.wait(lambda: self._commands() or fault(), "commanding")
-        if fault():
-            self._give_up()
-        return not fault()
+    def _is(self, state: str) -> bool:
+        return self._client.state("compensator").startswith(state)
 
     def _commands(self) -> bool:
-        return self._client.state("compensator").startswith("commanding")
+        return self._is("commanding")
 
-    def _ended(self, said: int, since: float) -> bool:
-        """Tell whether the compensator gave up or its watchdog has held the arm."""
-        return not self._commands() or self._held(said, since) is not None
+    def _says_more(self, than: int) -> bool:
+        return len(self._client.states["compensator"]) > than
 
-    def _held(self, said: int, since: float) -> float | None:
-        """Return when a hold came since a time, if the watchdog told of one.
+    def _ended(self, count: int, since: float) -> bool:
+        """Return whether the compensator stopped or its watchdog has held the arm."""
+        return not self._commands() or self._held(count, since) is not None
+
+    def _held(self, count: int, since: float) -> float | None:
+        """Return the time of a hold since a monotonic time, s, if the watchdog reported one.
 
         Args:
-            said: How many things the watchdog had told by then.
+            count: Number of the watchdog's reports by then.
             since: Monotonic time, s.
         """
-        told = self._client.states["watchdog"][said:]
-        if not any(text.startswith("hold sent") for text in told):
+        reports = self._client.states["watchdog"][count:]
+        if not any(text.startswith("hold sent") for text in reports):
             return None
         return next((stamp for stamp in self._holds if stamp > since), None)
 
-    def _give_up(self) -> None:
+    def _interrupted(self) -> None:
         self.interruptions.append(self._client.state("compensator"))
 
     def _failed(self) -> ProcessError:
         return ProcessError(
-            f"the compensator gave up {self._schedule.attempts} times, at last in "
+            f"the compensator stopped in {self._schedule.attempts} attempts, the last time with "
             f"`{self._client.state('compensator')}`"
         )
 
     def _go_to(self, pose: Array) -> None:
-        """Move there; asked again while the arm stands still elsewhere.
+        """Move to a pose; repeat that if the arm stops elsewhere.
 
-        A hold on its way to the arm may overtake a move, and cancels it then.
+        A hold in transit may overtake a move, and cancels it then.
         """
         scale = self._stage.arm.scale
         tolerance, still = np.radians(2.0) * scale, np.radians(0.2) * scale
@@ -308,7 +301,7 @@ class Scenario:
             )
             if arrived():
                 return
-        raise ProcessError("the arm does not reach its pose")
+        raise ProcessError("the arm did not reach its pose")
 
     def _watch(self, title: str, duration: float, act: Callable[[], None] | None = None) -> Phase:
         mark, start = len(self._positions), time.monotonic()
@@ -316,19 +309,15 @@ class Scenario:
             if act is not None:
                 act()
             self._client.spin(min(remaining, 0.02))
-        # A machine that stood still has measured nothing yet.
+        # A suspended machine has measured nothing yet.
         self._client.wait(lambda: len(self._positions) > mark, "the arm's measured positions")
         return self._phase(title, mark, start)
 
     def _phase(self, title: str, mark: int, start: float) -> Phase:
-        """Return what was measured since there were ``mark`` samples."""
+        """Return the motion since sample ``mark``."""
         when = np.array([stamp for stamp, _ in self._positions[mark:]])
         position = np.array([values for _, values in self._positions[mark:]])
         return Phase(title, when - start, position.reshape(-1, self._stage.arm.n))
-
-
-def _longer(values: Sequence[str], than: int) -> bool:
-    return len(values) > than
 
 
 def _arguments(parameters: dict[str, Any]) -> Sequence[str]:
