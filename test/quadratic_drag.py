@@ -12,12 +12,12 @@ from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import (
     MORE,
-    PART,
+    PRIOR_FRACTION,
     Hypothesis,
     LinearTerm,
     Motion,
     Range,
-    Setting,
+    Site,
     State,
     Values,
     added,
@@ -29,7 +29,6 @@ from dvrk_gravity.effects import (
     size,
     spread,
 )
-from dvrk_gravity.effects.base import site
 from dvrk_gravity.parameters import Parameter, Value
 
 
@@ -77,7 +76,7 @@ class QuadraticDrag(LinearTerm):
     def plausible(cls, arm: Arm, valid: Range) -> QuadraticDrag:
         """See :meth:`LinearTerm.plausible`: the prior of what a fit looks for."""
         del valid
-        return cls(PART * arm.actuator_effort_limit)
+        return cls(PRIOR_FRACTION * arm.actuator_effort_limit)
 
     @property
     def theta(self) -> Array:
@@ -99,7 +98,7 @@ class QuadraticDrag(LinearTerm):
         """See :meth:`Effect.hypotheses`."""
         if not motion.static:
             for joint in np.flatnonzero(motion.moves).tolist():
-                yield DragHypothesis(arm=motion.arm, site=site.joint(joint), joints=(joint,))
+                yield DragHypothesis(arm=motion.arm, site=Site.joint(joint), joints=(joint,))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -111,15 +110,13 @@ class DragHypothesis(Hypothesis):
 
     variable: str = "velocity"
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         speed = motion.qd[:, self.site.index]
         return spread(self.site.row(self.arm), np.abs(speed) * speed)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         return {"coefficient": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:

@@ -78,13 +78,12 @@ class Case:
     def estimates(self, sign: float = 1.0, spread: float = 0.3) -> dict[str, Estimate]:
         """Return what a fit of 0.02 throughout is told as, with intervals of such a part."""
         theta = np.full(self.count, 0.02 * sign)
-        setting = self.hypothesis.setting
         return {
             name: Estimate(
                 value, value - spread * abs(value), value + spread * abs(value),
                 self.hypothesis.unit(name),
             )
-            for name, value in self.hypothesis.describe(theta, setting).items()
+            for name, value in self.hypothesis.parameters(theta).items()
             if self.hypothesis.meaning(name).reported
         }  # fmt: skip
 
@@ -132,8 +131,7 @@ def every() -> list[Case]:
         "unknown",
     }
     return [
-        Case(hypothesis, hypothesis.build(motion, hypothesis.setting).shape[2])
-        for hypothesis in forms.values()
+        Case(hypothesis, hypothesis.regressor(motion).shape[2]) for hypothesis in forms.values()
     ]
 
 

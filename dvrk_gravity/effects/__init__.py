@@ -11,7 +11,7 @@ from __future__ import annotations
 from dvrk_gravity.effects.base.arrays import as_array, as_value, diagonal_columns, joint_array
 from dvrk_gravity.effects.base.by_joint import write_rows
 from dvrk_gravity.effects.base.effect import (
-    MOST_LESS,
+    MAX_REMOVED,
     Effect,
     Hypothesis,
     Setting,
@@ -30,11 +30,11 @@ from dvrk_gravity.effects.base.link_prior import (
     weight_directions,
 )
 from dvrk_gravity.effects.base.links import (
+    identifiable_links,
     joint_of_link,
     joints_with_weight,
     last_link,
     links_of_joints,
-    links_told_apart,
 )
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, meanings, size
 from dvrk_gravity.effects.base.merging import added
@@ -48,20 +48,20 @@ from dvrk_gravity.effects.base.polynomial import MAX_DEGREE, Range, evaluate
 from dvrk_gravity.effects.base.registry import (
     ENTRY_POINTS,
     effects,
+    from_other_packages,
     is_friction,
     named,
-    of_others,
     rank,
     register,
     terms,
 )
 from dvrk_gravity.effects.base.rigid_body import OF_WEIGHT, PER_LINK
-from dvrk_gravity.effects.base.site import THE_ARM, Kind
+from dvrk_gravity.effects.base.site import THE_ARM, THE_BASE, Kind, Site
 from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.supposed import supposed_inertias, supposed_rotors
+from dvrk_gravity.effects.base.supposed import assumed_inertias, assumed_rotors
 from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Term, Unknowns
-from dvrk_gravity.effects.base.unknowns import PART, Column, ColumnTable, ModelChange
-from dvrk_gravity.effects.base_tilt import LEANS, BaseTilt
+from dvrk_gravity.effects.base.unknowns import PRIOR_FRACTION, Column, ColumnTable, ModelChange
+from dvrk_gravity.effects.base_tilt import MAX_TILT, BaseTilt, ChangesModelTorque
 from dvrk_gravity.effects.cogging import Cogging, RippleHypothesis
 from dvrk_gravity.effects.contact import Contact, PushHypothesis, WallHypothesis, push_window
 from dvrk_gravity.effects.coulomb_friction import AllFrictionHypothesis, CoulombFriction
@@ -81,11 +81,18 @@ from dvrk_gravity.effects.rotor_inertia import RotorInertia
 from dvrk_gravity.effects.shown_torque import ShownTorque
 from dvrk_gravity.effects.stribeck_friction import StribeckFriction
 from dvrk_gravity.effects.thermal_drift import ThermalDrift
-from dvrk_gravity.effects.time_delay import DelayHypothesis, TimeDelay
+from dvrk_gravity.effects.time_delay import (
+    AbsorbedByModel,
+    DelayHypothesis,
+    OwnTangent,
+    RequiresParts,
+    TimeDelay,
+    TwoForms,
+)
 from dvrk_gravity.effects.time_scale import TimeScale
 from dvrk_gravity.effects.torque_offset import OffsetHypothesis, TorqueOffset
 from dvrk_gravity.effects.torque_scale import TorqueScale
-from dvrk_gravity.effects.unknown import Unknown, nameless
+from dvrk_gravity.effects.unknown import Unknown, unexplained_structure
 from dvrk_gravity.effects.velocity_scale import UNITS, VelocityScale
 from dvrk_gravity.effects.viscous_friction import ViscousFriction, ViscousHypothesis
 from dvrk_gravity.effects.wrong_coordinates import Reading, WrongCoordinates, readings
@@ -124,19 +131,22 @@ for _effect in (
 
 __all__ = [
     "ENTRY_POINTS",
-    "LEANS",
     "MAX_DEGREE",
+    "MAX_REMOVED",
+    "MAX_TILT",
     "MORE",
-    "MOST_LESS",
     "OF_WEIGHT",
-    "PART",
     "PER_LINK",
+    "PRIOR_FRACTION",
     "SLOWEST",
     "THE_ARM",
+    "THE_BASE",
     "UNITS",
+    "AbsorbedByModel",
     "AllFrictionHypothesis",
     "BaseTilt",
     "CableHypothesis",
+    "ChangesModelTorque",
     "Cogging",
     "Column",
     "ColumnTable",
@@ -159,6 +169,7 @@ __all__ = [
     "ModelChange",
     "Motion",
     "OffsetHypothesis",
+    "OwnTangent",
     "Payload",
     "PayloadHypothesis",
     "PlantPart",
@@ -167,15 +178,18 @@ __all__ = [
     "PushHypothesis",
     "Range",
     "Reading",
+    "RequiresParts",
     "Residual",
     "RippleHypothesis",
     "RotorInertia",
     "Setting",
     "ShownTorque",
+    "Site",
     "State",
     "StribeckFriction",
     "Term",
     "TorqueOffset",
+    "TwoForms",
     "Unknowns",
     "Values",
     "ViscousFriction",
@@ -184,12 +198,16 @@ __all__ = [
     "added",
     "as_array",
     "as_value",
+    "assumed_inertias",
+    "assumed_rotors",
     "base_directions",
     "beta_map",
     "compared_with",
     "diagonal_columns",
     "effects",
     "evaluate",
+    "from_other_packages",
+    "identifiable_links",
     "is_friction",
     "joint_array",
     "joint_of_link",
@@ -197,12 +215,9 @@ __all__ = [
     "last_link",
     "link_sizes",
     "links_of_joints",
-    "links_told_apart",
     "mean_slope_by_delay",
     "meanings",
     "named",
-    "nameless",
-    "of_others",
     "pose_functions",
     "prior_scale",
     "push_window",
@@ -213,9 +228,8 @@ __all__ = [
     "secant_damping",
     "size",
     "spread",
-    "supposed_inertias",
-    "supposed_rotors",
     "terms",
+    "unexplained_structure",
     "weight_directions",
     "write_rows",
 ]

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import by_joint, site
+from dvrk_gravity.effects.base import by_joint
 from dvrk_gravity.effects.base.arrays import as_value
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.effect import Hypothesis, Values, spread
 from dvrk_gravity.effects.base.evidence import Filtered, Motion, Residual
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
 from dvrk_gravity.effects.base.merging import position_offset
+from dvrk_gravity.effects.base.site import Site
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.parameters import Parameter, Value
@@ -138,7 +139,7 @@ class Cogging(Term):
                 power += (target @ wave) ** 2 / np.maximum(scale @ wave**2, 1e-30)
             cycles = float(waves.grid[np.argmax(power)])
             yield RippleHypothesis(
-                arm=residual.data.motion.arm, site=site.motor(waves.motor), joints=(waves.motor,),
+                arm=residual.data.motion.arm, site=Site.motor(waves.motor), joints=(waves.motor,),
                 setting={"cycles_per_revolution": cycles},
             )  # fmt: skip
 
@@ -167,19 +168,19 @@ class RippleHypothesis(Hypothesis):
     CLAIM = "{where} has a ripple of {amplitude}, {cycles_per_revolution}"
 
     refine: tuple[str, ...] = ("cycles_per_revolution",)
-    searched: int = _FREQUENCIES
+    n_comparisons: int = _FREQUENCIES
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         row = self.site.row(self.arm)
-        angle = setting["cycles_per_revolution"] * (motion.q @ row)
+        angle = self.setting["cycles_per_revolution"] * (motion.q @ row)
         return spread(row, np.cos(angle), np.sin(angle))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         return {
             "amplitude": float(np.hypot(*theta)),
-            "cycles_per_revolution": setting["cycles_per_revolution"],
+            "cycles_per_revolution": self.setting["cycles_per_revolution"],
             "phase": float(np.arctan2(-theta[1], theta[0])),
         }
 
@@ -192,7 +193,7 @@ class RippleHypothesis(Hypothesis):
         """See :meth:`Hypothesis.merge`: a ripple more; an encoder's zero shifts its phase."""
         del motion
         motor = self.site.index
-        ripple = self.describe(theta, self.setting)
+        ripple = self.parameters(theta)
         # The motor's angle is read off as far as the joints' are.
         angle = self.site.row(self.arm) @ position_offset(self.arm, values)
         ripple["phase"] += ripple["cycles_per_revolution"] * float(angle)

@@ -10,12 +10,12 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.arrays import as_array, as_value, joint_arrays
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.effect import Hypothesis, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion, Residual
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
 from dvrk_gravity.effects.base.merging import array, position_offset
+from dvrk_gravity.effects.base.site import Site
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
@@ -104,7 +104,7 @@ class Contact(Term):
                 for side, edge in ((1.0, percentile), (-1.0, 100.0 - percentile)):
                     position = float(np.percentile(motion.q[:, joint], edge))
                     yield WallHypothesis(
-                        arm=motion.arm, site=site.joint(joint), joints=(joint,),
+                        arm=motion.arm, site=Site.joint(joint), joints=(joint,),
                         form="above a position" if side > 0.0 else "below a position",
                         side=side, setting={"position": position},
                     )  # fmt: skip
@@ -122,7 +122,7 @@ class Contact(Term):
             if begin <= time.min() + _BIN:
                 begin = float(motion.time[0])
             yield PushHypothesis(
-                arm=motion.arm, site=site.joint(joint), joints=(joint,),
+                arm=motion.arm, site=Site.joint(joint), joints=(joint,),
                 setting={"start": begin, "end": end},
             )  # fmt: skip
 
@@ -144,18 +144,18 @@ class PushHypothesis(Hypothesis):
     refine: tuple[str, ...] = ("start", "end")
     edges: tuple[str, ...] = ("start", "end")
     variable: str = "time"
-    searched: int = _WINDOWS
-    of_state: bool = False
+    n_comparisons: int = _WINDOWS
+    extrapolates: bool = False
     transient: bool = True
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        inside = (motion.time >= setting["start"]) & (motion.time < setting["end"])
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
+        inside = (motion.time >= self.setting["start"]) & (motion.time < self.setting["end"])
         return spread(self.site.row(self.arm), inside.astype(float))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        return {"torque": float(theta[0]), **setting}
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
+        return {"torque": float(theta[0]), **self.setting}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -170,17 +170,17 @@ class WallHypothesis(Hypothesis):
 
     side: float
     refine: tuple[str, ...] = ("position",)
-    searched: int = len(_PERCENTILES)
-    of_state: bool = False
+    n_comparisons: int = len(_PERCENTILES)
+    extrapolates: bool = False
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        depth = self.side * (motion.q[:, self.site.index] - setting["position"])
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
+        depth = self.side * (motion.q[:, self.site.index] - self.setting["position"])
         return spread(self.site.row(self.arm), np.maximum(depth, 0.0))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        return {"stiffness": float(self.side * theta[0]), **setting}
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
+        return {"stiffness": float(self.side * theta[0]), **self.setting}
 
     def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
         """See :meth:`Hypothesis.search_range`."""
@@ -194,7 +194,7 @@ class WallHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """See :meth:`Hypothesis.merge`; a joint has one wall on either side."""
         del motion
-        joint, wall = self.site.index, self.describe(theta, self.setting)
+        joint, wall = self.site.index, self.parameters(theta)
         name = f"{self.effect}.{self._above}"
         stiffness, position = (array(self.arm, values, n) for n in (name, f"{name}_position"))
         if stiffness[joint]:
@@ -211,7 +211,7 @@ class WallHypothesis(Hypothesis):
         way = "back" if stiffness.value > 0.0 else "onwards"
         return (
             f"something outside pushes {self.names[0]} {way} {self._above} "
-            f"{self._told(parameters)['position']}, with {stiffness.magnitude.shown}"
+            f"{self._in_words(parameters)['position']}, with {stiffness.magnitude.shown}"
         )
 
     def remedy(self, carried: bool) -> str:

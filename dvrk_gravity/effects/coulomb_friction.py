@@ -11,7 +11,6 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.all_friction import FACTOR, AllFriction
 from dvrk_gravity.effects.base.arrays import (
     as_array,
@@ -20,7 +19,7 @@ from dvrk_gravity.effects.base.arrays import (
     joint_arrays,
     motor_columns,
 )
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.effect import Hypothesis, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import (
     friction_site_kinds,
@@ -34,12 +33,12 @@ from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings,
 from dvrk_gravity.effects.base.merging import array
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.polynomial import Range
-from dvrk_gravity.effects.base.site import Kind
+from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.supposed import SUPPOSED
 from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Unknowns
 from dvrk_gravity.effects.base.unknowns import (
-    PART,
+    PRIOR_FRACTION,
     ColumnTable,
     ModelChange,
     effort_of_motor,
@@ -233,7 +232,7 @@ class CoulombFriction(LinearTerm):
             column
             for kind in (Kind.JOINT, Kind.MOTOR)
             for column in site_columns(
-                cls.NAME, kind, PART * effort_of_motor(arm, kind), 0, True, "N·m"
+                cls.NAME, kind, PRIOR_FRACTION * effort_of_motor(arm, kind), 0, True, "N·m"
             )
         ]
         basis = np.kron(np.eye(2), np.tile(np.eye(arm.n), (2, 1)))
@@ -275,10 +274,10 @@ class CoulombFriction(LinearTerm):
                 )  # fmt: skip
         yield from AllFrictionHypothesis.of(motion)
 
-    def at(self, where: site.Site) -> float:
+    def at(self, where: Site) -> float:
         """Return the larger level at a site, N·m; at a joint its motor's is felt as well."""
         motor = max(self.motor_positive[where.index], self.motor_negative[where.index])
-        if where.kind is site.Kind.MOTOR:
+        if where.kind is Kind.MOTOR:
             return float(motor)
         joint = max(self.joint_positive[where.index], self.joint_negative[where.index])
         return float(joint + motor)
@@ -312,21 +311,20 @@ class CoulombHypothesis(Hypothesis):
     directed: bool = True
 
     @property
-    def freed(self) -> CoulombHypothesis | None:
-        """See :meth:`Hypothesis.freed`: a level for each direction."""
+    def unrestricted(self) -> CoulombHypothesis | None:
+        """See :meth:`Hypothesis.unrestricted`: a level for each direction."""
         return replace(self, one_level=False) if self.one_level else None
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         row = self.site.row(self.arm)
-        sign = motion.sign(row, setting.get("transition"))
+        sign = motion.sign(row, self.setting.get("transition"))
         if self.one_level:
             return spread(row, sign)
         return spread(row, np.maximum(sign, 0.0), np.minimum(sign, 0.0))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         return {"positive": float(theta[0]), "negative": float(theta[-1])}
 
     def plausible(self, theta: Array) -> bool:
@@ -342,7 +340,7 @@ class CoulombHypothesis(Hypothesis):
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""
-        where, told = self.site.words(self.arm), self._told(parameters)
+        where, told = self.site.words(self.arm), self._in_words(parameters)
         up, down = (parameters[name] for name in ("positive", "negative"))
         if up == down:
             return f"{where} has {told['positive']} Coulomb friction than {self.against}"
@@ -361,7 +359,7 @@ class AllFrictionHypothesis(AllFriction):
     EFFECT = CoulombFriction
 
 
-def with_coulomb(arm: Arm, values: Values, where: site.Site, levels: Array) -> dict[str, Any]:
+def with_coulomb(arm: Arm, values: Values, where: Site, levels: Array) -> dict[str, Any]:
     """Return a model's parameters with more Coulomb friction, up and down, none below zero."""
     prefix, index = f"{CoulombFriction.NAME}.{where.kind.value}", where.index
     up = array(arm, values, f"{prefix}_positive", f"{prefix}_negative")

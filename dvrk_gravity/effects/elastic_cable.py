@@ -10,18 +10,19 @@ from numpy.polynomial import Chebyshev, Polynomial
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import polynomial, site
+from dvrk_gravity.effects.base import polynomial
 from dvrk_gravity.effects.base.arrays import diagonal_columns
 from dvrk_gravity.effects.base.by_joint import write_rows
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.effect import Hypothesis, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.base.merging import position_offset
 from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import Evaluator, LinearTerm, Unknowns
 from dvrk_gravity.effects.base.unknowns import (
-    PART,
+    PRIOR_FRACTION,
     ColumnTable,
     ModelChange,
     effort_of_motor,
@@ -105,7 +106,7 @@ class ElasticCable(LinearTerm):
         for joint in np.flatnonzero(motion.moves).tolist():
             for degree in _DEGREES:
                 yield CableHypothesis(
-                    arm=motion.arm, site=site.joint(joint), joints=(joint,),
+                    arm=motion.arm, site=Site.joint(joint), joints=(joint,),
                     form=f"degree {degree}", degree=degree,
                     middle=float(middle[joint]), half=float(half[joint]),
                 )  # fmt: skip
@@ -158,11 +159,11 @@ class ElasticCable(LinearTerm):
     @classmethod
     def unknowns(cls, arm: Arm, valid: polynomial.Range) -> Unknowns:
         """See :meth:`LinearTerm.unknowns`: as Legendre polynomials over the range."""
-        scale = PART * effort_of_motor(arm, site.Kind.JOINT)
+        scale = PRIOR_FRACTION * effort_of_motor(arm, Kind.JOINT)
         columns = [
             column
             for power in range(DEGREE + 1)
-            for column in site_columns(cls.NAME, site.Kind.JOINT, scale, power, False, "")
+            for column in site_columns(cls.NAME, Kind.JOINT, scale, power, False, "")
         ]
         term = cls(arm, np.zeros((DEGREE + 1, arm.n)), valid)
         return Unknowns(term, tuple(columns), polynomial.legendre(valid, DEGREE))
@@ -196,12 +197,11 @@ class CableHypothesis(Hypothesis):
     middle: float
     half: float
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`.
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`.
 
         Chebyshev polynomials are the same space as powers, and well conditioned.
         """
-        del setting
         x = np.clip((motion.q[:, self.site.index] - self.middle) / self.half, -_REACH, _REACH)
         values = np.polynomial.chebyshev.chebvander(x, self.degree)
         return spread(self.site.row(self.arm), *values.T)
@@ -213,9 +213,8 @@ class CableHypothesis(Hypothesis):
         powers = self._polynomial(theta).convert(kind=Polynomial).coef
         return np.pad(powers, (0, self.degree + 1 - len(powers)))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         scaled = self._polynomial(theta)
         values = {f"k{i}": float(value) for i, value in enumerate(self._powers(theta))}
         values = {"stiffness": float(scaled.deriv()(self.middle))} | values
@@ -258,7 +257,7 @@ class CableHypothesis(Hypothesis):
         """See :meth:`Hypothesis.claim`."""
         if "lowest" not in parameters:
             return super().claim(parameters)
-        told = self._told(parameters)
+        told = self._in_words(parameters)
         return (
             f"an elastic torque beside {self.against}'s pulls at {self.names[0]}, between "
             f"{told['lowest']} and {told['highest']} over its way"

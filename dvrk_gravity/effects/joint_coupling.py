@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.site import Site
 
 _SMALL = 1e-3  # below: a slope serves in place of a secant
 
@@ -35,11 +35,11 @@ class JointCoupling(Effect):
                     continue
                 name = motion.arm.joint_names[source]
                 yield TorqueLeak(
-                    arm=motion.arm, site=site.joint(target), joints=(target, source),
+                    arm=motion.arm, site=Site.joint(target), joints=(target, source),
                     form=f"torque of {name} leaks",
                 )  # fmt: skip
                 yield MotionLeak(
-                    arm=motion.arm, site=site.joint(target), joints=(target, source),
+                    arm=motion.arm, site=Site.joint(target), joints=(target, source),
                     form=f"motion of {name} leaks", setting={"factor": 0.0},
                 )  # fmt: skip
 
@@ -54,9 +54,8 @@ class LeakHypothesis(Hypothesis):
     what: str
     read: str
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         return {"factor": float(theta[0])}
 
     @property
@@ -79,13 +78,12 @@ class LeakHypothesis(Hypothesis):
 class TorqueLeak(LeakHypothesis):
     """Part of another joint's torque is read."""
 
-    OF_ACTING = True
+    EFFORT_READING = True
     what: str = "torque"
     read: str = "effort"
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         target, source = self.joints
         torque = np.zeros((*motion.q.shape, 1))
         torque[:, target, 0] = motion.acting[:, source]
@@ -100,10 +98,10 @@ class MotionLeak(LeakHypothesis):
     read: str = "position"
     fixed_point: tuple[str, ...] = ("factor",)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         target, source = self.joints
-        step = setting["factor"]
+        step = self.setting["factor"]
         if abs(step) < _SMALL:
             return -(motion.slope[:, :, target] * motion.q[:, [source]])[:, :, None]
         there = motion.q.copy()

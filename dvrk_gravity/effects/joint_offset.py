@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, Values
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Values
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import mixed_motors
 from dvrk_gravity.effects.base.meaning import READS, Meaning, meanings
 from dvrk_gravity.effects.base.merging import position_offset
+from dvrk_gravity.effects.base.site import Kind, Site
 
 _SMALL = 1e-3  # rad: below, a slope serves in place of a secant
 
@@ -34,17 +34,17 @@ class JointOffset(Effect):
         None of what did not move: a constant torque at other joints is all that it would show.
         """
         arm, moves = motion.arm, motion.moves
-        sites = [site.joint(joint) for joint in np.flatnonzero(moves).tolist()]
+        sites = [Site.joint(joint) for joint in np.flatnonzero(moves).tolist()]
         if motion.present.all():
             sites += [
-                site.motor(motor)
+                Site.motor(motor)
                 for motor in mixed_motors(arm)
                 if moves[arm.actuator_to_joint[:, motor] != 0.0].any()
             ]
         for where in sites:
             yield ZeroHypothesis(
                 arm=arm, site=where, joints=(where.index,), setting={"offset": 0.0},
-                alignment=where.kind is site.Kind.JOINT,
+                alignment=where.kind is Kind.JOINT,
             )  # fmt: skip
 
 
@@ -61,21 +61,20 @@ class ZeroHypothesis(Hypothesis):
     @property
     def shift(self) -> Array:
         """(n,) what the joints' positions read too much per rad of it."""
-        if self.site.kind is site.Kind.MOTOR:
+        if self.site.kind is Kind.MOTOR:
             return self.arm.actuator_to_joint[:, self.site.index]
         return self.site.row(self.arm)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`; a secant at the last estimate serves large offsets."""
-        step = setting["offset"]
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`; a secant at the last estimate serves large offsets."""
+        step = self.setting["offset"]
         if abs(step) < _SMALL:
             return -(motion.slope @ self.shift)[:, :, None]
         there = motion.torque_at(motion.q - step * self.shift)
         return ((there - motion.modelled) / step)[:, :, None]
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         return {"offset": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:

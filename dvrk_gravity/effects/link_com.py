@@ -10,8 +10,7 @@ import numpy as np
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm, is_mtm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.link_prior import beta_map, prior_scale, weight_directions
 from dvrk_gravity.effects.base.links import (
@@ -23,6 +22,7 @@ from dvrk_gravity.effects.base.links import (
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, size
 from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.base.rigid_body import weight_regressor
+from dvrk_gravity.effects.base.site import THE_ARM, Site
 from dvrk_gravity.effects.gravity import link_beta, with_beta
 from dvrk_gravity.effects.link_inertia import with_inertia
 from dvrk_gravity.effects.link_weight import with_weight
@@ -61,26 +61,24 @@ class LinkCom(Effect):
             for axes in ((0,), (1,), (2,), (0, 1, 2)):
                 letters = "".join(AXES[axis] for axis in axes)
                 yield MomentHypothesis(
-                    arm=arm, site=site.link(link), joints=(joint,),
+                    arm=arm, site=Site.link(link), joints=(joint,),
                     form=f"{arm.body_names[link]} {letters}", axes=axes,
                 )  # fmt: skip
         if not is_mtm(arm):
             yield LinkWeightsHypothesis(
                 arm=arm,
-                site=site.THE_ARM,
+                site=THE_ARM,
                 form=_ALL,
                 directions=weight_directions(arm),
-                plausible_size=(1.0,) * weight_directions(arm).shape[1],
+                prior_std=(1.0,) * weight_directions(arm).shape[1],
             )
             return
         for entry, joint in enumerate(_BETA_JOINTS):
             yield BetaHypothesis(
-                arm=arm, site=site.link(links_of_joints(arm)[joint]), joints=(joint,),
+                arm=arm, site=Site.link(links_of_joints(arm)[joint]), joints=(joint,),
                 form=f"weight only, {gravity.BETA_NAMES[entry]}", entry=entry,
             )  # fmt: skip
-        yield AllWeightsHypothesis(
-            arm=arm, site=site.THE_ARM, form=_ALL, plausible_size=_plausible(arm)
-        )
+        yield AllWeightsHypothesis(arm=arm, site=THE_ARM, form=_ALL, prior_std=_plausible(arm))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -99,14 +97,12 @@ class MomentHypothesis(Hypothesis):
     def _directions(self) -> Array:
         return moment_directions(self.arm, self.site.index, self.axes)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         return motion.link_torque(self.site.index, self._directions)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         if len(self.axes) == 1:
             return {"delta_beta": float(theta[0])}
         return {f"delta_beta_{AXES[a]}": float(t) for a, t in zip(self.axes, theta, strict=True)}
@@ -119,7 +115,7 @@ class MomentHypothesis(Hypothesis):
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""
         along = ", ".join(
-            self.meaning(f"delta_beta_{AXES[axis]}").tell(estimate)
+            self.meaning(f"delta_beta_{AXES[axis]}").in_words(estimate)
             for axis, estimate in zip(self.axes, parameters.values(), strict=True)
         )
         link = self.site.words(self.arm)
@@ -141,15 +137,13 @@ class BetaHypothesis(Hypothesis):
 
     entry: int
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         regressor = gravity.regressor(motion.true_q, motion.gravity, len(_BETA_JOINTS))
         return regressor[:, :, [self.entry]]
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         return {"delta_beta": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
@@ -159,7 +153,7 @@ class BetaHypothesis(Hypothesis):
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""
-        name, told = gravity.BETA_NAMES[self.entry], self._told(parameters)["delta_beta"]
+        name, told = gravity.BETA_NAMES[self.entry], self._in_words(parameters)["delta_beta"]
         return f"{self.against}'s weight moment {name} of {self.site.words(self.arm)} is {told}"
 
 
@@ -170,16 +164,14 @@ class AllWeightsHypothesis(Hypothesis):
     EFFECT = LinkCom
     CLAIM = "the links' weights as a whole are others than {model}'s"
 
-    of_model: bool = True
+    refits_model: bool = True
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         return gravity.regressor(motion.true_q, motion.gravity, len(_BETA_JOINTS))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         names = gravity.BETA_NAMES
         return {f"delta_beta_{n}": float(v) for n, v in zip(names, theta, strict=False)}
 
@@ -206,16 +198,15 @@ class LinkWeightsHypothesis(Hypothesis):
     CLAIM = "the links' weights as a whole are others than {model}'s"
 
     directions: Array
-    of_model: bool = True
+    refits_model: bool = True
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         return weight_regressor(self.arm, motion.true_q, motion.gravity) @ self.directions
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`; its many coefficients mean nothing one by one."""
-        del theta, setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`; its many coefficients mean nothing one by one."""
+        del theta
         return {}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:

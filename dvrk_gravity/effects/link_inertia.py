@@ -9,9 +9,9 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import rigid_body, site
+from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.arrays import as_value
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting
+from dvrk_gravity.effects.base.effect import Hypothesis
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.link_prior import prior_scale
 from dvrk_gravity.effects.base.links import (
@@ -23,6 +23,7 @@ from dvrk_gravity.effects.base.links import (
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, meanings, size
 from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.site import THE_ARM, Site
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import LinearTerm
 from dvrk_gravity.errors import ShapeError
@@ -112,12 +113,12 @@ class LinkInertia(LinearTerm):
             link = links_of_joints(motion.arm)[joint]
             for form, isotropic in (("isotropic", True), ("principal", False)):
                 yield InertiaHypothesis(
-                    arm=motion.arm, site=site.link(link), joints=(joint,),
+                    arm=motion.arm, site=Site.link(link), joints=(joint,),
                     form=f"{motion.arm.body_names[link]} {form}", isotropic=isotropic,
                 )  # fmt: skip
         yield AllInertiaHypothesis(
-            arm=motion.arm, site=site.THE_ARM, form="inertia of all links",
-            plausible_size=tuple(prior_scale(motion.arm)[motion.inertial].tolist()),
+            arm=motion.arm, site=THE_ARM, form="inertia of all links",
+            prior_std=tuple(prior_scale(motion.arm)[motion.inertial].tolist()),
         )  # fmt: skip
 
     def plant(self) -> PlantPart:
@@ -157,14 +158,12 @@ class InertiaHypothesis(Hypothesis):
     def _directions(self) -> Array:
         return inertia_directions(self.arm, self.site.index, self.isotropic)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         return motion.link_torque(self.site.index, self._directions)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         if self.isotropic:
             return {"inertia": float(theta[0])}
         return {f"inertia_{a}{a}": float(t) for a, t in zip(AXES, theta, strict=True)}
@@ -176,7 +175,7 @@ class InertiaHypothesis(Hypothesis):
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""
-        told, joint = self._told(parameters), self.names[0]
+        told, joint = self._in_words(parameters), self.names[0]
         if self.isotropic:
             return f"the link of {joint} has {told['inertia']} inertia than {self.against}'s"
         about = ", ".join(f"{value} about {name[-1]}" for name, value in told.items())
@@ -194,16 +193,15 @@ class AllInertiaHypothesis(Hypothesis):
     CLAIM = "the links' inertias as a whole are others than {model}'s"
 
     variable: str = "acceleration"
-    of_model: bool = True
+    refits_model: bool = True
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         return motion.inertial_torque(motion.inertial)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del theta, setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
+        del theta
         return {}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:

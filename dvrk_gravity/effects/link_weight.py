@@ -17,7 +17,7 @@ from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.rigid_body import OF_WEIGHT, weight_regressor
 from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.supposed import supposed_inertias
+from dvrk_gravity.effects.base.supposed import assumed_inertias
 from dvrk_gravity.effects.base.term import Evaluator, LinearTerm
 from dvrk_gravity.effects.base.weight import gravity_parameters, weight_evaluator
 from dvrk_gravity.errors import ShapeError
@@ -81,7 +81,7 @@ class LinkWeight(LinearTerm):
         """See :meth:`Term.nominal`: the weight of the bodies that are supposed."""
         if is_mtm(arm):
             return None
-        supposed, nothing = supposed_inertias(arm), pin.Inertia.Zero()
+        supposed, nothing = assumed_inertias(arm), pin.Inertia.Zero()
         rows = [
             body.frame.act(supposed.get(body.name, nothing)).toDynamicParameters()[:OF_WEIGHT]
             for body in arm.bodies

@@ -11,20 +11,21 @@ import pinocchio as pin
 
 from dvrk_gravity.arms import GRAVITY, Arm, Tree, build_tree
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import rigid_body, site
+from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.arrays import as_value
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.links import (
     AXES,
+    identifiable_links,
     joint_of_link,
     last_link,
-    links_told_apart,
     mass_directions,
 )
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
 from dvrk_gravity.effects.base.merging import Values
 from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.site import Site
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import Evaluator, Term
 from dvrk_gravity.effects.base.weight import weight_evaluator
@@ -85,9 +86,9 @@ class Payload(Term):
     weighs: bool = True
 
     @classmethod
-    def in_short(cls, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Effect.in_short`: mass, and centre of mass as far as that is known."""
-        return f"mass {cls.meaning('mass').tell(parameters['mass'])}{_centre(parameters)}"
+    def summary(cls, parameters: Mapping[str, Estimate]) -> str:
+        """See :meth:`Effect.summary`: mass, and centre of mass as far as that is known."""
+        return f"mass {cls.meaning('mass').in_words(parameters['mass'])}{_centre(parameters)}"
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
@@ -181,9 +182,9 @@ class Payload(Term):
         """See :meth:`Effect.hypotheses`."""
         if not motion.present.all():
             return
-        for link in links_told_apart(motion.arm):
+        for link in identifiable_links(motion.arm):
             yield PayloadHypothesis(
-                arm=motion.arm, site=site.link(link), joints=(joint_of_link(motion.arm, link),),
+                arm=motion.arm, site=Site.link(link), joints=(joint_of_link(motion.arm, link),),
                 form=motion.arm.body_names[link], setting=dict.fromkeys(AXES, 0.0),
             )  # fmt: skip
 
@@ -204,25 +205,24 @@ class PayloadHypothesis(Hypothesis):
     CLAIM = "{where} carries {mass} that {model} does not know"
 
     fixed_point: tuple[str, ...] = AXES
-    far_from_start: bool = True  # a link may turn about its frame's origin, where a mass is nothing
+    refine_first: bool = True  # a link may turn about its frame's origin, where a mass is nothing
 
     def _directions(self, setting: Setting) -> Array:
         com = np.array([setting[axis] for axis in AXES])
         return mass_directions(self.arm, self.site.index, com)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        return motion.link_torque(self.site.index, self._directions(setting))
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
+        return motion.link_torque(self.site.index, self._directions(self.setting))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         mass = float(theta[0])
         moments = {f"first_moment_{a}": float(m) for a, m in zip(AXES, theta[1:], strict=True)}
         # Of a mass that is not known yet (about the axis it turns about, say) the moment still
         # tells which way it is: the search comes in from afar.
         com = theta[1:] / max(abs(mass), _LEAST)
-        if self.beside_reference and mass < 0.0:
+        if self.against_reference and mass < 0.0:
             com = -com
         com *= min(1.0, _FARTHEST / max(float(np.linalg.norm(com)), _LEAST))
         return {"mass": mass, **moments} | {a: float(p) for a, p in zip(AXES, com, strict=True)}
@@ -239,11 +239,11 @@ class PayloadHypothesis(Hypothesis):
     def remedy(self, carried: bool) -> str:
         """See :meth:`Hypothesis.remedy`."""
         same = "let the link carry what it did, or go by this if it is meant to"
-        return same if self.beside_reference else super().remedy(carried)
+        return same if self.against_reference else super().remedy(carried)
 
     def plausible(self, theta: Array) -> bool:
         """See :meth:`Hypothesis.plausible`: beside a reference it may have been taken off."""
-        taken_off = self.beside_reference and theta[0] < 0.0
+        taken_off = self.against_reference and theta[0] < 0.0
         light = bool(abs(theta[0]) <= heaviest(self.arm))
         return light and super().plausible(-theta if taken_off else theta)
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.arrays import as_value, diagonal_columns, motor_columns
 from dvrk_gravity.effects.base.by_joint import numbers, read_rows, write_rows
 from dvrk_gravity.effects.base.dahl import Elements, build_up, dahl
@@ -24,10 +23,11 @@ from dvrk_gravity.effects.base.friction_sites import (
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, Meaning, meanings, size
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.polynomial import Range
+from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.unknowns import (
-    PART,
+    PRIOR_FRACTION,
     Column,
     ColumnTable,
     ModelChange,
@@ -181,9 +181,9 @@ class PreslidingHysteresis(LinearTerm):
         columns = [
             column
             for element in range(len(DISPLACEMENTS))
-            for kind in (site.Kind.JOINT, site.Kind.MOTOR)
+            for kind in (Kind.JOINT, Kind.MOTOR)
             for column in site_columns(
-                cls.NAME, kind, PART * effort_of_motor(arm, kind), element, True, "N·m"
+                cls.NAME, kind, PRIOR_FRACTION * effort_of_motor(arm, kind), element, True, "N·m"
             )
         ]
         return Unknowns(cls(arm, np.array(DISPLACEMENTS), nothing, nothing), tuple(columns))
@@ -278,27 +278,27 @@ class PreslidingHypothesis(Hypothesis):
     shortest: float
     known: float | None = None
     refine: tuple[str, ...] = ("length",)
-    searched: int = len(_LENGTHS)
+    n_comparisons: int = len(_LENGTHS)
     directed: bool = True
-    of_state: bool = False
+    extrapolates: bool = False
 
     def _length(self, setting: Setting) -> float:
         return max(setting["length"], self.shortest)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`; elements are relaxed at the beginning of every part."""
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`; elements are relaxed at the beginning of every part."""
         row = self.site.row(self.arm)
         position = motion.q @ row
         state = np.zeros(len(position))
         for part in motion.parts:
-            state[part] = dahl(position[part], self._length(setting), 0.0)
+            state[part] = dahl(position[part], self._length(self.setting), 0.0)
         if self.known is None:
             return spread(row, state)
         return spread(row, state, motion.sign(row))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        values = {"level": float(theta[0]), "length": self._length(setting)}
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
+        values = {"level": float(theta[0]), "length": self._length(self.setting)}
         return values | ({} if self.known is None else {"coulomb": float(theta[1])})
 
     def plausible(self, theta: Array) -> bool:
@@ -328,7 +328,7 @@ class PreslidingHypothesis(Hypothesis):
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""
-        told = self._told(parameters)
+        told = self._in_words(parameters)
         beside = f", beside {told['coulomb']} Coulomb friction" if "coulomb" in told else ""
         return (
             f"friction of {self.site.words(self.arm)} builds up to {told['level']} over "
@@ -336,7 +336,7 @@ class PreslidingHypothesis(Hypothesis):
         )
 
 
-def _known_coulomb(motion: Motion, where: site.Site) -> float:
+def _known_coulomb(motion: Motion, where: Site) -> float:
     """Return the model's Coulomb friction at a site, a joint's with its motor's, N·m."""
     term = motion.model.term(CoulombFriction.NAME)
     return term.at(where) if isinstance(term, CoulombFriction) else 0.0

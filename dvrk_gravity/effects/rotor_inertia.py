@@ -9,16 +9,15 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.arrays import as_array, as_value, joint_array, motor_columns
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.effect import Hypothesis, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.link_prior import rotors_beside_links
 from dvrk_gravity.effects.base.meaning import MORE, meanings, size
 from dvrk_gravity.effects.base.merging import added, array
 from dvrk_gravity.effects.base.plant_part import PlantPart
 from dvrk_gravity.effects.base.polynomial import Range
-from dvrk_gravity.effects.base.site import Kind
+from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import LinearTerm, Unknowns
 from dvrk_gravity.effects.base.unknowns import ColumnTable, ModelChange, site_columns, unit_way
@@ -109,7 +108,7 @@ class RotorInertia(LinearTerm):
             if motion.moves[row != 0].any():
                 # An arm's own file has no rotor that there could be less of.
                 yield RotorHypothesis(
-                    arm=motion.arm, site=site.motor(motor), joints=(motor,),
+                    arm=motion.arm, site=Site.motor(motor), joints=(motor,),
                     removable=0.0 if motion.model.of_file else np.inf,
                 )  # fmt: skip
 
@@ -136,15 +135,13 @@ class RotorHypothesis(Hypothesis):
 
     variable: str = "acceleration"
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         row = self.site.row(self.arm)
         return spread(row, motion.qdd @ row)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         return {"inertia": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:

@@ -17,7 +17,7 @@ from dvrk_gravity.effects.base.arrays import (
     joint_arrays,
     motor_columns,
 )
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.effect import Hypothesis, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import friction_sites
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
@@ -188,17 +188,17 @@ class StribeckHypothesis(Hypothesis):
 
     refine: tuple[str, ...] = ("velocity",)
     variable: str = "velocity"
-    searched: int = len(_SPEEDS)
+    n_comparisons: int = len(_SPEEDS)
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         row = self.site.row(self.arm)
-        ratio = (motion.qd @ row) / setting["velocity"]
+        ratio = (motion.qd @ row) / self.setting["velocity"]
         return spread(row, motion.sign(row) * np.exp(-(ratio**2)))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        return {"level": float(theta[0]), "velocity": setting["velocity"]}
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
+        return {"level": float(theta[0]), "velocity": self.setting["velocity"]}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         """See :meth:`Hypothesis.merge`; a joint has one velocity."""

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.late import mean_slope_by_delay, shifted, smoothed
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.site import THE_ARM
 
 _SMALL = 1e-3  # s: below, a slope serves in place of a secant
 _FIRST = 0.01  # s, first guess
@@ -32,16 +33,49 @@ class TimeDelay(Effect):
         """See :meth:`Effect.hypotheses`."""
         if motion.static:
             return
-        yield DelayHypothesis(arm=motion.arm, site=site.THE_ARM, setting={"delay": 0.0})
+        yield DelayHypothesis(arm=motion.arm, site=THE_ARM, setting={"delay": 0.0})
         # Sharp where joints turn back, or hardly moved by the noise of a model's accelerations.
         if motion.reference is None:
             yield DelayHypothesis(
-                arm=motion.arm, site=site.THE_ARM, setting={"delay": 0.0}, over_a_while=True
+                arm=motion.arm, site=THE_ARM, setting={"delay": 0.0}, over_a_while=True
             )
 
 
+class TwoForms(ABC):
+    """A hypothesis whose regressor has a second form; the likelier of both is taken."""
+
+    @property
+    @abstractmethod
+    def alternative_form(self) -> Hypothesis | None:
+        """The same claim with columns of the other form; ``None``: not in this comparison."""
+
+
+class RequiresParts(ABC):
+    """A hypothesis of one parameter whose torque has parts, of which the first must be present."""
+
+    @abstractmethod
+    def required_parts(self, motion: Motion) -> tuple[Hypothesis, ...]:
+        """Return the parts, the required one first; empty: it is judged as a whole."""
+
+
+class AbsorbedByModel(ABC):
+    """A hypothesis that an identified model may have absorbed, unseen, into its own parameters."""
+
+    @abstractmethod
+    def absorbed_variance(self, motion: Motion) -> float:
+        """Return the variance of each parameter about zero at the model's calibration."""
+
+
+class OwnTangent(ABC):
+    """A hypothesis that knows the derivative of its torque better than finite differences do."""
+
+    @abstractmethod
+    def tangent(self, motion: Motion) -> Array | None:
+        """Return (N, n, k) d tau / d theta at its setting; ``None``: use finite differences."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
-class DelayHypothesis(Hypothesis):
+class DelayHypothesis(TwoForms, RequiresParts, AbsorbedByModel, OwnTangent, Hypothesis):
     """Efforts are late against positions; to be put right where they are stamped.
 
     Attributes:
@@ -50,8 +84,8 @@ class DelayHypothesis(Hypothesis):
     """
 
     EFFECT = TimeDelay
-    OF_ACTING = True
-    ERRORS_ADD = True
+    EFFORT_READING = True
+    COHERENT_ERRORS = True
     CLAIM = "efforts and positions are stamped apart, efforts {delay}"
 
     of_friction: bool | None = None
@@ -59,20 +93,20 @@ class DelayHypothesis(Hypothesis):
     form: str = "effort"
     fixed_point: tuple[str, ...] = ("delay",)
     variable: str = "time"
-    of_state: bool = False
+    extrapolates: bool = False
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`.
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`.
 
         Of the model's torques: the measured ones hold noise that the residual holds, too, and a
         shift of them would explain it. Beside a reference, of both, the mean of what the reference
         becomes later and of what the efforts were before: then noise of the columns is none of what
         they leave.
         """
-        step = setting["delay"] if abs(setting["delay"]) > _SMALL else _FIRST
+        step = self.setting["delay"] if abs(self.setting["delay"]) > _SMALL else _FIRST
         if motion.reference is not None:
             if self.over_a_while:
-                return mean_slope_by_delay(motion, setting["delay"])[:, :, None]
+                return mean_slope_by_delay(motion, self.setting["delay"])[:, :, None]
             was = shifted(motion, motion.effort, -step)
             becomes = shifted(motion, motion.reference, step)
             return (0.5 * (motion.effort - was + becomes - motion.reference) / step)[:, :, None]
@@ -84,12 +118,12 @@ class DelayHypothesis(Hypothesis):
         return ((shifted(motion, acting, step) - acting) / step)[:, :, None]
 
     @property
-    def other_form(self) -> Hypothesis | None:
-        """See :meth:`Hypothesis.other_form`."""
-        return None if self.beside_reference else replace(self, over_a_while=not self.over_a_while)
+    def alternative_form(self) -> Hypothesis | None:
+        """See :meth:`TwoForms.alternative_form`."""
+        return None if self.against_reference else replace(self, over_a_while=not self.over_a_while)
 
-    def slope(self, motion: Motion) -> Array | None:
-        """See :meth:`Hypothesis.slope`.
+    def tangent(self, motion: Motion) -> Array | None:
+        """See :meth:`OwnTangent.tangent`.
 
         A column with noise of its own would make the delay seem surer than it is.
         """
@@ -97,32 +131,31 @@ class DelayHypothesis(Hypothesis):
             return None
         return mean_slope_by_delay(motion, self.setting["delay"])[:, :, None]
 
-    def must_show(self, motion: Motion) -> tuple[Hypothesis, ...]:
-        """See :meth:`Hypothesis.must_show`.
+    def required_parts(self, motion: Motion) -> tuple[Hypothesis, ...]:
+        """See :meth:`RequiresParts.required_parts`.
 
         Friction that comes on over a way is late, too, where a joint turns back; but then weight
         and inertia are not. Beside a reference noise must not be what is late.
         """
-        if self.beside_reference:
+        if self.against_reference:
             return (replace(self, over_a_while=True),)
         if not any(term.FRICTION for term in motion.model.terms):
             return ()
         return replace(self, of_friction=False), replace(self, of_friction=True)
 
-    def taken_in(self, motion: Motion) -> float:
-        """See :meth:`Hypothesis.taken_in`, s^2: it looks like damping and mass.
+    def absorbed_variance(self, motion: Motion) -> float:
+        """See :meth:`AbsorbedByModel.absorbed_variance`, s^2: it looks like damping and mass.
 
         Of its calibration anything up to a sample, early or late, is usual and nobody sees it:
         uniform. Of a reference half of that is: clocks of positions and efforts run freely.
         """
         model = motion.model
         interval = float(np.median(np.diff(motion.time))) / motion.thinned
-        if self.beside_reference:
+        if self.against_reference:
             return interval**2 / 12.0
         identified = model.uncertainty is not None and not model.of_file
         return interval**2 / 3.0 if identified else 0.0
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         return {"delay": float(theta[0])}

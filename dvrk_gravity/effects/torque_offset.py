@@ -9,13 +9,13 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.arrays import as_array, as_value, diagonal_columns, joint_array
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.effect import Hypothesis, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import READS, meanings, size
 from dvrk_gravity.effects.base.merging import added
 from dvrk_gravity.effects.base.plant_part import PlantPart
+from dvrk_gravity.effects.base.site import Site
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import LinearTerm
 from dvrk_gravity.parameters import Parameter, Value
@@ -77,7 +77,7 @@ class TorqueOffset(LinearTerm):
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """See :meth:`Effect.hypotheses`."""
         for joint in np.flatnonzero(motion.present).tolist():
-            yield OffsetHypothesis(arm=motion.arm, site=site.joint(joint), joints=(joint,))
+            yield OffsetHypothesis(arm=motion.arm, site=Site.joint(joint), joints=(joint,))
 
     def regressor(self, state: State) -> Array:
         """See :meth:`LinearTerm.regressor`."""
@@ -91,14 +91,12 @@ class OffsetHypothesis(Hypothesis):
     EFFECT = TorqueOffset
     CLAIM = "the effort of {where} reads {offset}, always"
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         return spread(self.site.row(self.arm), np.ones(len(motion.q)))
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         return {"offset": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:

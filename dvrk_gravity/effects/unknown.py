@@ -10,10 +10,10 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, spread
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.site import Site
 
 Basis = Callable[[Motion], Array]
 
@@ -34,12 +34,12 @@ class Unknown(Effect):
 
     NAME = "unknown"
     REMEDY = "record a motion that moves the joint alone, at several speeds, and diagnose that"
-    NAMELESS = True
+    UNEXPLAINED = True
     MEANINGS = meanings(rms=Meaning("N·m", label="RMS"))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class NamelessHypothesis(Hypothesis):
+class UnexplainedHypothesis(Hypothesis):
     """A joint's torque is a smooth function of something, which :attr:`form` names.
 
     Attributes:
@@ -56,16 +56,14 @@ class NamelessHypothesis(Hypothesis):
     basis: Basis
     what: str
     of: int | None = None
-    of_state: bool = False
+    extrapolates: bool = False
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         return spread(self.site.row(self.arm), *self.basis(motion).T)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         return {"rms": float(np.sqrt(np.mean(theta**2)))}
 
     def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
@@ -87,7 +85,7 @@ class NamelessHypothesis(Hypothesis):
         return self.of
 
 
-def nameless(motion: Motion, joints: Sequence[int]) -> Iterator[NamelessHypothesis]:
+def unexplained_structure(motion: Motion, joints: Sequence[int]) -> Iterator[UnexplainedHypothesis]:
     """Yield smooth functions of every variable on some joints, over the range of a motion."""
     arm, moving = motion.arm, np.flatnonzero(motion.moves).tolist()
     kinds = ("position",) if motion.static else tuple(_VARIABLES)
@@ -123,9 +121,9 @@ def _smooth(
     variable: str,
     basis: Basis,
     of: int | None = None,
-) -> NamelessHypothesis:
-    return NamelessHypothesis(
-        arm=arm, site=site.joint(joint), joints=(joint,), form=form, what=what,
+) -> UnexplainedHypothesis:
+    return UnexplainedHypothesis(
+        arm=arm, site=Site.joint(joint), joints=(joint,), form=form, what=what,
         variable=variable, basis=basis, of=of, transient=basis is _of_time,
     )  # fmt: skip
 
@@ -140,7 +138,7 @@ def _of_time(motion: Motion) -> Array:
 
 
 def _by_direction(motion: Motion, joint: int, other: int, over: tuple[float, float]) -> Array:
-    direction = motion.sign(site.joint(joint).row(motion.arm))
+    direction = motion.sign(Site.joint(joint).row(motion.arm))
     return direction[:, None] * _hats(motion.q[:, other], _BY_DIRECTION, over)
 
 

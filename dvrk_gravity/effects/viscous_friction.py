@@ -17,7 +17,7 @@ from dvrk_gravity.effects.base.arrays import (
     joint_arrays,
     motor_columns,
 )
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, spread
+from dvrk_gravity.effects.base.effect import Hypothesis, Values, spread
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.friction_sites import (
     friction_site_kinds,
@@ -36,7 +36,7 @@ from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.supposed import SUPPOSED
 from dvrk_gravity.effects.base.term import Evaluator, Friction
 from dvrk_gravity.effects.base.unknowns import (
-    PART,
+    PRIOR_FRACTION,
     ColumnTable,
     ModelChange,
     effort_of_motor,
@@ -107,7 +107,7 @@ class ViscousFriction(Friction):
     def plausible(cls, arm: Arm, valid: Range) -> ViscousFriction:
         """See :meth:`LinearTerm.plausible`: at one radian a second."""
         joint, motor = (
-            PART * effort_of_motor(arm, kind) / unit_way(arm, kind)
+            PRIOR_FRACTION * effort_of_motor(arm, kind) / unit_way(arm, kind)
             for kind in (Kind.JOINT, Kind.MOTOR)
         )
         return cls(arm, joint, motor)
@@ -174,15 +174,13 @@ class ViscousHypothesis(Hypothesis):
 
     variable: str = "velocity"
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         row = self.site.row(self.arm)
         return spread(row, motion.qd @ row)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         return {"coefficient": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:

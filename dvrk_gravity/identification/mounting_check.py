@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from dvrk_gravity.effects import LEANS
+from dvrk_gravity.effects import MAX_TILT
 from dvrk_gravity.identification.nominal_torque import NominalTorque
 
 # Where gravity points on floors, walls, ceilings, and half-way between two or three of them.
@@ -30,7 +30,7 @@ class MountingSettings:
             hundred.
     """
 
-    turned: float = LEANS
+    turned: float = MAX_TILT
     removed: float = 0.75
     usual: float = 0.17
     blocks: int = 10

@@ -13,10 +13,10 @@ from typing import Literal
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
-from dvrk_gravity.effects.base.effect import Hypothesis, Setting, Values, or_extended
+from dvrk_gravity.effects.base.effect import Hypothesis, Values, or_extended
 from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Estimate
+from dvrk_gravity.effects.base.site import THE_ARM
 from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import LinearTerm
 
@@ -40,7 +40,7 @@ class AllFriction(Hypothesis):
     titles: tuple[str, ...] = ()
     variable: str = "velocity"
     directed: bool = True
-    composite: bool = True
+    common_cause: bool = True
 
     @classmethod
     def of(cls, motion: Motion) -> Iterator[AllFriction]:
@@ -50,7 +50,7 @@ class AllFriction(Hypothesis):
             return
         terms = [term for term in motion.model.terms if term.FRICTION]
         whole = cls(
-            arm=motion.arm, site=site.THE_ARM, joints=tuple(rubs), form="all",
+            arm=motion.arm, site=THE_ARM, joints=tuple(rubs), form="all",
             kinds=tuple(term.NAME for term in terms),
             titles=tuple(term.title() for term in terms),
         )  # fmt: skip
@@ -59,13 +59,12 @@ class AllFriction(Hypothesis):
             yield replace(whole, divided="kinds", form="all, by kind")
 
     @property
-    def freed(self) -> AllFriction | None:
-        """See :meth:`Hypothesis.freed`: every kind at every joint."""
+    def unrestricted(self) -> AllFriction | None:
+        """See :meth:`Hypothesis.unrestricted`: every kind at every joint."""
         return None if self.divided == "joints" else replace(self, divided="joints", form="each")
 
-    def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`."""
-        del setting
+    def regressor(self, motion: Motion) -> Array:
+        """See :meth:`Hypothesis.regressor`."""
         if not self.divided:
             return motion.friction[:, :, None]
         state = State(motion.true_q, motion.qd, motion.qdd)
@@ -76,9 +75,8 @@ class AllFriction(Hypothesis):
         pieces = kinds[:, :, :, None] * np.eye(self.arm.n)[:, None, self.joints]
         return pieces.reshape(*kinds.shape[:2], -1)
 
-    def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
-        """See :meth:`Hypothesis.describe`."""
-        del setting
+    def parameters(self, theta: Array) -> dict[str, float]:
+        """See :meth:`Hypothesis.parameters`."""
         factors = (1.0 + theta).tolist()
         if not self.divided:
             return {FACTOR: factors[0]}
@@ -93,7 +91,7 @@ class AllFriction(Hypothesis):
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         """See :meth:`Hypothesis.claim`."""
-        told = self._told(parameters)
+        told = self._in_words(parameters)
         if not self.divided:
             return f"there is {told[FACTOR]} friction than in {self.against}"
         named = [(f"{kind}_{FACTOR}", t) for kind, t in zip(self.kinds, self.titles, strict=True)]

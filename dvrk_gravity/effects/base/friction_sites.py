@@ -9,21 +9,21 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.evidence import Motion
+from dvrk_gravity.effects.base.site import Site
 from dvrk_gravity.effects.base.unknowns import ColumnTable, ModelChange
 
 
-def friction_sites(motion: Motion) -> Iterator[site.Site]:
+def friction_sites(motion: Motion) -> Iterator[Site]:
     """Yield joints that move, and motors that move more than a joint of their own."""
     arm = motion.arm
     for joint, name in enumerate(arm.joint_names):
         seen = motion.moves[joint] or _both_ways(motion, joint)
         if seen and name not in arm.frictionless:
-            yield site.joint(joint)
+            yield Site.joint(joint)
     for motor in mixed_motors(arm):
         if motion.moves[arm.joint_to_actuator[motor] != 0.0].any() and motion.present.all():
-            yield site.motor(motor)
+            yield Site.motor(motor)
 
 
 @lru_cache(maxsize=8)
@@ -33,7 +33,7 @@ def mixed_motors(arm: Arm) -> tuple[int, ...]:
     return tuple(int(motor) for motor in np.flatnonzero(off > 1e-9))
 
 
-def removable(motion: Motion, where: site.Site, torque: Array) -> float:
+def removable(motion: Motion, where: Site, torque: Array) -> float:
     """Return how much friction of one kind takes the power that all of the model's takes there.
 
     Were there less by more than that, friction would drive the arm.

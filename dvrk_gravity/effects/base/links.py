@@ -57,7 +57,7 @@ def joint_of_link(arm: Arm, body: int) -> int:
 
 
 @lru_cache(maxsize=8)
-def links_told_apart(arm: Arm) -> tuple[int, ...]:
+def identifiable_links(arm: Arm) -> tuple[int, ...]:
     """Return the bodies that can be weighed, of those whose weights look alike only one.
 
     A joint's own link goes before those that follow it: of a parallelogram's sides that turn alike

@@ -35,6 +35,21 @@ class Site:
     kind: Kind
     index: int = 0
 
+    @classmethod
+    def joint(cls, index: int) -> Site:
+        """Return the site of a joint."""
+        return cls(Kind.JOINT, index)
+
+    @classmethod
+    def motor(cls, index: int) -> Site:
+        """Return the site of a motor."""
+        return cls(Kind.MOTOR, index)
+
+    @classmethod
+    def link(cls, index: int) -> Site:
+        """Return the site of the link that is a body of the arm."""
+        return cls(Kind.LINK, index)
+
     def row(self, arm: Arm) -> Array:
         """Return the (n,) row that takes joint velocities to the velocity of a joint or motor.
 
@@ -62,18 +77,3 @@ class Site:
 
 THE_ARM = Site(Kind.ARM)
 THE_BASE = Site(Kind.BASE)
-
-
-def joint(index: int) -> Site:
-    """Return the site of a joint."""
-    return Site(Kind.JOINT, index)
-
-
-def motor(index: int) -> Site:
-    """Return the site of a motor."""
-    return Site(Kind.MOTOR, index)
-
-
-def link(index: int) -> Site:
-    """Return the site of the link that is a body of the arm."""
-    return Site(Kind.LINK, index)

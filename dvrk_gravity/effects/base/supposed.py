@@ -34,7 +34,7 @@ class Supposed:
 SUPPOSED = Supposed()
 
 
-def supposed_inertias(arm: Arm) -> dict[str, pin.Inertia]:
+def assumed_inertias(arm: Arm) -> dict[str, pin.Inertia]:
     """Return inertias of an arm's bodies, in their link frames.
 
     The nominal ones of its file, if it brings some (a URDF); or spheres about the links' origins,
@@ -46,6 +46,6 @@ def supposed_inertias(arm: Arm) -> dict[str, pin.Inertia]:
     }
 
 
-def supposed_rotors(arm: Arm) -> Array:
+def assumed_rotors(arm: Arm) -> Array:
     """Return (n,) reflected inertia of rotors, kg·m^2 (kg)."""
     return SUPPOSED.rotor * arm.actuator_effort_limit / unit_way(arm, Kind.MOTOR)

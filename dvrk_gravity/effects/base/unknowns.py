@@ -13,7 +13,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.errors import EffectError
 
-PART = 0.2
+PRIOR_FRACTION = 0.2
 """What one effect may plausibly take of a motor's largest torque, as a standard deviation."""
 
 
