@@ -6,9 +6,9 @@ import sys
 from dataclasses import replace
 
 import pytest
+from test_finding_sentences import CLEAR, finding
 from test_identify import truth
 from test_report import fit_of
-from test_wording import CLEAR, finding
 
 from dvrk_gravity import command_line
 from dvrk_gravity.arms import JOINT_NAMES, Arm

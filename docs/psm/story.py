@@ -1,4 +1,4 @@
-"""Identify a real PSM and weigh what hangs on it, and write docs/psm.md from it.
+"""Identify a real PSM, find the mass of a weight on it, and write docs/psm.md from that.
 
     python docs/psm/story.py
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import sys
+import textwrap
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -37,32 +38,34 @@ AS_READ = "--coordinates actuator"
 # the authors of WPI-AIM/dvrk_dynamics_identification.
 PUBLISHED = (0.093, 0.178, 0.191, 0.134, 0.239, 0.213, 0.264)
 MASS, ALONG, BESIDE = 0.105, 0.535, 0.024  # kg, m: the weight, by scales and tape
+WIDTH = 118  # of a line of prose
 INSTRUMENT = slice(3, 7)  # motors of roll and wrist
-HEAD = """# A PSM, from recording to weighed tool
+HEAD = """# A PSM: from a recording to the mass of a tool
 
-`make story` writes this page and its pictures anew from measurements of a real PSM (Classic), which
-are not in the repository (`DVRK_GRAVITY_DATA` names their folder).
+`make story` writes this page and its pictures from measurements of a real PSM (Classic), which
+are not in the repository (`DVRK_GRAVITY_DATA` names their folder). Quoted blocks are output of
+the program.
 
 ## 1. The arm as data
 
-`config/arms/psm.yaml` is all that the package knows of a PSM; `--arm psm` reads it.
+`config/arms/psm.yaml` holds all that the package knows of a PSM; `--arm psm` reads it.
 
 ![The mechanism at two pitches](psm/mechanism.png)
 
-- *Nothing turns about the remote centre*: the chain has its pitch joint there all the same, for the
-  loops of the parallelogram make link 2 (the front, with the rail on it) move exactly so. What does
-  that are `followers`: `back`, which the pitch motor turns; `middle`; the two bars, which keep
-  their direction; the counterweight, which runs against the insertion. That this is the same is
-  tested against MuJoCo, which has the mechanism's pins as equality constraints and no remote centre
-  (`test/test_psm_arm.py`).
-- *The jaws* turn by `wrist_yaw - jaw / 2` and `wrist_yaw + jaw / 2`: link 6 `follows` jaw.
-- *The wrist's motors* each pull several joints: `actuator_to_joint`. Recordings are often in motor
-  coordinates (`--coordinates actuator`; left out, `diagnose` tells that first, or takes
-  what fits a reference better, and reads them rightly); friction is looked for at joints and at
-  motors.
-- *What cannot be told*: `back`, `middle` and link 2 turn alike about parallel axes. Torque tells
-  neither their masses nor on which of them a load is; it is told as link 2's, in link 2's frame,
-  whose origin is the remote centre and whose y axis goes up along the insertion.
+- *Remote centre.* No physical pitch axis passes through it. The chain has its pitch joint there
+  all the same, since the parallelogram's loops move link 2 (the front, with the rail on it)
+  exactly as if it turned there. The other parts are `followers`: `back`, which the pitch motor
+  turns; `middle`; the two bars, which keep their direction; the counterweight, which moves
+  against the insertion. A test compares this with MuJoCo, which has the mechanism's pins as
+  equality constraints and no remote centre (`test/test_psm_arm.py`).
+- *Jaws.* They rotate by `wrist_yaw - jaw / 2` and `wrist_yaw + jaw / 2`: link 6 `follows` jaw.
+- *Wrist motors.* Each drives several joints (`actuator_to_joint`). Recordings are often in motor
+  coordinates (`--coordinates actuator`; by default `diagnose` detects them). Friction is sought
+  at joints and at motors.
+- *Not identifiable.* `back`, `middle` and link 2 rotate equally about parallel axes. Torque
+  determines neither their single masses nor which of them carries a load. A load is reported on
+  link 2, in its frame, whose origin is the remote centre and whose y axis points up along the
+  insertion.
 """
 
 
@@ -85,59 +88,62 @@ def _steps() -> Iterator[str]:
     yield "\n## 2. Identification\n"
     yield f"    python -m dvrk_gravity identify {FITTED} {AS_READ} --arm psm --out psm.yaml\n"
     yield (
-        "Error as a part of the torque, of motors, in motor coordinates. "
-        f"Held out: {fit.validation}.\n"
+        "Error over torque (RMS), in motor coordinates. Held out:\n\n"
+        + _quoted(f"{fit.validation}")
+        + "\n"
     )
-    yield "| motor | held-out phases | the same motion on another day | published |"
+    yield "| motor | held-out phases | the same motion, a later recording | published |"
     yield "|---|---|---|---|"
     for (motor, error), published in zip(fit.held_out.items(), PUBLISHED, strict=True):
         there = bare.joints[motor].nrmse
         yield f"| {motor} | {error.nrmse:.3f} | {there:.3f} | {published:.3f} |"
     yield (
-        "\nPublished are the errors of a physically consistent model by the authors of "
-        "WPI-AIM/dvrk_dynamics_identification, on another trajectory. "
-        f"The verdict on this fit is *{fit.verdict.level}*: {fit.verdict.reason}.\n"
+        "\nThe published errors are those of a physically consistent model by the authors of\n"
+        "WPI-AIM/dvrk_dynamics_identification, on another trajectory. Verdict:\n\n"
+        + _quoted(f"*{fit.verdict.level}*: {fit.verdict.reason}")
+        + "\n"
     )
-    yield f"On the other day (`{BARE}`) the motors of roll and wrist have efforts that are"
     scales = dict(zip(model.arm.joint_names, _scales(bare), strict=True))
-    told = [f"{scale:.2f} ({motor})" for motor, scale in list(scales.items())[INSTRUMENT]]
-    yield (
-        f"{', '.join(told)} times what the model says, a constant beside it; nearly all of that is "
-        "friction of the instrument. No fit to one day knows it. The diagnosis expects a change "
-        "of friction by 30 %, one standard deviation, beside what has a cause.\n"
+    factors = [f"{scale:.2f} ({motor})" for motor, scale in list(scales.items())[INSTRUMENT]]
+    yield _prose(
+        f"In the later recording (`{BARE}`) the efforts of the motors of roll and wrist are "
+        f"{', '.join(factors)} times the model's, plus a constant. Nearly all of that is friction "
+        "of the instrument, which varies from day to day. The diagnosis expects this variation, "
+        "with a standard deviation of 30 %."
     )
-    yield "## 3. The same motion again: is anything new?\n"
+    yield "## 3. The same motion again: what changed?\n"
     yield f"    python -m dvrk_gravity diagnose {BARE} {AS_READ} --model psm.yaml --out out\n"
-    yield from _told(diagnose(DATA / BARE, model, coordinates="actuator"))
+    yield from _shown(diagnose(DATA / BARE, model, coordinates="actuator"))
     yield "## 4. A weight of 105 g\n"
-    yield (
+    yield _prose(
         f"`{LOADED}` is that motion with a weight of {1e3 * MASS:.0f} g clamped on, its centre "
         f"{1e2 * ALONG:.1f} cm from the remote centre along the insertion and "
-        f"{1e2 * BESIDE:.1f} cm beside it, by tape.\n"
+        f"{1e2 * BESIDE:.1f} cm beside it, by tape."
     )
     yield f"    python -m dvrk_gravity diagnose {LOADED} {AS_READ} --model psm.yaml --out out\n"
     diagnosis = diagnose(DATA / LOADED, model, coordinates="actuator")
-    yield from _told(diagnosis)
-    yield from _weighed(diagnosis)
+    yield from _shown(diagnosis)
+    yield from _compared(diagnosis)
     draw_weight(model, loaded)
     yield "\n![What the model leaves, and the torque of the weight](psm/weight.png)\n"
     sliding = _sliding(model, loaded)
-    yield (
-        "It is on link 2 and not on what slides: if it slid, the insertion's effort would differ "
-        f"from the model's by {sliding[1]:.2f} N on average; it differs by {sliding[0]:.2f} N.\n"
+    yield _prose(
+        "The weight is on link 2 and not on the sliding carriage. There, the insertion's effort "
+        f"would differ from the model's by {sliding[1]:.2f} N on average; it differs by "
+        f"{sliding[0]:.2f} N."
     )
     yield "## 5. The same weight, without a model\n"
     yield (
-        f"    python -m dvrk_gravity diagnose {LOADED} {AS_READ} --arm psm --reference {BARE} "
-        "--out out\n"
+        f"    python -m dvrk_gravity diagnose {LOADED} {AS_READ} --arm psm \\\n"
+        f"      --reference {BARE} --out out\n"
     )
     yield from _against_references()
 
 
 def _against_references() -> Iterator[str]:
-    """Yield what the weight is told as against either recording without it."""
+    """Yield the weight that is found against either recording without it."""
     head = "| reference | mass, g | 95 % | mass times place along the insertion, g·m | 95 % |"
-    yield f"{head} told beside it |"
+    yield f"{head} other findings |"
     yield "|---|---|---|---|---|---|"
     yield f"| by scales and tape | {1e3 * MASS:.0f} | | {1e3 * MASS * ALONG:.1f} | | |"
     for name in (BARE, FITTED):
@@ -156,17 +162,30 @@ def _against_references() -> Iterator[str]:
             f"| {beside} |"
         )
     far, near, beyond = _pitch_of_days()
-    yield (
-        "\nOn a link that turns about a point, weight tells mass times distance, and only inertia "
-        "tells mass times distance squared; the mass is the square of the one over the other, so "
-        "that an inertia that reads 8 % too large makes the mass 8 % too small. Nor is the weight "
-        f"all that changed: without it, in one motion on two days (`{FITTED}`, `{BARE}`), pitch's "
-        f"effort differs by {far:.2f} N·m RMS beyond {beyond:.2f} rad and by {near:.2f} N·m "
-        "elsewhere. With a model that is what the model is known to miss; against a reference "
-        "springs are expected to pull otherwise by a tenth of the torque, a size that was chosen "
-        "with these recordings. What else two days differ by is told beside the weight: make both "
-        "recordings in one sitting. A faster motion would tell the mass better."
-    )
+    yield "\n" + _prose(
+        "On a link that rotates about a point, weight determines mass times distance, and only "
+        "inertia determines mass times distance squared. The mass is the square of the first "
+        "over the second: an inertia that is 8 % too large makes the mass 8 % too small. Other "
+        "things changed as well. Without the weight, between two recordings of one motion "
+        f"(`{FITTED}`, `{BARE}`), pitch's effort differs by {far:.2f} N·m RMS beyond {beyond:.2f} "
+        f"rad and by {near:.2f} N·m elsewhere. With a model, that is part of its known error. "
+        "Against a baseline, springs may differ by a tenth of their torque, a size chosen with "
+        "these recordings. Other differences are reported with the weight: make both "
+        "recordings in one session. A faster motion would determine the mass better."
+    ).rstrip("\n")
+
+
+def _prose(text: str) -> str:
+    """Return a paragraph in lines, and a blank line."""
+    return textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False) + "\n"
+
+
+def _quoted(text: str, bullet: str = "") -> str:
+    """Return what the program says, as a quotation."""
+    return textwrap.fill(
+        text, WIDTH, initial_indent=f"> {bullet}", subsequent_indent="> " + " " * len(bullet),
+        break_long_words=False, break_on_hyphens=False,
+    )  # fmt: skip
 
 
 def _pitch_of_days() -> tuple[float, float, float]:
@@ -192,16 +211,16 @@ def _scales(result: Evaluation) -> Array:
     )
 
 
-def _told(diagnosis: Diagnosis) -> Iterator[str]:
+def _shown(diagnosis: Diagnosis) -> Iterator[str]:
     print(diagnosis.verdict, flush=True)
-    yield f"**{diagnosis.sentence}** (verdict: `{diagnosis.verdict}`)\n"
+    yield _quoted(f"**{diagnosis.sentence}** (verdict: `{diagnosis.verdict}`)")
     for number, finding in enumerate(diagnosis.findings, start=1):
-        yield f"{number}. `{finding.effect}` ({finding.place}): {finding.sentence}"
+        yield _quoted(f"{finding.effect} ({finding.place}): {finding.sentence}", f"{number}. ")
     for known in diagnosis.known:
         if "RMS" not in known.sentence:
-            yield f"- known: {known.sentence}"
+            yield _quoted(f"known: {known.sentence}", "- ")
     floor = FLOORS[diagnosis.floor_from]
-    yield f"\nWhat remains, RMS, {diagnosis.compared}; the floor is {floor}:\n"
+    yield "\n" + _prose(f"Residual, RMS, {diagnosis.compared}; the floor is {floor}:")
     yield "| joint | before | after | floor | expected of the model |"
     yield "|---|---|---|---|---|"
     for joint, before in diagnosis.before.items():
@@ -210,9 +229,9 @@ def _told(diagnosis: Diagnosis) -> Iterator[str]:
     yield "\n(mN·m; insertion: mN)\n"
 
 
-def _weighed(diagnosis: Diagnosis) -> Iterator[str]:
+def _compared(diagnosis: Diagnosis) -> Iterator[str]:
     found = next(finding for finding in diagnosis.findings if finding.effect == Payload.NAME)
-    yield "| | told | 95 % | by scales and tape |"
+    yield "| | found | 95 % | by scales and tape |"
     yield "|---|---|---|---|"
     rows: Mapping[str, tuple[str, float]] = {
         "mass": ("mass, g", MASS), "y": ("along the insertion, mm", ALONG),

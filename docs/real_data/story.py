@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -33,12 +34,13 @@ SWEPT_AT = dict.fromkeys(JOINT_NAMES, 0.0) | dict.fromkeys(
 )
 POSES = ("mtmr28002_static_pos.csv", "mtmr28002_static_neg.csv")
 RIGID = ("gravity", "link_inertia")
+WIDTH = 118  # of a line of prose
 HEAD = """# The diagnosis on real recordings
 
-What `diagnose` says about measurements of real MTMs, from models that are poor on purpose to one
-that is not.
-`make story` writes this page and its pictures anew; the recordings are not in the repository
-(`DVRK_GRAVITY_DATA` names their folder). Every error and gain is of held-out blocks.
+`diagnose` on measurements of real MTMs, with models that are poor on purpose and one good model.
+`make story` writes this page and its pictures; the recordings are not in the repository
+(`DVRK_GRAVITY_DATA` names their folder). Every error and gain is of held-out blocks. Quoted
+blocks are output of the program.
 """
 
 
@@ -50,7 +52,7 @@ def main() -> int:
         return 0
     for old in FOLDER.glob("*.png"):
         old.unlink()
-    PAGE.write_text(HEAD + "\n" + "\n".join(_steps()), encoding="utf-8")
+    PAGE.write_text(HEAD + "\n".join(_steps()) + "\n", encoding="utf-8")
     print(f"written: {PAGE}")
     return 0
 
@@ -64,15 +66,16 @@ def _steps() -> Iterator[str]:
     wrong = Recording.load(DATA / MOTION, coordinates="joint")
     yield from _step(
         "1. Read in the wrong coordinates",
-        f"The model is the rigid body alone, identified from `{MOTION}`; the file holds actuator "
-        "coordinates and is read as joint coordinates. The reading is blamed before any physics.",
+        f"The model is the rigid body alone, identified from `{MOTION}`. The file holds actuator "
+        "coordinates and is read as joint coordinates. The reading is corrected before any "
+        "physics.",
         diagnose(wrong, rigid), "reading", shown=1,
     )  # fmt: skip
     climbed = diagnose(motion, rigid)
     yield from _step(
         "2. Rigid body alone",
-        "The same model and recording, read rightly. Nobody says what is missing. Its masses, "
-        "fitted without friction and springs, have made up for them; they move along.",
+        "The same model and recording, read correctly. The model's masses, fitted without friction "
+        "and springs, have absorbed part of both, and move with the findings.",
         climbed, "rigid",
         pictures=(
             ("elastic_cable", "wrist_pitch"),
@@ -81,30 +84,29 @@ def _steps() -> Iterator[str]:
         ),
     )  # fmt: skip
     yield from _step(
-        "3. What that diagnosis wrote, once more",
-        "`extended_model.yaml` of step 2 on the same recording: what was found must not be found "
-        "again.",
+        "3. The extended model, on the same recording",
+        "`extended_model.yaml` of step 2 must leave nothing to find.",
         diagnose(motion, climbed.model), "again",
     )  # fmt: skip
     sweep = Recording.load(DATA / SWEEP, coordinates="actuator")
     yield from _step(
         "4. One joint swept slowly",
-        f"`{SWEEP}`: wrist_platform from end to end and back, nothing else moves; the rigid model "
-        "again, taken as exact (without its uncertainty file): what it is known to miss, and what "
-        "lies beyond its range, is this joint's cable. Here that and the hysteresis lie open.",
+        f"`{SWEEP}`: wrist_platform moves from end to end and back, no other joint moves. The "
+        "rigid model again, taken as exact (without its uncertainty file), so that cable and "
+        "hysteresis count as findings and not as its known error.",
         diagnose(sweep, replace(rigid, uncertainty=None), still=SWEPT_AT), "sweep",
         pictures=(("presliding_hysteresis", "wrist_platform"), ("elastic_cable", "wrist_platform")),
     )  # fmt: skip
     yield from _step(
         "5. A good model",
-        f"`identify` on `{MOTION}`, all terms: what is said of a model that lacks little.",
+        f"`identify` on `{MOTION}`, all terms.",
         diagnose(motion, full), "full",
     )  # fmt: skip
     poses = [Recording.load(DATA / name) for name in POSES]
     yield from _step(
         "6. Static poses, gravity alone",
-        f"`{POSES[0]}` and `{POSES[1]}`; the model is a least-squares fit of the ten entries of "
-        "beta to them, and nothing else.",
+        f"`{POSES[0]}` and `{POSES[1]}`. The model is a least-squares fit of the ten entries of "
+        "beta to them.",
         diagnose(poses, _gravity_alone(arm, poses)), "static",
         pictures=(("elastic_cable", "wrist_platform"), ("elastic_cable", "wrist_pitch")),
     )  # fmt: skip
@@ -130,34 +132,45 @@ def _step(
     """Yield the lines of one step, and save its pictures."""
     print(f"{title}: {diagnosis.verdict}", flush=True)
     yield f"\n## {title}\n"
-    yield f"{start}\n"
-    yield f"**{diagnosis.sentence}** (verdict: `{diagnosis.verdict}`)\n"
+    yield _wrapped(start) + "\n"
+    yield _wrapped(f"**{diagnosis.sentence}** (verdict: `{diagnosis.verdict}`)", "> ") + "\n"
     findings = diagnosis.findings[:shown]
     if findings:
-        yield "| | finding | of the error removed, held out |"
-        yield "|---|---|---|"
+        yield "> | | finding | of the error removed, held out |"
+        yield "> |---|---|---|"
         for number, finding in enumerate(findings, start=1):
-            yield f"| {number} | `{finding.effect}`: {finding.sentence} | {_gain(finding)} |"
+            yield f"> | {number} | `{finding.effect}`: {finding.sentence} | {_gain(finding)} |"
         yield ""
     for finding in findings:
         for other in finding.alternatives:
             where = ", ".join(other.joints) or "the arm"
-            yield f"- `{finding.effect}` could as well be `{other.effect}` at {where}: {other.why}"
+            yield _wrapped(
+                f"`{finding.effect}` could as well be `{other.effect}` at {where}: {other.why}",
+                "> - ",
+            )
     for number, (effect, joint) in enumerate(pictures):
         found = next((f for f in findings if f.effect == effect and f.joints == (joint,)), None)
         if found is not None and found.picture is not None:
             path = FOLDER / f"{name}_{number}.png"
             path.write_bytes(png(found.picture, diagnosis.model.arm))
             title = f"{found.effect} at {joint}: error without and with it"
-            yield f"\n![{title}](real_data/{path.name})"
+            yield f"\n![{title}](real_data/{path.name})\n"
     if shown is not None:
         return
     for note in diagnosis.notes:
         if note.startswith("chosen, but not confirmed"):
-            yield f"- {note}"
+            yield _wrapped(note, "> - ")
     for ambiguity in diagnosis.ambiguities:
-        yield f"- Not to be told apart: {ambiguity.sentence}."
+        yield _wrapped(f"Ambiguous: {ambiguity.sentence}.", "> - ")
     yield from _errors(diagnosis)
+
+
+def _wrapped(text: str, lead: str = "") -> str:
+    """Return a paragraph in lines; "> " leads what the program says."""
+    return textwrap.fill(
+        text, WIDTH, initial_indent=lead, subsequent_indent=lead.replace("-", " "),
+        break_long_words=False, break_on_hyphens=False,
+    )  # fmt: skip
 
 
 def _gain(finding: Finding) -> str:
@@ -168,15 +181,15 @@ def _gain(finding: Finding) -> str:
 
 
 def _errors(diagnosis: Diagnosis) -> Iterator[str]:
-    yield f"\nWhat remains, mN·m RMS; the floor is {FLOORS[diagnosis.floor_from]}:\n"
+    yield f"\nResidual, mN·m RMS; the floor is {FLOORS[diagnosis.floor_from]}:\n"
     yield "| joint | before | after | floor |"
     yield "|---|---|---|---|"
     for joint, before in diagnosis.before.items():
         if not before > 0.0:  # not recorded, or not judged
             continue
         floor = diagnosis.floor[joint]
-        told = f"{1e3 * floor:.2f}" if np.isfinite(floor) else "not known"
-        yield f"| {joint} | {1e3 * before:.2f} | {1e3 * diagnosis.after[joint]:.2f} | {told} |"
+        known = f"{1e3 * floor:.2f}" if np.isfinite(floor) else "not known"
+        yield f"| {joint} | {1e3 * before:.2f} | {1e3 * diagnosis.after[joint]:.2f} | {known} |"
 
 
 if __name__ == "__main__":

@@ -1,0 +1,311 @@
+"""Findings as a person reads them: signs in words, suitable units, no doubtful headline."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from test_report import Page
+
+from dvrk_gravity import effects
+from dvrk_gravity.arms import JOINT_NAMES, Arm
+from dvrk_gravity.diagnosis import (
+    Alternative,
+    Ambiguity,
+    Contender,
+    Diagnosis,
+    FilteredData,
+    Finding,
+    Gain,
+    Known,
+    Rejected,
+    hypotheses,
+    load,
+    ordered,
+    rows,
+    sentence_of,
+    told,
+)
+from dvrk_gravity.effects import Estimate, Hypothesis, Residual
+from dvrk_gravity.model import TorqueModel
+from dvrk_gravity.report import diagnosis_page
+from dvrk_gravity.units import quantity
+from testing.world import World
+
+CLEAR = Gain(0.4, 0.3, 0.5, 0.001)
+# Where a minus is a place or a direction, and no amount.
+PLACES = ("roll", "pitch", "position", "lowest", "highest", "phase", "first_moment")
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "half", "expected"),
+    [
+        (0.00248, "N·m", 0.00023, "2.48 ± 0.23 mN·m"),
+        (-21.0, "N·m", 4.3, "-21.0 ± 4.3 N·m"),
+        (-1.78e-6, "N·m", 2.1e-6, "-1.8 ± 2.1 µN·m"),
+        (0.145, "kg·m^2", 0.015, "0.145 ± 0.015 kg·m²"),
+        (0.02, "kg·m^2", 0.001, "200 ± 10 kg·cm²"),
+        (3.2e-5, "kg·m^2", 4e-6, "320 ± 40 g·cm²"),
+        (0.21, "kg", 0.012, "210 ± 12 g"),
+        (0.0042, "rad", 0.0013, "0.241 ± 0.074 deg"),
+        (0.012, "s", 3e-4, "12.00 ± 0.30 ms"),
+        (15.2, "s", 0.33, "15.20 ± 0.33 s"),
+        (1.2, "N·m/rad", 0.22, "1.20 ± 0.22 N·m/rad"),
+        (0.31, "N·m/rad^3", 0.0, "0.310 N·m/rad³"),
+        (0.5, "N·m/rad^1", 0.0, "0.500 N·m/rad"),
+        (0.4048, "N·m·s^2/rad^2", 0.0034, "0.4048 ± 0.0034 N·m·s²/rad²"),
+        (1.0, "N·m", 1e-12, "1.00000 N·m"),
+        (-1e-6, "rad", 0.01, "0.00 ± 0.57 deg"),
+        (0.0, "N·m", 0.0, "0 N·m"),
+        (1e85, "N·m", 0.0, "1e+85 N·m"),
+    ],
+)
+def test_a_quantity_has_the_digits_of_its_interval_and_a_unit_of_its_size(
+    value, unit, half, expected
+):
+    assert quantity(value, unit, half) == expected
+
+
+@dataclass(frozen=True)
+class Case:
+    """A hypothesis, and how many parameters it is fitted with."""
+
+    hypothesis: Hypothesis
+    count: int
+
+    def estimates(self, sign: float = 1.0, spread: float = 0.3) -> dict[str, Estimate]:
+        """Return what a fit of 0.02 throughout is told as, with intervals of such a part."""
+        theta = np.full(self.count, 0.02 * sign)
+        return {
+            name: Estimate(
+                value, value - spread * abs(value), value + spread * abs(value),
+                self.hypothesis.unit(name),
+            )
+            for name, value in self.hypothesis.parameters(theta).items()
+            if self.hypothesis.meaning(name).reported
+        }  # fmt: skip
+
+    def sentence(self, sign: float = 1.0, spread: float = 0.3, gain: Gain = CLEAR) -> str:
+        """Return the sentence of such a fit."""
+        return sentence_of(self.hypothesis, self.estimates(sign, spread), gain, ["elbow_pitch"])
+
+
+@pytest.fixture(scope="module")
+def every() -> list[Case]:
+    """Return one hypothesis of each effect and form, as a diagnosis builds them."""
+    world = World.draw(6)
+    motion = load([world.record(1, 2, 9.0, 100.0)], world.model()).motion
+    data = FilteredData.of(motion)
+    noise = np.random.default_rng(0).normal(size=data.residual.shape)
+    residual = Residual(data, noise, np.ones_like(noise), np.ones(len(noise), dtype=bool))
+    found = [
+        *hypotheses(motion),
+        *(
+            hypothesis
+            for effect in effects.effects()
+            for hypothesis in effect.search(effect.search_basis(data), residual)
+        ),
+    ]
+    forms = {
+        (
+            hypothesis.effect,
+            re.sub(r"\d| of \w+", "", hypothesis.place),
+            len(hypothesis.joints),
+        ): hypothesis
+        for hypothesis in found
+    }
+    of_poses_or_console = {
+        "gravity",
+        "link_weight",
+        "directional_cable",
+        "held_load",
+        "shown_torque",
+    }
+    known = {effect.NAME for effect in effects.effects()} - of_poses_or_console
+    assert {hypothesis.effect for hypothesis in forms.values()} == known - {
+        "wrong_coordinates",
+        "time_scale",
+        "velocity_scale",
+        "unknown",
+    }
+    return [
+        Case(hypothesis, hypothesis.regressor(motion).shape[2]) for hypothesis in forms.values()
+    ]
+
+
+def of(every: list[Case], effect: str) -> Case:
+    """Return the first case of an effect."""
+    return next(case for case in every if case.hypothesis.effect == effect)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_no_effect_is_told_with_an_amount_below_zero_or_an_exponent(every, sign):
+    cannot_be = ("payload", "stribeck_friction", "presliding_hysteresis")  # plausible() says so
+    for case in every:
+        effect, estimates = case.hypothesis.effect, case.estimates(sign)
+        if effect in cannot_be and sign < 0.0:
+            continue
+        sentence = case.sentence(sign)
+        assert not re.search(r"[{}]|\de[+-]?\d|lacks", sentence), sentence
+        amounts = [
+            told(effect, name, value)
+            for name, value in estimates.items()
+            if not name.startswith(PLACES) and not name[1:].isdigit()
+        ]
+        assert not [text for text in amounts if text.startswith("-")], (sentence, amounts)
+        if not set(estimates) & set(PLACES):
+            assert not re.search(r"-\d", sentence), sentence
+
+
+@pytest.mark.parametrize(
+    ("effect", "more", "less"),
+    [
+        ("viscous_friction", "more viscous friction than", "less viscous friction than"),
+        ("coulomb_friction", "more Coulomb friction than", "less Coulomb friction than"),
+        ("rotor_inertia", "more rotor inertia", "less rotor inertia"),
+        ("joint_offset", "too high", "too low"),
+        ("torque_offset", "too high", "too low"),
+        ("torque_scale", "too high", "too low"),
+        ("time_delay", "late", "early"),
+        ("thermal_drift", " up ", " down "),
+        ("joint_coupling", "leaks into", "with its sign turned round"),
+    ],
+)
+def test_a_sign_is_told_in_words(every, effect, more, less):
+    assert more in of(every, effect).sentence(1.0)
+    assert less in of(every, effect).sentence(-1.0)
+
+
+def test_a_wall_pushes_back_and_a_push_is_against_what_the_actuators_add(every):
+    contacts = {
+        case.hypothesis.place: case for case in every if case.hypothesis.effect == "contact"
+    }
+    push, wall = contacts["for a while"], contacts["above a position"]
+    assert "in the negative direction" in push.sentence(1.0)
+    assert "in the positive direction" in push.sentence(-1.0)
+    assert " back above " in wall.sentence(1.0)
+    assert " onwards above " in wall.sentence(-1.0)
+
+
+def test_what_a_motion_does_not_tell_of_a_payload_s_place_is_said(every):
+    payload = of(every, "payload").hypothesis
+
+    def place(**half: float) -> str:
+        centre = {axis: Estimate(0.1, 0.1 - h, 0.1 + h, "m") for axis, h in half.items()}
+        return payload.claim({"mass": Estimate(0.2, 0.19, 0.21, "kg"), **centre})
+
+    assert place(x=0.01, y=0.01, z=0.01).endswith("z 100.0 ± 10.0 mm in the link's frame")
+    assert place(x=0.01, y=0.5, z=0.5).endswith(
+        "x 100.0 ± 10.0 mm in the link's frame (y and z cannot be told from this motion)"
+    )
+    assert "centre" not in place(x=0.5, y=0.5, z=0.5)
+    along_an_axis = place(x=0.01, y=0.01, z=0.0)
+    assert along_an_axis.endswith("(z cannot be told from this motion)")
+
+
+def test_what_may_be_nothing_is_told_as_perhaps(every):
+    case = of(every, "viscous_friction")
+    weak = case.sentence(gain=Gain(0.1, -0.05, 0.2, 0.04))
+
+    assert "has perhaps 20 ± 30 mN·m·s/rad more" in case.sentence(spread=1.5)
+    assert "builds up to perhaps 20 ± 30 mN·m" in of(every, "presliding_hysteresis").sentence(
+        spread=1.5
+    )
+    assert weak.endswith("(not certain: 95 % interval of what it removes -5 to 20 %)")
+
+
+@pytest.mark.parametrize(
+    ("estimate", "text"),
+    [
+        (Estimate(0.0123, 0.0119, 0.0127, "N·m"), "12.30 ± 0.40 mN·m more"),
+        (Estimate(0.0123, 0.0119, 0.0187, "N·m"), "12.30 (11.90 to 18.70) mN·m more"),
+        (Estimate(-0.0123, -0.0187, -0.0119, "N·m"), "12.30 (11.90 to 18.70) mN·m less"),
+        (Estimate(-0.0123, -0.0187, 0.003, "N·m"), "perhaps 12.3 (-3.0 to 18.7) mN·m less"),
+    ],
+)
+def test_an_interval_that_is_not_even_is_told_by_its_ends(estimate, text):
+    assert estimate.signed(("more", "less")) == text
+
+
+def test_an_angle_known_to_no_better_than_a_turn_is_any_angle():
+    assert told("joint_offset", "offset", Estimate(228.0, -300.0, 750.0, "rad")) == "any angle"
+
+
+def finding(effect: str, value: Estimate, gain: Gain, name: str = "coefficient") -> Finding:
+    """Return a finding of one parameter."""
+    return Finding(
+        effect, ("elbow_pitch",), "joint", {name: value}, gain, (), (), "", None, True
+    )  # fmt: skip
+
+
+def test_the_headline_is_certain_where_any_finding_is_and_removes_most_of_these():
+    clear, around_zero = Estimate(0.02, 0.01, 0.03, ""), Estimate(0.02, -0.01, 0.05, "")
+    certain = finding("viscous_friction", clear, CLEAR)
+    small = finding("viscous_friction", around_zero, CLEAR)
+    weak = finding("viscous_friction", clear, Gain(0.1, -0.1, 0.2, 0.2))
+    exact = finding("torque_scale", Estimate(1.1, 0.9, 1.3, ""), CLEAR, "factor")
+
+    assert [finding.certain for finding in (certain, small, weak, exact)] == [
+        True,
+        False,
+        False,
+        False,
+    ]
+    more = finding("viscous_friction", clear, Gain(0.6, 0.5, 0.7, 0.001))
+    assert ordered([weak, certain, more, small]) == [more, certain, small, weak]
+
+
+def test_a_table_shows_what_a_person_can_use_and_no_counts_of_parameters(every):
+    curve = next(case.estimates() for case in every if "lowest" in case.estimates())
+    shown = rows(
+        Finding("elastic_cable", ("elbow_pitch",), "degree 3", curve, CLEAR, (), (), "", None, True)
+    )
+    assert [name for name, _ in shown] == ["least torque", "greatest torque"]
+    (whole,) = (case for case in every if case.hypothesis.place == "inertia of all links")
+    assert whole.estimates() == {}
+
+
+def test_every_parameter_of_every_effect_has_a_unit_or_is_a_part(every):
+    for case in every:
+        for name, value in case.estimates().items():
+            assert value.unit or name.endswith("factor"), (case.hypothesis.effect, name)
+
+
+def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():
+    offset = {"offset": Estimate(-0.02, -0.03, -0.01, "rad")}
+    contenders = [
+        Contender("joint_offset", (joint,), offset, offset, -2.0, False, joint, 0.01)
+        for joint in ("shoulder_pitch", "elbow_pitch")
+    ]
+    found = replace(
+        finding("coulomb_friction", Estimate(0.01, 0.005, 0.015, "N·m"), Gain(0.4, 0.3, 0.5, 1e-9),
+                "positive"),
+        alternatives=(Alternative("presliding_hysteresis", ("elbow_pitch",), "as well"),),
+        rejected=(Rejected("viscous_friction", ("elbow_pitch",), "joint", 143.0, 59.0),),
+        sentence="elbow_pitch has more",
+        remedy="look at its cables",
+    )  # fmt: skip
+    known = Known("model_error", ("elbow_pitch",), {}, "elbow_pitch is left as it was")
+    by_joint = dict.fromkeys(JOINT_NAMES, 0.01)
+    text = diagnosis_page(
+        Diagnosis(
+            "ambiguous", (found,), (known,), by_joint, by_joint,
+            dict.fromkeys(JOINT_NAMES, np.nan), by_joint, "nothing", 100, 30, (), (),
+            (Ambiguity(*contenders, 0.9, "a and b", "a or b"),),
+            TorqueModel(Arm.load("mtmr"), ()), band=8.0,
+        ),
+        ["<run>.csv"],
+    )  # fmt: skip
+
+    assert Page(text).open == []
+    assert "&lt;run&gt;.csv" in text
+    assert "Errors in joint coordinates, below 8 Hz, on blocks held out of fit and choice." in text
+    assert "<li>elbow_pitch is left as it was</li>" in text
+    assert "<b>What to do:</b> look at its cables." in text
+    assert "<td>moving up</td><td>10.0 ± 5.0 mN·m more</td>" in text
+    assert "p &lt; 0.001" in text
+    assert "<td>presliding hysteresis</td>" in text
+    assert "<td>viscous friction</td>" in text
+    assert "1.15 ± 0.57 deg too low" in text
