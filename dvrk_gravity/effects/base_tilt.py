@@ -13,11 +13,11 @@ import pinocchio as pin
 from dvrk_gravity import gravity
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body
+from dvrk_gravity.effects.base.arrays import Values
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, or_extended
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.link_prior import prior_scale
+from dvrk_gravity.effects.base.links import prior_scale
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
-from dvrk_gravity.effects.base.merging import Values
+from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.site import THE_BASE
 from dvrk_gravity.effects.gravity import Gravity, with_beta
 from dvrk_gravity.effects.link_weight import with_weight
@@ -44,7 +44,7 @@ class BaseTilt(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: a base that leans, and one that is mounted otherwise."""
+        """A base that leans, and one that is mounted otherwise."""
         if not motion.present.all() or not any(term.carries_arm for term in motion.model.terms):
             return
         shaft = _unknown_of_shaft(motion)
@@ -89,7 +89,7 @@ class _OfBase(ChangesModelTorque, Hypothesis):
         return np.stack([*columns, *shaft], axis=2)
 
     def applied_to(self, model: Any, theta: Array) -> Any:
-        """See :meth:`ChangesModelTorque.applied_to`: weights pull another way."""
+        """Weights pull another way."""
         vector = _turned(model.gravity, **self.parameters(theta))
         weighing = (
             term if term.gravity_vector is None else term.with_gravity(vector)
@@ -98,7 +98,6 @@ class _OfBase(ChangesModelTorque, Hypothesis):
         return replace(model, terms=tuple(weighing))
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`."""
         vector = _turned(motion.gravity, **self.parameters(theta))
         values = {**values, "gravity_vector": tuple(vector.tolist())}
         if self.knows_shaft:
@@ -121,7 +120,6 @@ class _OfBase(ChangesModelTorque, Hypothesis):
 
     @property
     def subject(self) -> str:
-        """See :meth:`Hypothesis.subject`."""
         return "a tilt of the base"
 
 
@@ -133,10 +131,9 @@ class TiltHypothesis(_OfBase):
     alignment: bool = True
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`.
+        """Return the mean torque of each turn before and after the other (Shapley's value).
 
-        What a turn adds before and after the other one, on average (Shapley's value): so both
-        together are the torque of the tilt, however large it is.
+        Both together are then the torque of the tilt, however large it is.
         """
         roll, pitch = (
             angle if abs(angle) > _STEP else _STEP
@@ -153,11 +150,9 @@ class TiltHypothesis(_OfBase):
         return self._with_shaft(motion, columns)
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         return {"roll": float(theta[0]), "pitch": float(theta[1])}
 
     def plausible(self, theta: Array) -> bool:
-        """See :meth:`Hypothesis.plausible`."""
         return bool(np.abs(theta[:2]).max() <= MAX_TILT) and super().plausible(theta)
 
 
@@ -172,27 +167,25 @@ class MountingHypothesis(_OfBase):
     gravity: tuple[float, ...]
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`: per m/s^2 along each axis of the base."""
+        """Per m/s^2 along each axis of the base."""
         level = _weight_torque(motion, motion.gravity)
         along = [_weight_torque(motion, motion.gravity + axis) - level for axis in np.eye(3)]
         return self._with_shaft(motion, along)
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         roll, pitch = _angles(np.array(self.gravity), np.array(self.gravity) + theta[:3])
         # Walls and ceilings are away from where the angle jumps by a turn.
         jumps = -0.75 * np.pi
         return {"roll": (roll - jumps) % (2.0 * np.pi) + jumps, "pitch": pitch}
 
     def plausible(self, theta: Array) -> bool:
-        """See :meth:`Hypothesis.plausible`: gravity's size stays, its direction does not."""
+        """Gravity's size stays, its direction does not."""
         had = np.array(self.gravity)
         size = float(np.linalg.norm(had + theta[:3]) / np.linalg.norm(had))
         angles = self.parameters(theta).values()
         return abs(size - 1.0) <= _SIZE and max(map(abs, angles)) > MAX_TILT
 
     def remedy(self, carried: bool) -> str:
-        """See :meth:`Hypothesis.remedy`."""
         return or_extended("mount the base as the model has it", carried)
 
 

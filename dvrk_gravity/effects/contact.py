@@ -10,13 +10,18 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.arrays import as_array, as_value, joint_arrays
-from dvrk_gravity.effects.base.effect import Hypothesis, Values, spread
-from dvrk_gravity.effects.base.evidence import Motion, Residual
+from dvrk_gravity.effects.base.arrays import (
+    Values,
+    as_array,
+    as_value,
+    joint_arrays,
+    number_array,
+    position_offset,
+)
+from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
-from dvrk_gravity.effects.base.merging import array, position_offset
+from dvrk_gravity.effects.base.motion import Motion, Residual, State
 from dvrk_gravity.effects.base.site import Site
-from dvrk_gravity.effects.base.state import State
 from dvrk_gravity.effects.base.term import Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
@@ -64,7 +69,6 @@ class Contact(Term):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         declared = (
             ("above", "N·m/rad", "stiffness of a wall above a position"),
             ("above_position", "rad", "where it begins"),
@@ -75,7 +79,7 @@ class Contact(Term):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Contact | None:
-        """See :meth:`Term.from_parameters`; a stiffness needs a position."""
+        """A stiffness needs a position."""
         n = arm.n
         arrays: list[Array] = []
         for side in ("above", "below"):
@@ -89,7 +93,6 @@ class Contact(Term):
         return term if term.above.any() or term.below.any() else None
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         used = [side for side in ("above", "below") if getattr(self, side).any()]
         names = [name for side in used for name in (side, f"{side}_position")]
         return {f"{self.NAME}.{name}": as_value(getattr(self, name)) for name in names}
@@ -149,12 +152,10 @@ class PushHypothesis(Hypothesis):
     transient: bool = True
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         inside = (motion.time >= self.setting["start"]) & (motion.time < self.setting["end"])
         return spread(self.site.row(self.arm), inside.astype(float))
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         return {"torque": float(theta[0]), **self.setting}
 
 
@@ -174,16 +175,13 @@ class WallHypothesis(Hypothesis):
     extrapolates: bool = False
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         depth = self.side * (motion.q[:, self.site.index] - self.setting["position"])
         return spread(self.site.row(self.arm), np.maximum(depth, 0.0))
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         return {"stiffness": float(self.side * theta[0]), **self.setting}
 
     def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
-        """See :meth:`Hypothesis.search_range`."""
         del motion
         return self.setting[name] - _WALL_REACH, self.setting[name] + _WALL_REACH
 
@@ -192,11 +190,13 @@ class WallHypothesis(Hypothesis):
         return "above" if self.side > 0.0 else "below"
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`; a joint has one wall on either side."""
+        """A joint has one wall on either side."""
         del motion
         joint, wall = self.site.index, self.parameters(theta)
         name = f"{self.effect}.{self._above}"
-        stiffness, position = (array(self.arm, values, n) for n in (name, f"{name}_position"))
+        stiffness, position = (
+            number_array(self.arm, values, n) for n in (name, f"{name}_position")
+        )
         if stiffness[joint]:
             return None
         stiffness[joint] = wall["stiffness"]
@@ -206,7 +206,6 @@ class WallHypothesis(Hypothesis):
         }  # fmt: skip
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
         stiffness = parameters["stiffness"]
         way = "back" if stiffness.value > 0.0 else "onwards"
         return (
@@ -215,7 +214,7 @@ class WallHypothesis(Hypothesis):
         )
 
     def remedy(self, carried: bool) -> str:
-        """See :meth:`Hypothesis.remedy`: what always pulls from a position on may be a cable."""
+        """What always pulls from a position on may be a cable."""
         more = f"look at the cables and springs across {self.names[0]}, one may pull from there on"
         return f"{super().remedy(carried)}; or {more}"
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
-from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.site import Site
 
 _PERCENTILES = (90.0, 95.0, 98.0, 99.5)  # of the measured effort, where limits are tried
@@ -29,7 +29,6 @@ class EffortSaturation(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
         for joint in np.flatnonzero(motion.present).tolist():
             for percentile in _PERCENTILES:
                 limit = float(np.percentile(np.abs(motion.effort[:, joint]), percentile))
@@ -51,7 +50,6 @@ class ClippedHypothesis(Hypothesis):
     n_comparisons: int = len(_PERCENTILES)
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         joint, limit = self.site.index, self.setting["limit"]
         torque = np.zeros((*motion.q.shape, 1))
         modelled = motion.acting[:, joint]
@@ -59,10 +57,8 @@ class ClippedHypothesis(Hypothesis):
         return torque
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         return {"limit": self.setting["limit"], "share": float(theta[0])}
 
     def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
-        """See :meth:`Hypothesis.search_range`."""
         del motion
         return 0.9 * self.setting[name], 1.1 * self.setting[name]

@@ -9,8 +9,8 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
-from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.site import Site
 
 _SMALL = 1e-3  # below: a slope serves in place of a secant
@@ -27,7 +27,7 @@ class JointCoupling(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: every pair, torque and motion."""
+        """Every pair, torque and motion."""
         present = np.flatnonzero(motion.present).tolist()
         for target in present:
             for source in present:
@@ -55,16 +55,13 @@ class LeakHypothesis(Hypothesis):
     read: str
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         return {"factor": float(theta[0])}
 
     @property
     def judged_at(self) -> tuple[int, ...]:
-        """See :meth:`Hypothesis.judged_at`."""
         return self.joints[:1]
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
         joint, other = self.names
         factor = parameters["factor"]
         turned = ", with its sign turned round," if factor.value < 0.0 else ""
@@ -83,7 +80,6 @@ class TorqueLeak(LeakHypothesis):
     read: str = "effort"
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         target, source = self.joints
         torque = np.zeros((*motion.q.shape, 1))
         torque[:, target, 0] = motion.acting[:, source]
@@ -99,7 +95,6 @@ class MotionLeak(LeakHypothesis):
     fixed_point: tuple[str, ...] = ("factor",)
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         target, source = self.joints
         step = self.setting["factor"]
         if abs(step) < _SMALL:

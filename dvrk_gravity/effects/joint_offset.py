@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Values
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.friction_sites import mixed_motors
+from dvrk_gravity.effects.base.arrays import Values, position_offset
+from dvrk_gravity.effects.base.effect import Effect, Hypothesis
 from dvrk_gravity.effects.base.meaning import READS, Meaning, meanings
-from dvrk_gravity.effects.base.merging import position_offset
-from dvrk_gravity.effects.base.site import Kind, Site
+from dvrk_gravity.effects.base.motion import Motion
+from dvrk_gravity.effects.base.site import Kind, Site, mixed_motors
 
 _SMALL = 1e-3  # rad: below, a slope serves in place of a secant
 
@@ -29,7 +28,7 @@ class JointOffset(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: of a joint, and of a motor that moves several.
+        """Of a joint, and of a motor that moves several.
 
         None of what did not move: a constant torque at other joints is all that it would show.
         """
@@ -66,7 +65,7 @@ class ZeroHypothesis(Hypothesis):
         return self.site.row(self.arm)
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`; a secant at the last estimate serves large offsets."""
+        """A secant at the last estimate serves large offsets."""
         step = self.setting["offset"]
         if abs(step) < _SMALL:
             return -(motion.slope @ self.shift)[:, :, None]
@@ -74,16 +73,13 @@ class ZeroHypothesis(Hypothesis):
         return ((there - motion.modelled) / step)[:, :, None]
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         return {"offset": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`."""
         del motion
         total = position_offset(self.arm, values) + float(theta[0]) * self.shift
         return {**values, self.effect: tuple(total.tolist())}
 
     @property
     def subject(self) -> str:
-        """See :meth:`Hypothesis.subject`."""
         return f"the zero of {self.site.words(self.arm)}"

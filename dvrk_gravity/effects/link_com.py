@@ -10,19 +10,19 @@ import numpy as np
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm, is_mtm
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.effects.base.arrays import Values
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.link_prior import beta_map, prior_scale, weight_directions
 from dvrk_gravity.effects.base.links import (
     AXES,
-    joints_with_weight,
-    links_of_joints,
+    beta_map,
     moment_directions,
+    prior_scale,
+    weight_directions,
 )
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, size
-from dvrk_gravity.effects.base.merging import Values
+from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.rigid_body import weight_regressor
-from dvrk_gravity.effects.base.site import THE_ARM, Site
+from dvrk_gravity.effects.base.site import THE_ARM, Site, joints_with_weight, links_of_joints
 from dvrk_gravity.effects.gravity import link_beta, with_beta
 from dvrk_gravity.effects.link_inertia import with_inertia
 from dvrk_gravity.effects.link_weight import with_weight
@@ -43,7 +43,7 @@ class LinkCom(Effect):
 
     @classmethod
     def meaning(cls, name: str) -> Meaning:
-        """See :meth:`Effect.meaning`: the whole, along an axis, or an entry of beta."""
+        """The whole, along an axis, or an entry of beta."""
         if name == "delta_beta":
             return size("N·m", _ENTRY, "the model's weight moment is")
         which = name.removeprefix("delta_beta_")
@@ -52,7 +52,7 @@ class LinkCom(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: links along each axis and all, entries of beta, all."""
+        """Links along each axis and all, entries of beta, all."""
         if not motion.present.all():
             return
         arm = motion.arm
@@ -98,22 +98,18 @@ class MomentHypothesis(Hypothesis):
         return moment_directions(self.arm, self.site.index, self.axes)
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         return motion.link_torque(self.site.index, self._directions)
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         if len(self.axes) == 1:
             return {"delta_beta": float(theta[0])}
         return {f"delta_beta_{AXES[a]}": float(t) for a, t in zip(self.axes, theta, strict=True)}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`."""
         del motion
         return with_link(self.arm, values, self.site.index, self._directions @ theta)
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
         along = ", ".join(
             self.meaning(f"delta_beta_{AXES[axis]}").in_words(estimate)
             for axis, estimate in zip(self.axes, parameters.values(), strict=True)
@@ -138,21 +134,17 @@ class BetaHypothesis(Hypothesis):
     entry: int
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         regressor = gravity.regressor(motion.true_q, motion.gravity, len(_BETA_JOINTS))
         return regressor[:, :, [self.entry]]
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         return {"delta_beta": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`."""
         del motion
         return with_beta(values, float(theta[0]) * np.eye(_WHOLE)[self.entry])
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
         name, told = gravity.BETA_NAMES[self.entry], self._in_words(parameters)["delta_beta"]
         return f"{self.against}'s weight moment {name} of {self.site.words(self.arm)} is {told}"
 
@@ -167,21 +159,17 @@ class AllWeightsHypothesis(Hypothesis):
     refits_model: bool = True
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         return gravity.regressor(motion.true_q, motion.gravity, len(_BETA_JOINTS))
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         names = gravity.BETA_NAMES
         return {f"delta_beta_{n}": float(v) for n, v in zip(names, theta, strict=False)}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`."""
         del motion
         return with_beta(values, np.pad(theta, (0, _WHOLE - len(theta))))
 
     def correction(self) -> str:
-        """See :meth:`Hypothesis.correction`."""
         return "fitting them anew beside all else"
 
 
@@ -201,22 +189,19 @@ class LinkWeightsHypothesis(Hypothesis):
     refits_model: bool = True
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         return weight_regressor(self.arm, motion.true_q, motion.gravity) @ self.directions
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`; its many coefficients mean nothing one by one."""
+        """Its many coefficients mean nothing one by one."""
         del theta
         return {}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`."""
         del motion
         change = (self.directions @ theta).reshape(len(self.arm.bodies), -1)
         return with_weight(self.arm, values, change)
 
     def correction(self) -> str:
-        """See :meth:`Hypothesis.correction`."""
         return "fitting them anew beside all else"
 
 

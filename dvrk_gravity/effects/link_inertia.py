@@ -10,22 +10,14 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.arrays import as_value
+from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.effect import Hypothesis
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.link_prior import prior_scale
-from dvrk_gravity.effects.base.links import (
-    AXES,
-    inertia_directions,
-    joints_with_weight,
-    links_of_joints,
-)
+from dvrk_gravity.effects.base.linear_term import LinearTerm
+from dvrk_gravity.effects.base.links import AXES, inertia_directions, prior_scale
 from dvrk_gravity.effects.base.meaning import MORE, Estimate, meanings, size
-from dvrk_gravity.effects.base.merging import Values
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.site import THE_ARM, Site
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import LinearTerm
+from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.site import THE_ARM, Site, joints_with_weight, links_of_joints
+from dvrk_gravity.effects.base.term import PlantPart
 from dvrk_gravity.errors import ShapeError
 from dvrk_gravity.parameters import Parameter, Value
 
@@ -58,7 +50,6 @@ class LinkInertia(LinearTerm):
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         return tuple(
             Parameter(
                 f"{cls.NAME}.{body}",
@@ -72,7 +63,7 @@ class LinkInertia(LinearTerm):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> LinkInertia | None:
-        """See :meth:`Term.from_parameters`; a body that is not given has no inertia."""
+        """A body that is not given has no inertia."""
         given = [values.get(f"{cls.NAME}.{body}") for body in arm.body_names]
         if not any(given):
             return None
@@ -81,12 +72,11 @@ class LinkInertia(LinearTerm):
 
     @classmethod
     def stated(cls, arm: Arm) -> LinkInertia | None:
-        """See :meth:`Term.stated`: of the bodies in a URDF."""
+        """Of the bodies in a URDF."""
         rows = arm.inertial_parameters
         return None if rows is None else cls(arm, rows)
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         return {
             f"{self.NAME}.{body}": as_value(row)
             for body, row in zip(self.arm.body_names, self.links, strict=True)
@@ -106,7 +96,7 @@ class LinkInertia(LinearTerm):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: of each link, and of all together."""
+        """Of each link, and of all together."""
         if motion.static or not motion.present.all():
             return
         for joint in joints_with_weight(motion.arm):
@@ -122,20 +112,17 @@ class LinkInertia(LinearTerm):
         )  # fmt: skip
 
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`: nothing; it predicts what the plant's own bodies do."""
+        """Nothing; it predicts what the plant's own bodies do."""
         return PlantPart()
 
     @property
     def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`."""
         return self.links.ravel()
 
     def with_theta(self, theta: Array) -> LinkInertia:
-        """See :meth:`LinearTerm.with_theta`."""
         return replace(self, links=np.reshape(theta, self.links.shape))
 
     def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
         if state.q.ndim != 2:
             raise ShapeError("q", state.q.shape, "(N, n)")
         return rigid_body.regressor(self.arm, state.q, state.qd, state.qdd, _WEIGHTLESS)
@@ -159,22 +146,18 @@ class InertiaHypothesis(Hypothesis):
         return inertia_directions(self.arm, self.site.index, self.isotropic)
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         return motion.link_torque(self.site.index, self._directions)
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         if self.isotropic:
             return {"inertia": float(theta[0])}
         return {f"inertia_{a}{a}": float(t) for a, t in zip(AXES, theta, strict=True)}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`."""
         del motion
         return _with_change(values, self.arm.body_names[self.site.index], self._directions @ theta)
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
         told, joint = self._in_words(parameters), self.names[0]
         if self.isotropic:
             return f"the link of {joint} has {told['inertia']} inertia than {self.against}'s"
@@ -196,16 +179,13 @@ class AllInertiaHypothesis(Hypothesis):
     refits_model: bool = True
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         return motion.inertial_torque(motion.inertial)
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         del theta
         return {}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`."""
         change = np.zeros(rigid_body.PER_LINK * len(self.arm.bodies))
         change[motion.inertial] = theta
         for body, row in zip(
@@ -215,7 +195,6 @@ class AllInertiaHypothesis(Hypothesis):
         return values
 
     def correction(self) -> str:
-        """See :meth:`Hypothesis.correction`."""
         return "fitting them anew beside all else"
 
 

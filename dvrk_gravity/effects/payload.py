@@ -12,23 +12,18 @@ import pinocchio as pin
 from dvrk_gravity.arms import GRAVITY, Arm, Tree, build_tree
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body
-from dvrk_gravity.effects.base.arrays import as_value
+from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting
-from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.links import (
     AXES,
     identifiable_links,
-    joint_of_link,
-    last_link,
     mass_directions,
+    weight_evaluator,
 )
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
-from dvrk_gravity.effects.base.merging import Values
-from dvrk_gravity.effects.base.plant_part import PlantPart
-from dvrk_gravity.effects.base.site import Site
-from dvrk_gravity.effects.base.state import State
-from dvrk_gravity.effects.base.term import Evaluator, Term
-from dvrk_gravity.effects.base.weight import weight_evaluator
+from dvrk_gravity.effects.base.motion import Motion, State
+from dvrk_gravity.effects.base.site import Site, joint_of_link, last_link
+from dvrk_gravity.effects.base.term import Evaluator, PlantPart, Term
 from dvrk_gravity.effects.link_com import with_link
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value
@@ -87,12 +82,11 @@ class Payload(Term):
 
     @classmethod
     def summary(cls, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Effect.summary`: mass, and centre of mass as far as that is known."""
+        """Mass, and centre of mass as far as that is known."""
         return f"mass {cls.meaning('mass').in_words(parameters['mass'])}{_centre(parameters)}"
 
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         return (
             Parameter(
                 "payload.mass", 0.0, "kg", "mass carried by a link",
@@ -109,7 +103,6 @@ class Payload(Term):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Payload | None:
-        """See :meth:`Term.from_parameters`."""
         mass = values.get("payload.mass", 0.0)
         moment = np.array(values.get("payload.first_moment") or (0.0, 0.0, 0.0))
         assert isinstance(mass, float)
@@ -128,7 +121,6 @@ class Payload(Term):
         )
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         return {
             "payload.mass": self.mass,
             "payload.first_moment": as_value(self.first_moment),
@@ -138,12 +130,10 @@ class Payload(Term):
         }
 
     def with_gravity(self, vector: Array) -> Payload:
-        """See :meth:`Term.with_gravity`."""
         return replace(self, vector=vector)
 
     @property
     def gravity_vector(self) -> Array:
-        """See :meth:`Term.gravity_vector`."""
         return self.vector
 
     @property
@@ -158,11 +148,11 @@ class Payload(Term):
         return build_tree(self.arm, {self.link: self.inertia}, gravity)
 
     def prepare(self) -> Evaluator:
-        """See :meth:`Term.prepare`: its weight alone."""
+        """Its weight alone."""
         return weight_evaluator(self.weight)
 
     def plant(self) -> PlantPart:
-        """See :meth:`Term.plant`: weight, and inertia on its link."""
+        """Weight, and inertia on its link."""
         weight = self.weight if self.weighs else None
         return PlantPart(weight=weight, links={self.link: self.inertia})
 
@@ -179,7 +169,6 @@ class Payload(Term):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
         if not motion.present.all():
             return
         for link in identifiable_links(motion.arm):
@@ -212,11 +201,9 @@ class PayloadHypothesis(Hypothesis):
         return mass_directions(self.arm, self.site.index, com)
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         return motion.link_torque(self.site.index, self._directions(self.setting))
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         mass = float(theta[0])
         moments = {f"first_moment_{a}": float(m) for a, m in zip(AXES, theta[1:], strict=True)}
         # Of a mass that is not known yet (about the axis it turns about, say) the moment still
@@ -228,7 +215,7 @@ class PayloadHypothesis(Hypothesis):
         return {"mass": mass, **moments} | {a: float(p) for a, p in zip(AXES, com, strict=True)}
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`: with its centre, as far as that is known."""
+        """With its centre, as far as that is known."""
         where = _centre(parameters)
         mass = parameters["mass"]
         if mass.value >= 0.0:
@@ -237,18 +224,17 @@ class PayloadHypothesis(Hypothesis):
         return f"{link} carries {mass.magnitude.shown} less than in {self.against}{where}"
 
     def remedy(self, carried: bool) -> str:
-        """See :meth:`Hypothesis.remedy`."""
         same = "let the link carry what it did, or go by this if it is meant to"
         return same if self.against_reference else super().remedy(carried)
 
     def plausible(self, theta: Array) -> bool:
-        """See :meth:`Hypothesis.plausible`: beside a reference it may have been taken off."""
+        """Beside a reference it may have been taken off."""
         taken_off = self.against_reference and theta[0] < 0.0
         light = bool(abs(theta[0]) <= heaviest(self.arm))
         return light and super().plausible(-theta if taken_off else theta)
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """See :meth:`Hypothesis.merge`; beside a payload that is there it is part of the link."""
+        """Beside a payload that is there it is part of the link."""
         link, name = self.arm.body_names[self.site.index], self.effect
         if motion.model.term(name) is None and f"{name}.mass" not in values and theta[0] > 0.0:
             moment = tuple(theta[1:].tolist())

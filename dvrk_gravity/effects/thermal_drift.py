@@ -9,8 +9,8 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, spread
-from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.site import Site
 
 _TIMES = (4.0, 10.0, 25.0, 60.0)  # s, from which the search begins
@@ -27,7 +27,6 @@ class ThermalDrift(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
         if motion.static:
             return
         for joint in np.flatnonzero(motion.present).tolist():
@@ -55,15 +54,12 @@ class DriftHypothesis(Hypothesis):
     transient: bool = True
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         rise = 1.0 - np.exp(-(motion.time - motion.time[0]) / self.setting["time_constant"])
         return spread(self.site.row(self.arm), rise, np.ones(len(rise)))
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         return {"torque": float(theta[0]), "time_constant": self.setting["time_constant"]}
 
     @property
     def separated_by(self) -> str:
-        """See :meth:`Hypothesis.separated_by`."""
         return "a longer recording, begun with a cold arm, would tell"

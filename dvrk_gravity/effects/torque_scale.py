@@ -10,10 +10,9 @@ import numpy as np
 from dvrk_gravity.arms import ANY_UNIT
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis
-from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.friction_sites import mixed_motors
 from dvrk_gravity.effects.base.meaning import READS, Estimate, Meaning, meanings
-from dvrk_gravity.effects.base.site import THE_ARM, Site
+from dvrk_gravity.effects.base.motion import Motion
+from dvrk_gravity.effects.base.site import THE_ARM, Site, mixed_motors
 
 _LEAST = 1e-3  # in place of zero: a factor is no number where a mean has nothing of the reference
 
@@ -29,7 +28,7 @@ class TorqueScale(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: of a joint, of all together, of a motor.
+        """Of a joint, of all together, of a motor.
 
         None in an arbitrary unit: drives have gains of their own there, and a load that is heavier
         on one joint than on another tells of those, not of a reading that changed.
@@ -72,17 +71,15 @@ class ScaleHypothesis(Hypothesis):
 
     @property
     def unrestricted(self) -> Hypothesis | None:
-        """See :meth:`Hypothesis.unrestricted`: of the efforts of all joints, one for each."""
+        """Of the efforts of all joints, one for each."""
         if not self.common_cause:
             return None
         return ScalesHypothesis(arm=self.arm, site=self.site, joints=self.joints, form="each")
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         return (motion.acting @ self.mixing)[:, :, None]
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         part = float(theta[0])
         if not self.against_reference:
             return {"factor": 1.0 + part}
@@ -90,21 +87,20 @@ class ScaleHypothesis(Hypothesis):
         return {"factor": (2.0 + part) / max(2.0 - part, _LEAST)}
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """See :meth:`Hypothesis.claim`."""
         factor = self._in_words(parameters)["factor"]
         if self.site == THE_ARM:
             return f"the efforts of all joints read {factor}"
         return f"the effort of {self.site.words(self.arm)} reads {factor}"
 
     def plausible(self, theta: Array) -> bool:
-        """See :meth:`Hypothesis.plausible`; known drive gains are not all far off alike."""
+        """Known drive gains are not all far off alike."""
         error = self.arm.drive_gain_error
         if self.site == THE_ARM and error is not None and error.any():
             return bool(abs(theta[0]) <= _FAR * np.mean(error)) and super().plausible(theta)
         return super().plausible(theta)
 
     def remedy(self, carried: bool) -> str:
-        """See :meth:`Hypothesis.remedy`: masses that are all off alike need such efforts, too."""
+        """Masses that are all off alike need such efforts, too."""
         if self.site != THE_ARM:
             return super().remedy(carried)
         scale = "check the scale of all efforts"
@@ -121,9 +117,7 @@ class ScalesHypothesis(Hypothesis):
     EFFORT_READING = True
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         return motion.acting[:, :, None] * np.eye(self.arm.n)[:, self.joints]
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         return {f"factor_{index}": 1.0 + float(part) for index, part in enumerate(theta)}

@@ -11,8 +11,8 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, spread
-from dvrk_gravity.effects.base.evidence import Motion
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
+from dvrk_gravity.effects.base.motion import Motion
 from dvrk_gravity.effects.base.site import Site
 
 Basis = Callable[[Motion], Array]
@@ -59,19 +59,16 @@ class UnexplainedHypothesis(Hypothesis):
     extrapolates: bool = False
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         return spread(self.site.row(self.arm), *self.basis(motion).T)
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         return {"rms": float(np.sqrt(np.mean(theta**2)))}
 
     def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
-        """See :meth:`Hypothesis.words`."""
         return {**super().words(parameters), "what": self.what}
 
     def remedy(self, carried: bool) -> str:
-        """See :meth:`Hypothesis.remedy`: a joint alone would not show what it has of another."""
+        """A joint alone would not show what it has of another."""
         if self.transient or self.of == self.joints[0]:
             return super().remedy(carried)
         return (
@@ -81,7 +78,6 @@ class UnexplainedHypothesis(Hypothesis):
 
     @property
     def depends_on(self) -> int | None:
-        """See :meth:`Hypothesis.depends_on`."""
         return self.of
 
 

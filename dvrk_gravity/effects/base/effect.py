@@ -17,13 +17,13 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects.base.evidence import Filtered, Motion, Residual
+from dvrk_gravity.effects.base.arrays import Values
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning
+from dvrk_gravity.effects.base.motion import Filtered, Motion, Residual
 from dvrk_gravity.effects.base.site import Kind, Site
 from dvrk_gravity.errors import EffectError
 
 Setting = Mapping[str, float]
-Values = Mapping[str, Any]
 
 MAX_REMOVED = 1.5
 """Largest fraction of the model's friction that may be missing.
@@ -108,7 +108,8 @@ class Hypothesis(ABC):
     Attributes:
         arm: The arm.
         site: Where it acts.
-        joints: Indices of the joints that a finding names, the affected one first; empty: the arm.
+        joints: Indices of the joints that a finding names, the affected one first; by default the
+            site's own, and none of base and arm.
         form: Which of several forms at that site; ``""`` if there is one.
         setting: Non-linear parameters, by name.
         refine: Settings to optimise by a bounded search, see :meth:`search_range`.
@@ -162,6 +163,11 @@ class Hypothesis(ABC):
     shifts_positions: bool = False
     removable: float = np.inf
     against_reference: bool = False
+
+    def __post_init__(self) -> None:
+        """Set the joints of the site, unless others are given."""
+        if not self.joints:
+            object.__setattr__(self, "joints", self.site.joints(self.arm))
 
     @abstractmethod
     def regressor(self, motion: Motion) -> Array:
