@@ -20,10 +20,12 @@ from dvrk_gravity.effects.coulomb_friction import CoulombFriction
 from dvrk_gravity.effects.directional_cable import DirectionalCable
 from dvrk_gravity.effects.effort_saturation import EffortSaturation
 from dvrk_gravity.effects.elastic_cable import ElasticCable
+from dvrk_gravity.effects.encoder_scale import EncoderScale
 from dvrk_gravity.effects.gravity import Gravity
 from dvrk_gravity.effects.held_load import HeldLoad
 from dvrk_gravity.effects.joint_coupling import JointCoupling
 from dvrk_gravity.effects.joint_offset import JointOffset
+from dvrk_gravity.effects.joint_spring import JointSpring
 from dvrk_gravity.effects.link_com import LinkCom
 from dvrk_gravity.effects.link_inertia import LinkInertia
 from dvrk_gravity.effects.link_weight import LinkWeight
@@ -65,7 +67,9 @@ for _effect in (
     PreslidingHysteresis,
     ThermalDrift,
     EffortSaturation,
+    EncoderScale,
     JointCoupling,
+    JointSpring,
     Cogging,
     Contact,
     HeldLoad,

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from dvrk_gravity.effects.base import site
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting, Values
+from dvrk_gravity.effects.base.encoder_sites import encoder_sites
 from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.friction_sites import mixed_motors
 from dvrk_gravity.effects.base.meaning import READS, Meaning, meanings
 from dvrk_gravity.effects.base.merging import position_offset
 
@@ -31,21 +31,10 @@ class JointOffset(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`: of a joint, and of a motor that moves several.
-
-        None of what did not move: a constant torque at other joints is all that it would show.
-        """
-        arm, moves = motion.arm, motion.moves
-        sites = [site.joint(joint) for joint in np.flatnonzero(moves).tolist()]
-        if motion.present.all():
-            sites += [
-                site.motor(motor)
-                for motor in mixed_motors(arm)
-                if moves[arm.actuator_to_joint[:, motor] != 0.0].any()
-            ]
-        for where in sites:
+        """See :meth:`Effect.hypotheses`: of a joint, and of a motor that moves several."""
+        for where in encoder_sites(motion):
             yield ZeroHypothesis(
-                arm=arm, site=where, joints=(where.index,), setting={"offset": 0.0},
+                arm=motion.arm, site=where, joints=(where.index,), setting={"offset": 0.0},
                 alignment=where.kind is site.Kind.JOINT,
             )  # fmt: skip
 
@@ -63,9 +52,7 @@ class ZeroHypothesis(Hypothesis):
     @property
     def shift(self) -> Array:
         """(n,) what the joints' positions read too much per rad of it."""
-        if self.site.kind is site.Kind.MOTOR:
-            return self.arm.actuator_to_joint[:, self.site.index]
-        return self.site.row(self.arm)
+        return self.site.column(self.arm)
 
     def build(self, motion: Motion, setting: Setting) -> Array:
         """See :meth:`Hypothesis.build`; a secant at the last estimate serves large offsets."""

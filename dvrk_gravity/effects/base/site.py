@@ -46,6 +46,12 @@ class Site:
             return arm.joint_to_actuator[self.index]
         return np.eye(arm.n)[self.index]
 
+    def column(self, arm: Arm) -> Array:
+        """Return the (n,) column that takes a motion of a joint or motor to the joints."""
+        if self.kind is Kind.MOTOR:
+            return arm.actuator_to_joint[:, self.index]
+        return np.eye(arm.n)[self.index]
+
     def unit(self, arm: Arm, unit: str) -> str:
         """Return the unit there of what is in ``unit`` where a joint turns."""
         at_joint = self.kind in (Kind.JOINT, Kind.MOTOR)
