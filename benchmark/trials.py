@@ -24,7 +24,7 @@ import numpy as np
 from dvrk_gravity.diagnosis import Diagnosis, diagnose
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
 from dvrk_gravity.diagnosis.load import load
-from testing.hide import HIDERS, Hidden, hide
+from testing.hide import HIDERS, STREAMS, Hidden, hide
 from testing.world import World
 
 PAIRS = (
@@ -86,7 +86,7 @@ def trial(seed: int, effects: Sequence[str], static: bool = False) -> Outcome:
     outcome = Outcome(seed, list(effects), static)
     try:
         known = world = World.draw(1000 + seed)
-        random = np.random.default_rng([seed, *(sorted(HIDERS).index(e) for e in effects)])
+        random = np.random.default_rng([seed, *(STREAMS[e] for e in effects)])
         hidden = []
         for effect in effects:
             world, cause = hide(world, effect, random)
