@@ -127,10 +127,11 @@ def test_a_hidden_effect_is_in_the_recording_at_the_size_told(world, setting, ef
     assert 0.9 * RATIO[0] < hiding.ratio < 1.1 * RATIO[1], "or it was no use to hide it"
     before, after = (world.record(truth, 4) for truth in (setting.truth, hiding.truth))
     change = after.effort - before.effort
-    if effect == "joint_offset":
-        joint = world.arm.joint_names.index(*hiding.hidden.joints)
-        moved = (after.position - before.position)[:, joint]
-        np.testing.assert_allclose(moved, hiding.hidden.parameters["offset"], atol=1e-4)
+    if effect in ("joint_offset", "encoder_scale"):
+        joint, told = world.arm.joint_names.index(*hiding.hidden.joints), hiding.hidden.parameters
+        read = told.get("factor", 1.0) * before.position[:, joint] + told.get("offset", 0.0)
+        np.testing.assert_allclose(after.position[:, joint], read, atol=1e-4)
+        assert not change.any()
         torques = [world.engine.torque(*truth.motion) for truth in (setting.truth, hiding.truth)]
         assert setting.ratio(torques[1] - torques[0]) == pytest.approx(hiding.ratio, rel=0.1)
         return

@@ -56,7 +56,7 @@ class JointSpring(LinearTerm):
     MEANINGS = meanings(
         stiffness=size("N·m/rad", MORE),
         ratio=Meaning(label="its stretch by the second joint, by that of the first", least=0.0),
-        torque=Meaning("N·m", label="torque in the middle of the motion", certain=True),
+        torque=Meaning("N·m", None, ("up", "down"), "torque in the middle of the motion"),
     )
 
     arm: Arm
