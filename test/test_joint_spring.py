@@ -136,7 +136,10 @@ def sprung(setting: Setting, first: int, second: int, ratio: float, size: float)
 
 @pytest.fixture(
     scope="module",
-    params=[("ur5", 2, 3, 1.0, 10.0), ("mtml", 3, 5, -0.8, 8.0)],
+    params=[
+        ("ur5", 2, 3, 1.0, 10.0),
+        pytest.param(("mtml", 3, 5, -0.8, 8.0), marks=pytest.mark.slow),
+    ],
     ids=lambda case: case[0],
 )
 def found(request) -> tuple[tuple, MujocoWorld, Recording, Diagnosis]:

@@ -69,14 +69,15 @@ class JointSpring(LinearTerm):
         rows = (
             Parameter(
                 f"{cls.NAME}.{joint.name}", (), "N·m/rad",
-                f"torque by the position of each joint, at {joint.name}", lengths=(arm.n,),
+                f"torque of springs between joints by the position of each, at {joint.name}",
+                lengths=(arm.n,),
                 units=tuple(
                     f"{joint.own_unit('N·m')}/{other.own_unit('rad')}" for other in arm.joints
                 ),
             )
             for joint in arm.joints
         )  # fmt: skip
-        meaning = "its torque where all positions are zero"
+        meaning = "torque of springs between joints where all positions are zero"
         return (*rows, joint_array(arm, f"{cls.NAME}.constant", "N·m", meaning))
 
     @classmethod
