@@ -250,7 +250,11 @@ def _outside(world: World, random: Random) -> tuple[World, Hidden]:
     return replace(world, extra=(*world.extra, extra)), found(world.arm, "outside", joint)
 
 
-HIDERS: Mapping[str, Callable[[World, Random], tuple[World, Hidden]]] = {
+Hider = Callable[[World, Random], tuple[World, Hidden]]
+
+_ADDED: Mapping[str, Hider] = {"joint_spring": _spring, "encoder_scale": encoder_scale}
+
+HIDERS: Mapping[str, Hider] = {
     "nothing": _nothing,
     "payload": _payload,
     "base_tilt": _base_tilt,
@@ -267,13 +271,12 @@ HIDERS: Mapping[str, Callable[[World, Random], tuple[World, Hidden]]] = {
     "contact": _contact,
     "outside": _outside,
     **READINGS,
-    "joint_spring": _spring,
-    "encoder_scale": encoder_scale,
+    **_ADDED,
 }
-"""Effect -> how it is hidden; new ones at the end."""
+"""Effect -> how it is hidden."""
 
-_LATER = ("joint_spring", "encoder_scale")
 STREAMS: Mapping[str, int] = {
-    name: number for number, name in enumerate((*sorted(set(HIDERS) - set(_LATER)), *_LATER))
+    effect: number
+    for number, effect in enumerate((*sorted(HIDERS.keys() - _ADDED.keys()), *_ADDED))
 }
-"""Effect -> number of its random stream, which no new effect moves: those came later are last."""
+"""Effect -> number of its random stream. New effects come last, and move no other's."""

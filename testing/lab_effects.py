@@ -137,7 +137,7 @@ class Hiding:
 
 def hide(
     setting: Setting, effect: str, random: Random, joint: int | None = None,
-    sizes: tuple[float, float] = SIZES,
+    sizes: tuple[float, float] = SIZES, shapers: Mapping[str, Shaper] | None = None,
 ) -> Hiding:  # fmt: skip
     """Hide an effect, some times as large as what the model leaves if it can be.
 
@@ -147,17 +147,19 @@ def hide(
         random: Where joint, size and shape come from.
         joint: Index of the joint, or of the link's; ``None``: drawn.
         sizes: Least and greatest, in units of what the model leaves.
+        shapers: How each is hidden; by default :data:`HIDERS`.
 
     Raises:
         ConfigError: No such effect.
     """
-    if effect not in HIDERS:
-        raise ConfigError("effect", effect, f"one of {', '.join(sorted(HIDERS))}")
+    shapers = shapers or HIDERS
+    if effect not in shapers:
+        raise ConfigError("effect", effect, f"one of {', '.join(sorted(shapers))}")
     target = float(np.exp(random.uniform(*np.log(sizes))))
     best: Hiding | None = None
     for _ in range(_TRIES):
         where = int(random.integers(setting.n)) if joint is None else joint
-        hiding = HIDERS[effect](setting, random, where, target)
+        hiding = shapers[effect](setting, random, where, target)
         if best is None or abs(hiding.ratio - target) < abs(best.ratio - target):
             best = hiding
         if best.ratio > 0.95 * sizes[0] or effect == "nothing":
