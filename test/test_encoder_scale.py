@@ -140,6 +140,18 @@ def test_it_is_found_and_is_no_zero_and_no_clock(joint, factor):
     }
 
 
+def test_one_that_was_homed_elsewhere_is_right_there_and_is_found_with_its_offset():
+    """An incremental encoder is set where the arm is switched on, and counts wrongly from there."""
+    joint, factor, home = 4, 1.08, 1.0
+    recording = scaled(moved(), at_joint(ARM.n, joint, factor))
+    offset = (1.0 - factor) * home
+    read = replace(recording, position=recording.position + offset * np.eye(ARM.n)[joint])
+    (finding,) = diagnose(read, known().model()).findings
+    assert (finding.effect, finding.joints) == ("encoder_scale", ("wrist_pitch",))
+    for name, truth in (("factor", factor), ("offset", offset)):
+        assert finding.parameters[name].low <= truth <= finding.parameters[name].high
+
+
 def test_a_zero_that_is_off_is_no_scale():
     shifted = replace(moved(), position=moved().position + 0.1 * np.eye(ARM.n)[4])
     first = diagnose(shifted, known().model()).findings[0]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,19 +11,20 @@ from numpy.typing import NDArray
 from dvrk_gravity.effects.base.effect import Effect, Hypothesis, Setting
 from dvrk_gravity.effects.base.encoder_sites import encoder_sites
 from dvrk_gravity.effects.base.evidence import Motion
-from dvrk_gravity.effects.base.meaning import Meaning, meanings
+from dvrk_gravity.effects.base.meaning import READS, Meaning, meanings
 from dvrk_gravity.effects.base.state import State
 
 Array = NDArray[np.float64]
 
-_SMALL = 1e-3  # of a factor: nearer to one, a slope serves in place of a secant
+_SMALL = 1e-3  # of a factor less one, and rad: below, a slope serves in place of a secant
 
 
 class EncoderScale(Effect):
-    """measured position = factor x true position, of velocity and acceleration likewise.
+    """measured position = factor x true position + offset, and measured velocity likewise.
 
-    Positions count from the encoder's zero. Where a joint is homed elsewhere, the reading is off by
-    a constant as well, which is a ``joint_offset``. Unlike a ``time_scale`` it is of one encoder.
+    The offset is zero where the joint is homed at the encoder's zero. Where it is homed at z, the
+    reading is right there, and the offset is (1 - factor) z. Unlike a ``time_scale`` it is of one
+    encoder, and unlike a ``joint_offset`` it grows with the joint's way.
     """
 
     NAME = "encoder_scale"
@@ -31,16 +32,22 @@ class EncoderScale(Effect):
     MEANINGS = meanings(
         factor=Meaning(
             "", 1.0, ("too far", "too short"), "reads", least=0.5, greatest=2.0, percent=True
-        )
+        ),
+        offset=Meaning("rad", None, READS, "reads at its zero", least=-0.6, greatest=0.6),
     )
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """See :meth:`Effect.hypotheses`: of a joint, and of a motor that moves several."""
         for where in encoder_sites(motion):
-            yield ReadingHypothesis(
+            at_zero = ReadingHypothesis(
                 arm=motion.arm, site=where, joints=(where.index,), setting={"factor": 1.0}
             )
+            yield at_zero
+            yield replace(
+                at_zero, form=f"{where.kind.value}, homed elsewhere",
+                setting={"factor": 1.0, "offset": 0.0}, fixed_point=("factor", "offset"),
+            )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,19 +60,22 @@ class ReadingHypothesis(Hypothesis):
     fixed_point: tuple[str, ...] = ("factor",)
 
     def build(self, motion: Motion, setting: Setting) -> Array:
-        """See :meth:`Hypothesis.build`: a secant of the model's torque at the last estimate."""
-        part = setting["factor"] - 1.0
-        if abs(part) < _SMALL:
-            change = self._torque(motion, 1.0 + _SMALL) - self._torque(motion, 1.0 - _SMALL)
-            return (change / (2.0 * _SMALL))[:, :, None]
-        return ((self._torque(motion, 1.0 + part) - motion.modelled) / part)[:, :, None]
+        """See :meth:`Hypothesis.build`: secants of the model's torque at the last estimate.
 
-    def _torque(self, motion: Motion, factor: float) -> Array:
-        """Return (N, n) torques of the model where the encoder reads ``factor`` times too far."""
+        Of the factor without an offset, and, where it is homed elsewhere, of the offset beside it.
+        """
+        factor, offset = setting["factor"], setting.get("offset")
+        columns = [_secant(lambda part: self._torque(motion, 1.0 + part, 0.0), factor - 1.0)]
+        if offset is not None:
+            columns.append(_secant(lambda shift: self._torque(motion, factor, shift), offset))
+        return np.stack(columns, axis=2)
+
+    def _torque(self, motion: Motion, factor: float, offset: float) -> Array:
+        """Return (N, n) torques of the model where the encoder reads so much too far, and high."""
         # What the encoder reads is a row of the joints' positions; what it moves, a column of them.
-        read = np.outer(self.site.row(self.arm), self.site.column(self.arm))
-        true = np.eye(self.arm.n) + (1.0 / factor - 1.0) * read
-        q = motion.q @ true
+        row, column = self.site.row(self.arm), self.site.column(self.arm)
+        true = np.eye(self.arm.n) + (1.0 / factor - 1.0) * np.outer(row, column)
+        q = (motion.q - offset * column) @ true
         if motion.static:
             state = State(q, direction=motion.direction)
         else:
@@ -76,4 +86,12 @@ class ReadingHypothesis(Hypothesis):
     def describe(self, theta: Array, setting: Setting) -> dict[str, float]:
         """See :meth:`Hypothesis.describe`."""
         del setting
-        return {"factor": 1.0 + float(theta[0])}
+        part, *offset = theta.tolist()
+        return {"factor": 1.0 + part, **({"offset": offset[0]} if offset else {})}
+
+
+def _secant(torque: Callable[[float], Array], at: float) -> Array:
+    """Return the (N, n) secant of a torque from zero, near zero its slope."""
+    if abs(at) < _SMALL:
+        return (torque(_SMALL) - torque(-_SMALL)) / (2.0 * _SMALL)
+    return (torque(at) - torque(0.0)) / at
