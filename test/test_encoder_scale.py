@@ -113,6 +113,13 @@ def test_times_its_parameter_the_column_is_what_the_reading_changes(where, facto
     assert np.linalg.norm(missed) < 0.02 * np.linalg.norm(change)
 
 
+@pytest.mark.parametrize("factor", [-3.0, 0.0, 1e9])
+def test_where_a_fit_on_its_way_asks_for_no_encoder_its_column_is_finite(factor):
+    column = supposed(site.joint(4)).build(motion(), {"factor": factor})
+    assert np.isfinite(column).all()
+    assert not supposed(site.joint(4)).plausible(np.array([factor - 1.0]))
+
+
 def test_of_what_does_not_move_none_is_supposed():
     moves = motion().moves
     q = motion().q.copy()

@@ -16,6 +16,8 @@ from dvrk_gravity.effects.base.state import State
 
 Array = NDArray[np.float64]
 
+# Chosen: beyond, it is another unit or a wrong sign. A fit on its way may ask for less than nothing.
+_LEAST, _GREATEST = 0.5, 2.0
 _SMALL = 1e-3  # of a factor less one, and rad: below, a slope serves in place of a secant
 
 
@@ -31,7 +33,13 @@ class EncoderScale(Effect):
     REMEDY = "check the counts per turn and the gear ratio of {joint}'s encoder"
     MEANINGS = meanings(
         factor=Meaning(
-            "", 1.0, ("too far", "too short"), "reads", least=0.5, greatest=2.0, percent=True
+            "",
+            1.0,
+            ("too far", "too short"),
+            "reads",
+            least=_LEAST,
+            greatest=_GREATEST,
+            percent=True,
         ),
         offset=Meaning("rad", None, READS, "reads at its zero", least=-0.6, greatest=0.6),
     )
@@ -64,7 +72,8 @@ class ReadingHypothesis(Hypothesis):
 
         Of the factor without an offset, and, where it is homed elsewhere, of the offset beside it.
         """
-        factor, offset = setting["factor"], setting.get("offset")
+        factor = float(np.clip(setting["factor"], _LEAST, _GREATEST))
+        offset = setting.get("offset")
         columns = [_secant(lambda part: self._torque(motion, 1.0 + part, 0.0), factor - 1.0)]
         if offset is not None:
             columns.append(_secant(lambda shift: self._torque(motion, factor, shift), offset))
