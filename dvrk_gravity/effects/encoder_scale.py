@@ -16,7 +16,7 @@ from dvrk_gravity.effects.base.state import State
 
 Array = NDArray[np.float64]
 
-# Chosen: beyond, it is another unit or a wrong sign. A fit on its way may ask for less than nothing.
+# Chosen: beyond, it is another unit or a wrong sign. A fit on its way may ask even for zero.
 _LEAST, _GREATEST = 0.5, 2.0
 _SMALL = 1e-3  # of a factor less one, and rad: below, a slope serves in place of a secant
 
