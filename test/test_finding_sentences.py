@@ -171,6 +171,8 @@ def test_no_effect_is_told_with_an_amount_below_zero_or_an_exponent(every, sign)
         ("time_delay", "late", "early"),
         ("thermal_drift", " up ", " down "),
         ("joint_coupling", "leaks into", "with its sign turned round"),
+        ("joint_spring", "more stiffness", "less stiffness"),
+        ("encoder_scale", "too far", "too short"),
     ],
 )
 def test_a_sign_is_told_in_words(every, effect, more, less):
@@ -270,7 +272,7 @@ def test_a_table_shows_what_a_person_can_use_and_no_counts_of_parameters(every):
 def test_every_parameter_of_every_effect_has_a_unit_or_is_a_part(every):
     for case in every:
         for name, value in case.estimates().items():
-            assert value.unit or name.endswith("factor"), (case.hypothesis.effect, name)
+            assert value.unit or name.endswith(("factor", "ratio")), (case.hypothesis.effect, name)
 
 
 def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():

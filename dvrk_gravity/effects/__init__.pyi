@@ -7,6 +7,7 @@ from .base.arrays import as_value as as_value
 from .base.arrays import diagonal_columns as diagonal_columns
 from .base.arrays import evaluate as evaluate
 from .base.arrays import joint_array as joint_array
+from .base.arrays import position_offset as position_offset
 from .base.arrays import write_rows as write_rows
 from .base.effect import MAX_REMOVED as MAX_REMOVED
 from .base.effect import Effect as Effect
@@ -75,11 +76,15 @@ from .directional_cable import DirectionalCable as DirectionalCable
 from .effort_saturation import EffortSaturation as EffortSaturation
 from .elastic_cable import CableHypothesis as CableHypothesis
 from .elastic_cable import ElasticCable as ElasticCable
+from .encoder_scale import EncoderScale as EncoderScale
+from .encoder_scale import ReadingHypothesis as ReadingHypothesis
 from .gravity import Gravity as Gravity
 from .held_load import HeldLoad as HeldLoad
 from .held_load import pose_functions as pose_functions
 from .joint_coupling import JointCoupling as JointCoupling
 from .joint_offset import JointOffset as JointOffset
+from .joint_spring import JointSpring as JointSpring
+from .joint_spring import SpringHypothesis as SpringHypothesis
 from .link_com import LinkCom as LinkCom
 from .link_inertia import LinkInertia as LinkInertia
 from .link_weight import LinkWeight as LinkWeight
