@@ -71,7 +71,6 @@ class QuadraticDrag(LinearTerm):
     @classmethod
     def plausible(cls, arm: Arm, valid: Range) -> QuadraticDrag:
         """The prior of what a fit looks for."""
-        del valid
         return cls(PRIOR_FRACTION * arm.actuator_effort_limit)
 
     @property
@@ -90,7 +89,7 @@ class QuadraticDrag(LinearTerm):
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         if not motion.static:
             for joint in np.flatnonzero(motion.moves).tolist():
-                yield DragHypothesis(arm=motion.arm, site=Site.joint(joint), joints=(joint,))
+                yield DragHypothesis(arm=motion.arm, site=Site.joint(joint))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -110,5 +109,4 @@ class DragHypothesis(Hypothesis):
         return {"coefficient": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        del motion
         return added(self.arm, values, self.effect, self.site.index, float(theta[0]))

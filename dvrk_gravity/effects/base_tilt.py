@@ -33,7 +33,7 @@ _LEVEL = 12  # entries of beta that an upright base shows
 
 
 class BaseTilt(Effect):
-    """Gravity comes from another direction than the model takes it to."""
+    """Gravity has another direction in the base frame than the model assumes."""
 
     NAME = "base_tilt"
     REMEDY = "level the base"
@@ -44,7 +44,6 @@ class BaseTilt(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """A base that leans, and one that is mounted otherwise."""
         if not motion.present.all() or not any(term.carries_arm for term in motion.model.terms):
             return
         shaft = _unknown_of_shaft(motion)
@@ -89,7 +88,6 @@ class _OfBase(ChangesModelTorque, Hypothesis):
         return np.stack([*columns, *shaft], axis=2)
 
     def applied_to(self, model: Any, theta: Array) -> Any:
-        """Weights pull another way."""
         vector = _turned(model.gravity, **self.parameters(theta))
         weighing = (
             term if term.gravity_vector is None else term.with_gravity(vector)
@@ -125,7 +123,7 @@ class _OfBase(ChangesModelTorque, Hypothesis):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TiltHypothesis(_OfBase):
-    """The base leans by no more than an arm is put down wrongly."""
+    """The base is tilted by a small angle, at most :data:`MAX_TILT`."""
 
     fixed_point: tuple[str, ...] = ("roll", "pitch")
     alignment: bool = True
@@ -167,7 +165,7 @@ class MountingHypothesis(_OfBase):
     gravity: tuple[float, ...]
 
     def regressor(self, motion: Motion) -> Array:
-        """Per m/s^2 along each axis of the base."""
+        """Return torques per m/s^2 of gravity along each axis of the base."""
         level = _weight_torque(motion, motion.gravity)
         along = [_weight_torque(motion, motion.gravity + axis) - level for axis in np.eye(3)]
         return self._with_shaft(motion, along)
@@ -179,7 +177,7 @@ class MountingHypothesis(_OfBase):
         return {"roll": (roll - jumps) % (2.0 * np.pi) + jumps, "pitch": pitch}
 
     def plausible(self, theta: Array) -> bool:
-        """Gravity's size stays, its direction does not."""
+        """Gravity's magnitude must be right, and the angle beyond :data:`MAX_TILT`."""
         had = np.array(self.gravity)
         size = float(np.linalg.norm(had + theta[:3]) / np.linalg.norm(had))
         angles = self.parameters(theta).values()

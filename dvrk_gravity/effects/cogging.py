@@ -71,7 +71,6 @@ class Cogging(Term):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Cogging | None:
-        """Every ripple needs all three numbers."""
         motors: list[int] = []
         ripples: dict[str, list[float]] = {field: [] for field, _, _ in _FIELDS}
         for motor, joint in enumerate(arm.joint_names):
@@ -134,7 +133,7 @@ class Cogging(Term):
                 power += (target @ wave) ** 2 / np.maximum(scale @ wave**2, 1e-30)
             cycles = float(waves.grid[np.argmax(power)])
             yield RippleHypothesis(
-                arm=residual.data.motion.arm, site=Site.motor(waves.motor), joints=(waves.motor,),
+                arm=residual.data.motion.arm, site=Site.motor(waves.motor),
                 setting={"cycles_per_revolution": cycles},
             )  # fmt: skip
 
@@ -178,13 +177,12 @@ class RippleHypothesis(Hypothesis):
         }
 
     def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
-        """To the next frequency of the search."""
+        """Return the bounds up to the next frequencies of the grid."""
         way = float(np.max(motion.travel[1]))
         return self.setting[name] - 0.5 / way, self.setting[name] + 0.5 / way
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """A ripple more; an encoder's zero shifts its phase."""
-        del motion
+        """Append a ripple, its phase corrected by the encoders' zeros."""
         motor = self.site.index
         ripple = self.parameters(theta)
         # The motor's angle is read off as far as the joints' are.

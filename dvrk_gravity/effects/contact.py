@@ -1,4 +1,4 @@
-"""Something outside that a joint runs into: an elastic wall at a position."""
+"""Contact with the environment: an elastic wall at a position, or a push for a while."""
 
 from __future__ import annotations
 
@@ -79,7 +79,6 @@ class Contact(Term):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Contact | None:
-        """A stiffness needs a position."""
         n = arm.n
         arrays: list[Array] = []
         for side in ("above", "below"):
@@ -100,14 +99,13 @@ class Contact(Term):
     @classmethod
     def search(cls, basis: Any, residual: Residual) -> Iterator[Hypothesis]:
         """Yield walls all over each joint's way, and when each joint is pushed most."""
-        del basis
         motion = residual.data.motion
         for joint in np.flatnonzero(motion.moves).tolist():
             for percentile in _PERCENTILES:
                 for side, edge in ((1.0, percentile), (-1.0, 100.0 - percentile)):
                     position = float(np.percentile(motion.q[:, joint], edge))
                     yield WallHypothesis(
-                        arm=motion.arm, site=Site.joint(joint), joints=(joint,),
+                        arm=motion.arm, site=Site.joint(joint),
                         form="above a position" if side > 0.0 else "below a position",
                         side=side, setting={"position": position},
                     )  # fmt: skip
@@ -125,7 +123,7 @@ class Contact(Term):
             if begin <= time.min() + _BIN:
                 begin = float(motion.time[0])
             yield PushHypothesis(
-                arm=motion.arm, site=Site.joint(joint), joints=(joint,),
+                arm=motion.arm, site=Site.joint(joint),
                 setting={"start": begin, "end": end},
             )  # fmt: skip
 
@@ -182,7 +180,6 @@ class WallHypothesis(Hypothesis):
         return {"stiffness": float(self.side * theta[0]), **self.setting}
 
     def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
-        del motion
         return self.setting[name] - _WALL_REACH, self.setting[name] + _WALL_REACH
 
     @property
@@ -190,8 +187,7 @@ class WallHypothesis(Hypothesis):
         return "above" if self.side > 0.0 else "below"
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """A joint has one wall on either side."""
-        del motion
+        """``None`` if the joint has a wall on that side already."""
         joint, wall = self.site.index, self.parameters(theta)
         name = f"{self.effect}.{self._above}"
         stiffness, position = (
@@ -214,7 +210,7 @@ class WallHypothesis(Hypothesis):
         )
 
     def remedy(self, carried: bool) -> str:
-        """What always pulls from a position on may be a cable."""
+        """A cable may pull from a position on, too."""
         more = f"look at the cables and springs across {self.names[0]}, one may pull from there on"
         return f"{super().remedy(carried)}; or {more}"
 

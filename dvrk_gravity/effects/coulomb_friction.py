@@ -96,7 +96,7 @@ class CoulombFriction(Friction):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> CoulombFriction | None:
-        """A direction that is not given equals the other."""
+        """A direction that is not given has the other's level."""
         n = arm.n
         levels = {}
         for kind in ("joint", "motor"):

@@ -151,7 +151,6 @@ class DirectionalCable(LinearTerm):
         return np.minimum(self.ratio, part)
 
     def whole(self) -> DirectionalCable:
-        """The whole difference between the directions."""
         return replace(self, ratio=np.ones_like(self.ratio))
 
     def blend(self, state: State) -> Array | None:
@@ -172,7 +171,7 @@ class DirectionalCable(LinearTerm):
 
     @property
     def theta(self) -> Array:
-        """Of moving up, power by power, then of moving down."""
+        """(2 (degree + 1) n,) coefficients of moving up, power by power, then of moving down."""
         return np.concatenate([self.positive.ravel(), self.negative.ravel()])
 
     def with_theta(self, theta: Array) -> DirectionalCable:
@@ -201,7 +200,7 @@ class DirectionalCable(LinearTerm):
         return lambda q, qd: sum_up(parts(q, qd))
 
     def prepare_parts(self, part: Array) -> Evaluator:
-        """Both parts share their powers of the position."""
+        """Both parts share the powers of the position."""
         elastic, friction = self.elastic(), self.scaled(part)
         if friction.shape != "linear":
             return lambda q, qd: np.stack([elastic.torque(State(q)), friction.torque(State(q, qd))])

@@ -34,7 +34,7 @@ class EffortSaturation(Effect):
                 limit = float(np.percentile(np.abs(motion.effort[:, joint]), percentile))
                 if limit > 0.0:
                     yield ClippedHypothesis(
-                        arm=motion.arm, site=Site.joint(joint), joints=(joint,),
+                        arm=motion.arm, site=Site.joint(joint),
                         setting={"limit": limit},
                     )  # fmt: skip
 
@@ -60,5 +60,4 @@ class ClippedHypothesis(Hypothesis):
         return {"limit": self.setting["limit"], "share": float(theta[0])}
 
     def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
-        del motion
         return 0.9 * self.setting[name], 1.1 * self.setting[name]

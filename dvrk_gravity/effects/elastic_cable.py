@@ -93,7 +93,6 @@ class ElasticCable(LinearTerm):
 
     @classmethod
     def meaning(cls, name: str) -> Meaning:
-        """Coefficients are for programs."""
         if name.startswith("k"):
             unit = "N·m" if name == "k0" else f"N·m/rad^{name[1:]}"
             return Meaning(unit, listed=False)
@@ -101,7 +100,7 @@ class ElasticCable(LinearTerm):
 
     @classmethod
     def listed(cls, names: Iterable[str]) -> list[str]:
-        """One slope says little of a curve."""
+        """The slope of a curve in its middle is not listed."""
         names = super().listed(names)
         return [name for name in names if name != "stiffness" or "lowest" not in names]
 
@@ -111,7 +110,7 @@ class ElasticCable(LinearTerm):
         for joint in np.flatnonzero(motion.moves).tolist():
             for degree in _DEGREES:
                 yield CableHypothesis(
-                    arm=motion.arm, site=Site.joint(joint), joints=(joint,),
+                    arm=motion.arm, site=Site.joint(joint),
                     form=f"degree {degree}", degree=degree,
                     middle=float(middle[joint]), half=float(half[joint]),
                 )  # fmt: skip
@@ -147,12 +146,11 @@ class ElasticCable(LinearTerm):
 
     @classmethod
     def plainest(cls, table: ColumnTable) -> list[int]:
-        """A constant torque."""
         return table.select(effect=cls.NAME, index=0)
 
     @property
     def theta(self) -> Array:
-        """All joints' k0, then all their k1, …."""
+        """((degree + 1) n,) all joints' k0, then all their k1, …."""
         return self.coefficients.ravel()
 
     def with_theta(self, theta: Array) -> ElasticCable:
@@ -160,7 +158,7 @@ class ElasticCable(LinearTerm):
 
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
-        """As Legendre polynomials over the range."""
+        """Legendre polynomials over the range, which are well conditioned."""
         scale = PRIOR_FRACTION * effort_limits(arm, Kind.JOINT)
         columns = [
             column
@@ -171,7 +169,6 @@ class ElasticCable(LinearTerm):
         return Unknowns(term, tuple(columns), legendre(valid, DEGREE))
 
     def reduced(self) -> ElasticCable:
-        """To the highest power that any joint has."""
         used = np.flatnonzero(self.coefficients.any(axis=1)).tolist()
         return replace(self, coefficients=self.coefficients[: max(used, default=0) + 1])
 

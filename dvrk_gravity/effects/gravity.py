@@ -99,7 +99,6 @@ class Gravity(LinearTerm):
 
     @property
     def theta(self) -> Array:
-        """Beta."""
         return self.beta
 
     def with_theta(self, theta: Array) -> Gravity:
@@ -109,7 +108,6 @@ class Gravity(LinearTerm):
         return gravity.regressor(state.q, self.vector, len(self.beta))
 
     def plant(self) -> PlantPart:
-        """The weight."""
         if not self.enabled:
             return PlantPart()
         return PlantPart(weight=beta_tree(self.arm, self.beta, self.vector))

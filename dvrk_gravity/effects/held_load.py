@@ -130,7 +130,7 @@ class HeldLoad(Term):
         return torque
 
     def plant(self) -> PlantPart:
-        """Nothing; the plant's own stiction holds what it holds."""
+        """Nothing: the plant has its own stiction."""
         return PlantPart()
 
 

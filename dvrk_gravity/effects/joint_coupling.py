@@ -17,7 +17,7 @@ _SMALL = 1e-3  # below: a slope serves in place of a secant
 
 
 class JointCoupling(Effect):
-    """What is read at one joint holds part of what belongs to another."""
+    """The reading of one joint contains a fraction of another's."""
 
     NAME = "joint_coupling"
     REMEDY = "check the transmission matrix (actuator to joint) at {joint}"
@@ -27,7 +27,6 @@ class JointCoupling(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """Every pair, torque and motion."""
         present = np.flatnonzero(motion.present).tolist()
         for target in present:
             for source in present:
@@ -46,7 +45,7 @@ class JointCoupling(Effect):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LeakHypothesis(Hypothesis):
-    """A part of the second joint's torque or motion is read at the first."""
+    """A fraction of the second joint's torque or motion appears in the first joint's reading."""
 
     EFFECT = JointCoupling
     CLAIM = "{part} of {other}'s {what} leaks{turned} into the {read} read at {joint}"
@@ -73,7 +72,7 @@ class LeakHypothesis(Hypothesis):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TorqueLeak(LeakHypothesis):
-    """Part of another joint's torque is read."""
+    """effort = torque + factor x the other joint's torque."""
 
     EFFORT_READING = True
     what: str = "torque"
@@ -88,7 +87,7 @@ class TorqueLeak(LeakHypothesis):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionLeak(LeakHypothesis):
-    """Part of another joint's motion is read: position = true + factor x the other's position."""
+    """position = true position + factor x the other joint's position."""
 
     what: str = "motion"
     read: str = "position"

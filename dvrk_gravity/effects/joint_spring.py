@@ -90,7 +90,7 @@ class JointSpring(LinearTerm):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> JointSpring | None:
-        """What one joint does to another, that does to it."""
+        """The stiffness must be symmetric."""
         stiffness = read_rows(arm, values, cls.NAME, arm.n, "a number for each joint").T
         constant = as_array(values.get(f"{cls.NAME}.constant"), arm.n, 0.0)
         differ = np.abs(stiffness - stiffness.T) > _SAME * np.abs(stiffness).max(initial=0.0)
@@ -117,7 +117,7 @@ class JointSpring(LinearTerm):
 
     @property
     def theta(self) -> Array:
-        """K's upper triangle row by row, then the constants."""
+        """(n (n + 3) / 2,) K's upper triangle row by row, then the constants."""
         return np.concatenate([self.stiffness[np.triu_indices(self.arm.n)], self.constant])
 
     def with_theta(self, theta: Array) -> JointSpring:
@@ -138,7 +138,7 @@ class JointSpring(LinearTerm):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """Stretched by both positions' sum, or their difference."""
+        """For each pair of joints that move, stretched by their sum or their difference."""
         arm, (middle, _) = motion.arm, motion.travel
         for i, j in pairs(arm):
             if not (motion.moves[i] and motion.moves[j]):
@@ -181,7 +181,7 @@ class SpringHypothesis(Hypothesis):
         return unit[first] + self.sign * self.setting["ratio"] * unit[second]
 
     def regressor(self, motion: Motion) -> Array:
-        """Of the stiffness, and of the torque in the middle."""
+        """Return torques per stiffness, and per torque in the middle of the motion."""
         row = self._row
         stretch = motion.q @ row - self.middle @ row[list(self.joints)]
         return spread(row, stretch, np.ones_like(stretch))
@@ -194,7 +194,7 @@ class SpringHypothesis(Hypothesis):
         return super().words(parameters) | {"form": self.form}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """One spring more, as a function of true positions."""
+        """Add the spring, as a function of true positions."""
         row = self._row
         more = float(theta[0]) * np.outer(row, row)
         from_middle = position_offset(self.arm, values)

@@ -1,4 +1,4 @@
-"""Links whose weight is not where the model has it."""
+"""Links whose centre of mass is not where the model has it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,6 @@ class LinkCom(Effect):
 
     @classmethod
     def meaning(cls, name: str) -> Meaning:
-        """The whole, along an axis, or an entry of beta."""
         if name == "delta_beta":
             return size("N·m", _ENTRY, "the model's weight moment is")
         which = name.removeprefix("delta_beta_")
@@ -52,7 +51,7 @@ class LinkCom(Effect):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """Links along each axis and all, entries of beta, all."""
+        """For each link along each axis and all; entries of beta; all weights."""
         if not motion.present.all():
             return
         arm = motion.arm
@@ -83,7 +82,7 @@ class LinkCom(Effect):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MomentHypothesis(Hypothesis):
-    """A link's centre of mass is elsewhere, along some axes of its frame.
+    """A link's centre of mass is displaced along some axes of its frame.
 
     Attributes:
         axes: Indices of the axes.
@@ -106,7 +105,6 @@ class MomentHypothesis(Hypothesis):
         return {f"delta_beta_{AXES[a]}": float(t) for a, t in zip(self.axes, theta, strict=True)}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        del motion
         return with_link(self.arm, values, self.site.index, self._directions @ theta)
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
@@ -123,7 +121,7 @@ class MomentHypothesis(Hypothesis):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BetaHypothesis(Hypothesis):
-    """An entry of beta is another one, by a spring or a counterweight: weight without inertia.
+    """One entry of beta is wrong: a spring or a counterweight, weight without inertia.
 
     Attributes:
         entry: Its index.
@@ -141,7 +139,6 @@ class BetaHypothesis(Hypothesis):
         return {"delta_beta": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        del motion
         return with_beta(values, float(theta[0]) * np.eye(_WHOLE)[self.entry])
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
@@ -151,7 +148,7 @@ class BetaHypothesis(Hypothesis):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AllWeightsHypothesis(Hypothesis):
-    """Beta as a whole is another one."""
+    """All of beta is fitted anew."""
 
     EFFECT = LinkCom
     CLAIM = "the links' weights as a whole are others than {model}'s"
@@ -166,7 +163,6 @@ class AllWeightsHypothesis(Hypothesis):
         return {f"delta_beta_{n}": float(v) for n, v in zip(names, theta, strict=False)}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        del motion
         return with_beta(values, np.pad(theta, (0, _WHOLE - len(theta))))
 
     def correction(self) -> str:
@@ -175,7 +171,7 @@ class AllWeightsHypothesis(Hypothesis):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinkWeightsHypothesis(Hypothesis):
-    """The links' weights as a whole are others, of an arm that has no beta.
+    """All links' weights are fitted anew, of an arm that has no beta.
 
     Attributes:
         directions: (4 bodies, k) combinations of masses and first moments that show, each of its
@@ -192,12 +188,9 @@ class LinkWeightsHypothesis(Hypothesis):
         return weight_regressor(self.arm, motion.true_q, motion.gravity) @ self.directions
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """Its many coefficients mean nothing one by one."""
-        del theta
         return {}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        del motion
         change = (self.directions @ theta).reshape(len(self.arm.bodies), -1)
         return with_weight(self.arm, values, change)
 

@@ -63,7 +63,6 @@ class LinkInertia(LinearTerm):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> LinkInertia | None:
-        """A body that is not given has no inertia."""
         given = [values.get(f"{cls.NAME}.{body}") for body in arm.body_names]
         if not any(given):
             return None
@@ -72,7 +71,6 @@ class LinkInertia(LinearTerm):
 
     @classmethod
     def stated(cls, arm: Arm) -> LinkInertia | None:
-        """Of the bodies in a URDF."""
         rows = arm.inertial_parameters
         return None if rows is None else cls(arm, rows)
 
@@ -96,7 +94,6 @@ class LinkInertia(LinearTerm):
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """Of each link, and of all together."""
         if motion.static or not motion.present.all():
             return
         for joint in joints_with_weight(motion.arm):
@@ -112,7 +109,7 @@ class LinkInertia(LinearTerm):
         )  # fmt: skip
 
     def plant(self) -> PlantPart:
-        """Nothing; it predicts what the plant's own bodies do."""
+        """Nothing: the plant's bodies have it."""
         return PlantPart()
 
     @property
@@ -130,7 +127,7 @@ class LinkInertia(LinearTerm):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class InertiaHypothesis(Hypothesis):
-    """A link's rotational inertia is another one.
+    """A link's rotational inertia is wrong.
 
     Attributes:
         isotropic: The same about all axes, or one about each axis of the link's frame.
@@ -154,7 +151,6 @@ class InertiaHypothesis(Hypothesis):
         return {f"inertia_{a}{a}": float(t) for a, t in zip(AXES, theta, strict=True)}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        del motion
         return _with_change(values, self.arm.body_names[self.site.index], self._directions @ theta)
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
@@ -182,7 +178,6 @@ class AllInertiaHypothesis(Hypothesis):
         return motion.inertial_torque(motion.inertial)
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        del theta
         return {}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:

@@ -60,7 +60,6 @@ class LinkWeight(LinearTerm):
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> LinkWeight | None:
-        """A body that is not given has no weight."""
         given = [values.get(f"{cls.NAME}.{body}") for body in arm.body_names]
         if not any(given):
             return None
@@ -75,7 +74,6 @@ class LinkWeight(LinearTerm):
 
     @classmethod
     def nominal(cls, arm: Arm) -> LinkWeight | None:
-        """The weight of the bodies that are supposed."""
         if is_mtm(arm):
             return None
         supposed, nothing = assumed_inertias(arm), pin.Inertia.Zero()
@@ -87,7 +85,6 @@ class LinkWeight(LinearTerm):
 
     @classmethod
     def stated(cls, arm: Arm) -> LinkWeight | None:
-        """The weight of the masses in a URDF."""
         if arm.inertial_parameters is None:
             return None
         return cls(arm, arm.inertial_parameters[:, :OF_WEIGHT], arm.gravity)

@@ -82,7 +82,6 @@ class Payload(Term):
 
     @classmethod
     def summary(cls, parameters: Mapping[str, Estimate]) -> str:
-        """Mass, and centre of mass as far as that is known."""
         return f"mass {cls.meaning('mass').in_words(parameters['mass'])}{_centre(parameters)}"
 
     @classmethod
@@ -138,7 +137,7 @@ class Payload(Term):
 
     @property
     def inertia(self) -> pin.Inertia:
-        """Of the point mass, in the link's frame."""
+        """Inertia of the point mass, in the link's frame."""
         return pin.Inertia(self.mass, self.first_moment / self.mass, np.zeros((3, 3)))
 
     @property
@@ -148,11 +147,9 @@ class Payload(Term):
         return build_tree(self.arm, {self.link: self.inertia}, gravity)
 
     def prepare(self) -> Evaluator:
-        """Its weight alone."""
         return weight_evaluator(self.weight)
 
     def plant(self) -> PlantPart:
-        """Weight, and inertia on its link."""
         weight = self.weight if self.weighs else None
         return PlantPart(weight=weight, links={self.link: self.inertia})
 
@@ -215,7 +212,6 @@ class PayloadHypothesis(Hypothesis):
         return {"mass": mass, **moments} | {a: float(p) for a, p in zip(AXES, com, strict=True)}
 
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
-        """With its centre, as far as that is known."""
         where = _centre(parameters)
         mass = parameters["mass"]
         if mass.value >= 0.0:
@@ -228,13 +224,13 @@ class PayloadHypothesis(Hypothesis):
         return same if self.against_reference else super().remedy(carried)
 
     def plausible(self, theta: Array) -> bool:
-        """Beside a reference it may have been taken off."""
+        """Against a reference a mass may have been removed."""
         taken_off = self.against_reference and theta[0] < 0.0
         light = bool(abs(theta[0]) <= heaviest(self.arm))
         return light and super().plausible(-theta if taken_off else theta)
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """Beside a payload that is there it is part of the link."""
+        """A second payload becomes part of the link."""
         link, name = self.arm.body_names[self.site.index], self.effect
         if motion.model.term(name) is None and f"{name}.mass" not in values and theta[0] > 0.0:
             moment = tuple(theta[1:].tolist())

@@ -191,7 +191,6 @@ class PreslidingHysteresis(Friction):
 
     @classmethod
     def unknowns(cls, arm: Arm, valid: Range) -> Unknowns:
-        """Elements of :data:`DISPLACEMENTS`."""
         nothing = np.zeros((len(DISPLACEMENTS), arm.n))
         columns = [
             column

@@ -78,12 +78,12 @@ class RotorInertia(LinearTerm):
         return self.arm.joint_effort(self.motor * self.arm.actuator_position(state.qdd))
 
     def plant(self) -> PlantPart:
-        """Nothing; it predicts what the plant's own bodies do."""
+        """Nothing: the plant's bodies have it."""
         return PlantPart()
 
     @classmethod
     def moves(cls, table: ColumnTable, inside: set[int]) -> Iterator[ModelChange]:
-        """Every motor has a rotor, so none goes."""
+        """Add rotors, and remove none: every motor has one."""
         for joint, name in enumerate(table.arm.joint_names):
             rotor = table.select(effect=cls.NAME, joint=joint)[0]
             if rotor not in inside:
@@ -91,7 +91,7 @@ class RotorInertia(LinearTerm):
 
     @classmethod
     def plainest(cls, table: ColumnTable) -> list[int]:
-        """The rotors whose inertia is none of a link's."""
+        """The rotors whose torque differs from that of any link."""
         return [
             index
             for motor in rotors_beside_links(table.arm)
@@ -113,7 +113,7 @@ class RotorInertia(LinearTerm):
             if motion.moves[row != 0].any():
                 # An arm's own file has no rotor that there could be less of.
                 yield RotorHypothesis(
-                    arm=motion.arm, site=Site.motor(motor), joints=(motor,),
+                    arm=motion.arm, site=Site.motor(motor),
                     removable=0.0 if motion.model.of_file else np.inf,
                 )  # fmt: skip
 
@@ -131,7 +131,7 @@ class RotorInertia(LinearTerm):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RotorHypothesis(Hypothesis):
-    """A motor's rotor has another inertia."""
+    """A motor's rotor inertia is wrong."""
 
     EFFECT = RotorInertia
     CLAIM = "{where} has {inertia} rotor inertia than {model}"
@@ -146,8 +146,7 @@ class RotorHypothesis(Hypothesis):
         return {"inertia": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """No rotor has an inertia below zero."""
-        del motion
+        """No inertia below zero."""
         name, index = f"{self.effect}.motor", self.site.index
         known = number_array(self.arm, values, name)[index]
         return added(self.arm, values, name, index, max(float(theta[0]), -known))

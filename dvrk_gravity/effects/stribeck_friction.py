@@ -176,7 +176,7 @@ class StribeckHypothesis(Hypothesis):
         return {"level": float(theta[0]), "velocity": self.setting["velocity"]}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
-        """A joint has one level and velocity."""
+        """``None`` if the site has a level already."""
         name, index = f"{self.effect}.{self.site.kind.value}", self.site.index
         level, speed = (number_array(self.arm, values, key) for key in (name, f"{name}_velocity"))
         if level[index] > 0.0 or theta[0] < 0.0:

@@ -32,7 +32,7 @@ class ThermalDrift(Effect):
         for joint in np.flatnonzero(motion.present).tolist():
             for constant in _TIMES:
                 yield DriftHypothesis(
-                    arm=motion.arm, site=Site.joint(joint), joints=(joint,),
+                    arm=motion.arm, site=Site.joint(joint),
                     setting={"time_constant": constant},
                 )  # fmt: skip
 

@@ -21,7 +21,7 @@ _WHILE = 0.0625  # s; chosen: over twice that, half of 3.5 Hz is left, and nothi
 
 
 class TimeDelay(Effect):
-    """The effort of a sample is that of another time than its position."""
+    """effort(t) = applied effort(t - delay): efforts and positions have different time stamps."""
 
     NAME = "time_delay"
     REMEDY = "stamp positions and efforts together, or delay the positions as much before a fit"

@@ -63,7 +63,7 @@ class TorqueOffset(LinearTerm):
         return np.broadcast_to(self.offset, state.q.shape).copy()
 
     def plant(self) -> PlantPart:
-        """Read, and not felt."""
+        """Part of the reading alone."""
         return PlantPart(reading=lambda q, qd: self.offset)
 
     @property
@@ -76,7 +76,7 @@ class TorqueOffset(LinearTerm):
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         for joint in np.flatnonzero(motion.present).tolist():
-            yield OffsetHypothesis(arm=motion.arm, site=Site.joint(joint), joints=(joint,))
+            yield OffsetHypothesis(arm=motion.arm, site=Site.joint(joint))
 
     def regressor(self, state: State) -> Array:
         return diagonal_columns(np.ones(state.q.shape))
@@ -84,7 +84,7 @@ class TorqueOffset(LinearTerm):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OffsetHypothesis(Hypothesis):
-    """A joint's effort reads too much, always."""
+    """A joint's effort has a constant bias."""
 
     EFFECT = TorqueOffset
     CLAIM = "the effort of {where} reads {offset}, always"
@@ -96,5 +96,4 @@ class OffsetHypothesis(Hypothesis):
         return {"offset": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        del motion
         return added(self.arm, values, self.effect, self.site.index, float(theta[0]))

@@ -38,9 +38,7 @@ class TorqueScale(Effect):
             return
         unit = np.eye(arm.n)
         for joint in np.flatnonzero(motion.present).tolist():
-            yield ScaleHypothesis(
-                arm=arm, site=Site.joint(joint), joints=(joint,), mixing=np.diag(unit[joint])
-            )
+            yield ScaleHypothesis(arm=arm, site=Site.joint(joint), mixing=np.diag(unit[joint]))
         if not motion.present.all():
             return
         yield ScaleHypothesis(
@@ -53,7 +51,7 @@ class TorqueScale(Effect):
         )
         for motor in mixed_motors(arm):
             mixing = arm.actuator_to_joint @ np.diag(unit[motor]) @ arm.joint_to_actuator
-            yield ScaleHypothesis(arm=arm, site=Site.motor(motor), joints=(motor,), mixing=mixing)
+            yield ScaleHypothesis(arm=arm, site=Site.motor(motor), mixing=mixing)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,7 +69,6 @@ class ScaleHypothesis(Hypothesis):
 
     @property
     def unrestricted(self) -> Hypothesis | None:
-        """Of the efforts of all joints, one for each."""
         if not self.common_cause:
             return None
         return ScalesHypothesis(arm=self.arm, site=self.site, joints=self.joints, form="each")
@@ -93,14 +90,14 @@ class ScaleHypothesis(Hypothesis):
         return f"the effort of {self.site.words(self.arm)} reads {factor}"
 
     def plausible(self, theta: Array) -> bool:
-        """Known drive gains are not all far off alike."""
+        """Known drive gains do not all share one large error."""
         error = self.arm.drive_gain_error
         if self.site == THE_ARM and error is not None and error.any():
             return bool(abs(theta[0]) <= _FAR * np.mean(error)) and super().plausible(theta)
         return super().plausible(theta)
 
     def remedy(self, carried: bool) -> str:
-        """Masses that are all off alike need such efforts, too."""
+        """Masses that are all wrong by one factor have the same effect."""
         if self.site != THE_ARM:
             return super().remedy(carried)
         scale = "check the scale of all efforts"
@@ -111,7 +108,7 @@ class ScaleHypothesis(Hypothesis):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ScalesHypothesis(Hypothesis):
-    """The effort of every joint reads wrongly by a factor of its own: what all may not be alike."""
+    """The effort of every joint has a scale of its own."""
 
     EFFECT = TorqueScale
     EFFORT_READING = True

@@ -1,4 +1,4 @@
-"""Structure without a name: smooth functions of whatever was measured. A legal answer."""
+"""Unexplained structure: smooth functions of whatever was measured. A legal answer."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _VARIABLES: Mapping[str, Basis] = {
 
 
 class Unknown(Effect):
-    """What depends on something measured, in no way that an effect has."""
+    """Torque that depends on a measured variable in a way that no effect explains."""
 
     NAME = "unknown"
     REMEDY = "record a motion that moves the joint alone, at several speeds, and diagnose that"
@@ -68,7 +68,6 @@ class UnexplainedHypothesis(Hypothesis):
         return {**super().words(parameters), "what": self.what}
 
     def remedy(self, carried: bool) -> str:
-        """A joint alone would not show what it has of another."""
         if self.transient or self.of == self.joints[0]:
             return super().remedy(carried)
         return (
@@ -119,7 +118,7 @@ def _smooth(
     of: int | None = None,
 ) -> UnexplainedHypothesis:
     return UnexplainedHypothesis(
-        arm=arm, site=Site.joint(joint), joints=(joint,), form=form, what=what,
+        arm=arm, site=Site.joint(joint), form=form, what=what,
         variable=variable, basis=basis, of=of, transient=basis is _of_time,
     )  # fmt: skip
 

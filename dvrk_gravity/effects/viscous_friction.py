@@ -92,7 +92,7 @@ class ViscousFriction(Friction):
 
     @classmethod
     def plausible(cls, arm: Arm, valid: Range) -> ViscousFriction:
-        """At one radian a second."""
+        """Per rad/s (``Arm.scale``)."""
         joint, motor = (
             PRIOR_FRACTION * effort_limits(arm, kind) / unit_travel(arm, kind) for kind in cls.SITES
         )

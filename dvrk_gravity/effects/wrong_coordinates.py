@@ -17,7 +17,7 @@ from dvrk_gravity.effects.torque_scale import TorqueScale
 
 
 class WrongCoordinates(Effect):
-    """What was read is another linear combination of the joints than it is taken for."""
+    """The readings are another linear combination of the joints than they are taken for."""
 
     NAME = "wrong_coordinates"
     REMEDY = "mend what mixes the joints up"
@@ -50,14 +50,14 @@ class Reading:
 
     @property
     def effect(self) -> type[Effect]:
-        """The effect that it is."""
+        """The effect that it supposes."""
         if self.scale is not None:
             return TorqueScale
         return WrongCoordinates if self.clock is None else TimeScale
 
     @property
     def factor(self) -> Estimate | None:
-        """What is read over what is true, where a factor is all that is wrong."""
+        """Reading over true value, if only a factor is wrong."""
         return self.clock or self.scale
 
     @property
@@ -71,7 +71,7 @@ class Reading:
 
     @property
     def rate(self) -> float:
-        """True over read velocity, of what is read so by the clock alone."""
+        """True over recorded velocity, if only the clock is wrong."""
         return 1.0 if self.clock is None else self.clock.value
 
     @property

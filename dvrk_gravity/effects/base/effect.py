@@ -67,24 +67,21 @@ class Effect(ABC):
     @classmethod
     def summary(cls, parameters: Mapping[str, Estimate]) -> str:
         """Return a finding's sizes for one row of a table; ``""``: the first listed ones."""
-        del parameters
         return ""
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
         """Yield one hypothesis for each site and form at which the motion could show it."""
-        del motion
         yield from ()
 
     @classmethod
     def search_basis(cls, data: Filtered) -> Any:
         """Return what :meth:`search` needs of the data, computed once; it may be large."""
-        del data
+        return None
 
     @classmethod
     def search(cls, basis: Any, residual: Residual) -> Iterator[Hypothesis]:
         """Yield the hypotheses that a residual suggests, where a grid of them would be too long."""
-        del basis, residual
         yield from ()
 
 
@@ -200,7 +197,6 @@ class Hypothesis(ABC):
             theta: Parameters, of columns that are functions of *measured* positions.
             motion: The motion that they were fitted to.
         """
-        del values, theta, motion
         return None
 
     def plausible(self, theta: Array) -> bool:
@@ -237,7 +233,6 @@ class Hypothesis(ABC):
 
     def search_range(self, name: str, motion: Motion) -> tuple[float, float]:
         """Return the bounds between which a setting of :attr:`refine` is optimised."""
-        del motion
         centre = self.setting[name]
         return 0.4 * centre, 2.5 * centre
 
@@ -317,7 +312,6 @@ class Hypothesis(ABC):
 
     def words(self, parameters: Mapping[str, Estimate]) -> dict[str, str]:
         """Return the words of ``CLAIM`` that are no parameters."""
-        del parameters
         joint, other, *_ = (*self.names, "", "")
         where = self.site.words(self.arm)
         return {"where": where, "joint": joint, "other": other, "model": self.against}

@@ -68,7 +68,6 @@ class Friction(LinearTerm):
     @classmethod
     def may_be_absent(cls, table: ColumnTable, inside: set[int], joint: int) -> bool:
         """Return whether a search may remove a joint's columns."""
-        del table, inside, joint
         return True
 
     @classmethod

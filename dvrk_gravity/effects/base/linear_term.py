@@ -133,12 +133,10 @@ class LinearTerm(Term):
             state: (N, n) arrays, a motion or its continuation.
             before: (m,) at the first sample, where the motion is continued.
         """
-        del before
         return np.zeros((len(state.q), 0))
 
     def columns(self, state: State, memory: Array) -> Array:
         """Return the regressor at some samples of a motion, given the (N, m) :meth:`memory`."""
-        del memory
         return self.regressor(state)
 
     def reduced(self) -> LinearTerm:
@@ -156,7 +154,6 @@ class LinearTerm(Term):
             arm: The arm.
             valid: Range of positions in the data.
         """
-        del arm, valid
         return None
 
     @classmethod
@@ -214,13 +211,11 @@ class LinearTerm(Term):
     @classmethod
     def plainest(cls, table: ColumnTable) -> list[int]:
         """Return the columns of the simplest reasonable model, where a search begins."""
-        del table
         return []
 
     @classmethod
     def together(cls, table: ColumnTable) -> list[int]:
         """Return the columns that help only together, with which a second search begins."""
-        del table
         return []
 
 

@@ -126,13 +126,11 @@ class Term(Effect):
     @classmethod
     def nominal(cls, arm: Arm) -> Term | None:
         """Return the term to simulate an arm with of which only its own file is known."""
-        del arm
         return None
 
     @classmethod
     def stated(cls, arm: Arm) -> Term | None:
         """Return the term that the arm's own file states."""
-        del arm
         return None
 
     # Compensated.
@@ -176,7 +174,6 @@ class Term(Effect):
 
     def with_gravity(self, vector: Array) -> Term:
         """Return the term with another gravity in the base frame; no change without weight."""
-        del vector
         return self
 
     def prepare(self) -> Evaluator:
