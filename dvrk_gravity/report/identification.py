@@ -56,7 +56,7 @@ known of the torque that holds the arm still, and of how far it moved.</p>
 {% for title, rows in others if rows %}<details><summary>{{ title }} ({{ rows|length }})</summary>
 {{ changes(rows) }}</details>{% endfor %}
 
-<h2>What these data cannot tell</h2>
+<h2>What these data do not determine</h2>
 <p>{{ fit.identifiability.sentence|capitalize }}.</p>
 <ul>{% for line in fit.identifiability.statements %}<li>{{ line }}</li>
 {% else %}<li>nothing that was asked for</li>{% endfor %}</ul>

@@ -43,7 +43,7 @@ _SHOWN = (
 def columns() -> int | None:
     """Return the width of the terminal on standard output; ``None`` where it is none.
 
-    Lines for a file or a pipe are not wrapped: whoever searches them finds each whole.
+    Lines for a file or a pipe are not wrapped, so that each can be searched for.
     """
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 

@@ -21,7 +21,7 @@ def milli_effort(arm: Arm) -> str:
 def effort_in_table(arm: Arm, values: Iterable[float]) -> tuple[str, float, int]:
     """Return the unit of a table of efforts, its factor, and the decimals to show.
 
-    Thousandths, as :func:`milli_effort` tells them, unless the largest of these has four digits
+    Thousandths, as :func:`milli_effort` has them, unless the largest of these has four digits
     before its point.
 
     Args:

@@ -1,4 +1,4 @@
-"""Sums of sines, eased in from rest and back to it."""
+"""Smooth motions: from rest to rest within limits, and sums of sines eased in and out."""
 
 from __future__ import annotations
 
@@ -98,3 +98,48 @@ def _step(s: Array) -> tuple[Array, Array]:
     """Return the smooth step from 0 to 1 between s = 0 and 1, and its slope."""
     s = np.clip(s, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s)
+
+
+# Greatest slope and curvature of the path 10 s^3 - 15 s^4 + 6 s^5.
+_SLOPE = 1.875
+_CURVATURE = 10.0 / np.sqrt(3.0)
+
+
+class Move:
+    """All joints leave and arrive together, without a jerk at either end.
+
+    Attributes:
+        duration: s.
+    """
+
+    def __init__(
+        self,
+        start: Array,
+        goal: Array,
+        velocity: Array,
+        acceleration: Array,
+        time: float = 0.0,
+    ) -> None:
+        """Plan.
+
+        Args:
+            start: (n,) rad or m.
+            goal: (n,) rad or m.
+            velocity: (n,) greatest velocities, rad/s or m/s.
+            acceleration: (n,) greatest accelerations, rad/s^2 or m/s^2.
+            time: When it leaves, s.
+        """
+        self._start, self._way, self._time = start, goal - start, time
+        way = np.abs(self._way)
+        by_velocity = _SLOPE * way / velocity
+        by_acceleration = np.sqrt(_CURVATURE * way / acceleration)
+        self.duration = float(max(by_velocity.max(), by_acceleration.max()))
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Return (n,) position and (n,) velocity."""
+        if time >= self._time + self.duration:
+            return self._start + self._way, np.zeros_like(self._way)
+        s = max(0.0, (time - self._time) / self.duration)
+        path = s**3 * (10.0 + s * (6.0 * s - 15.0))
+        slope = 30.0 * s**2 * (1.0 - s) ** 2 / self.duration
+        return self._start + path * self._way, slope * self._way

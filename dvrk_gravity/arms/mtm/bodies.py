@@ -1,7 +1,7 @@
-"""The master arm's parallelogram: a crank and a bar that follow the elbow.
+"""The master arm as rigid bodies: its parallelogram, and a tree with the gravity torques of beta.
 
-They add no freedom: relative to the arm the crank turns with q3, relative to the forearm the bar
-turns with -q3. ``bar`` and ``crank`` are the seed document's 4' and 5'.
+Crank and bar follow the elbow and add no freedom: relative to the arm the crank turns with q3,
+relative to the forearm the bar turns with -q3. They are the seed document's 5' and 4'.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from dvrk_gravity.arms.description import Description, Joint
+from dvrk_gravity.arms.description import GRAVITY, Description, Joint
 from dvrk_gravity.arms.dh import DHRow, Follower
+from dvrk_gravity.arms.tree import Tree, build_tree
+from dvrk_gravity.arrays import Array
 from dvrk_gravity.errors import ConfigError
 
 JOINT_NAMES = (
@@ -32,7 +34,7 @@ ANGLES = (  # alpha, offset of each joint, deg: what makes a chain an MTM, whate
 
 
 def is_mtm(arm: Description) -> bool:
-    """Tell whether an arm is a master arm: whether beta and its names fit it.
+    """Return whether an arm is a master arm, with beta's joints and bodies.
 
     The file of an arm with these joints is only read if it has an MTM's angles, too.
     """
@@ -40,7 +42,7 @@ def is_mtm(arm: Description) -> bool:
 
 
 def has_mtm_names(joints: Sequence[str]) -> bool:
-    """Tell whether joints have the names of a master arm's, in their order."""
+    """Return whether joints have a master arm's names, in order."""
     return tuple(joints) == JOINT_NAMES
 
 
@@ -89,3 +91,36 @@ def followers(table: Sequence[DHRow], side: float) -> tuple[Follower, Follower]:
         Follower("crank", "link2", shoulder, "revolute", elbow, crank_frame),
         Follower("bar", "link3", pin.SE3(np.eye(3), tip), "revolute", 0.0 - elbow, bar_frame),
     )
+
+
+def beta_tree(arm: Description, beta: Array, gravity: Array) -> Tree:
+    """Build a tree whose gravity torques are those of ``beta``, for Pinocchio to evaluate.
+
+    Beta does not determine the masses. Every link gets one kilogram, which keeps Pinocchio's
+    centres of mass finite, and first moments that compensate.
+
+    Args:
+        arm: An MTM.
+        beta: (10,), (12,) or (14,) base parameters, N·m.
+        gravity: (3,) gravity in the base frame, m/s^2.
+    """
+    moment = np.zeros(14)
+    moment[: len(beta)] = beta
+    moment /= GRAVITY
+    upper, fore, wrist = (arm.body(f"link{i}").frame for i in (2, 3, 4))
+    # Of a distal frame: a is the way along its own x axis, d the one along the joint's.
+    length = [float(frame.rotation[:, 0] @ frame.translation) for frame in (upper, fore)]
+    h = float(wrist.translation[2])
+    levers = {
+        "link1": (moment[12], 0.0, moment[13]),
+        "link2": (moment[0] - 6 * length[0], moment[1], 0.0),
+        "link3": (moment[2] - 5 * length[1], 0.0, moment[3] - 4 * h),
+        "link4": (moment[4], 0.0, 0.0),
+        "link5": (moment[7], moment[5], moment[6]),
+        "link6": (moment[9], 0.0, moment[8]),
+        "link7": (moment[10], moment[11], 0.0),
+    }
+    inertias = {
+        body: pin.Inertia(1.0, np.array(lever), np.zeros((3, 3))) for body, lever in levers.items()
+    }
+    return build_tree(arm, inertias, gravity)

@@ -1,12 +1,14 @@
-"""Whether limits are some that a joint can have: degrees and mm are taken for rad and m."""
+"""Plausibility of the numbers in an arm's file: size, position limits, velocity limits."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Literal
 
 from dvrk_gravity.arms.description import FASTEST, SCALES, Description
 from dvrk_gravity.errors import ConfigError
+from dvrk_gravity.parameters import is_finite
 
 # rad, that a joint with stops turns to. Of 69 files of example-robot-data the largest is 10 rad, an
 # MTM's wrist_roll reaches 8.4; of a joint that turns by more than 13 deg, degrees are beyond.
@@ -63,3 +65,21 @@ def require_drivable(arm: Description) -> None:
             expected = f"{joint.unit}/s, at most {fastest:g} as of any arm's joint (0: not known)"
             found = joint.velocity_limit
             raise ConfigError(f"joint {joint.name}: limit velocity", found, expected, arm.source)
+
+
+# Chosen: no arm's length (m), mass (kg), effort (N·m, N), angle (deg) or ratio is as large, and the
+# products of some of them that a fit makes are far from overflow.
+LARGEST = 1e6
+
+
+def check_range(field: str, values: Sequence[float]) -> None:
+    """Check that every number is at most :data:`LARGEST` in size.
+
+    Raises:
+        ConfigError: One is larger, or not finite.
+    """
+    for value in values:
+        if not is_finite(value):
+            raise ConfigError(field, value, "a finite number")
+        if abs(value) > LARGEST:
+            raise ConfigError(field, value, f"a number from -{LARGEST:g} to {LARGEST:g}")
