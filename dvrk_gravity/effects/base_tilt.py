@@ -77,7 +77,7 @@ class _OfBase(ChangesModelTorque, Hypothesis):
     """
 
     EFFECT = BaseTilt
-    CLAIM = "the base is tilted against {model}'s, by {roll} of roll and {pitch} of pitch"
+    CLAIM = "the base is tilted relative to {model}'s, by {roll} of roll and {pitch} of pitch"
 
     knows_shaft: bool
 

@@ -159,7 +159,7 @@ class RippleHypothesis(Hypothesis):
     """A ripple of one motor's torque at one frequency, as cosine and sine."""
 
     EFFECT = Cogging
-    CLAIM = "{where} has a ripple of {amplitude}, {cycles_per_revolution}"
+    CLAIM = "{where} has a torque ripple of {amplitude} at {cycles_per_revolution}"
 
     refine: tuple[str, ...] = ("cycles_per_revolution",)
     n_comparisons: int = _FREQUENCIES

@@ -139,7 +139,7 @@ class PushHypothesis(Hypothesis):
     """Something pushes a joint for a while: no function of the state, and in no model file."""
 
     EFFECT = Contact
-    CLAIM = "something outside pushes {joint} with {torque} between {start} and {end}"
+    CLAIM = "an external force pushes {joint} with {torque} between {start} and {end}"
 
     form: str = "for a while"
     refine: tuple[str, ...] = ("start", "end")
@@ -205,7 +205,7 @@ class WallHypothesis(Hypothesis):
         stiffness = parameters["stiffness"]
         way = "back" if stiffness.value > 0.0 else "onwards"
         return (
-            f"something outside pushes {self.names[0]} {way} {self._above} "
+            f"an external force pushes {self.names[0]} {way} {self._above} "
             f"{self._in_words(parameters)['position']}, with {stiffness.magnitude.shown}"
         )
 

@@ -292,7 +292,7 @@ class CoulombHypothesis(Hypothesis):
             way = MORE[up.value < 0.0]
             return f"{where} has {way} Coulomb friction than {self.against}: {levels}"
         levels = f"{words['positive']} moving up, {words['negative']} moving down"
-        return f"{where} has another Coulomb friction than {self.against}: {levels}"
+        return f"Coulomb friction of {where} differs from {self.against}'s: {levels}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

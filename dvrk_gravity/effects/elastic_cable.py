@@ -252,6 +252,6 @@ class CableHypothesis(Hypothesis):
             return super().claim(parameters)
         told = self._in_words(parameters)
         return (
-            f"an elastic torque beside {self.against}'s pulls at {self.names[0]}, between "
-            f"{told['lowest']} and {told['highest']} over its way"
+            f"{self.names[0]} has an elastic torque in addition to {self.against}'s, between "
+            f"{told['lowest']} and {told['highest']} over its range"
         )

@@ -22,7 +22,7 @@ class JointCoupling(Effect):
     NAME = "joint_coupling"
     REMEDY = "check the transmission matrix (actuator to joint) at {joint}"
     MEANINGS = meanings(
-        factor=Meaning("", 0.0, ("", "with its sign turned round"), "leaks", percent=True)
+        factor=Meaning("", 0.0, ("", "with the opposite sign"), "leaks", percent=True)
     )
 
     @classmethod
@@ -63,7 +63,7 @@ class LeakHypothesis(Hypothesis):
     def claim(self, parameters: Mapping[str, Estimate]) -> str:
         joint, other = self.names
         factor = parameters["factor"]
-        turned = ", with its sign turned round," if factor.value < 0.0 else ""
+        turned = ", with the opposite sign," if factor.value < 0.0 else ""
         return self.CLAIM.format(
             part=factor.magnitude.percent().shown, other=other, what=self.what, turned=turned,
             read=self.read, joint=joint,

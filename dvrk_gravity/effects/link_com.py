@@ -151,7 +151,7 @@ class AllWeightsHypothesis(Hypothesis):
     """All of beta is fitted anew."""
 
     EFFECT = LinkCom
-    CLAIM = "the links' weights as a whole are others than {model}'s"
+    CLAIM = "the links' weights as a whole differ from {model}'s"
 
     refits_model: bool = True
 
@@ -165,9 +165,6 @@ class AllWeightsHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         return with_beta(values, np.pad(theta, (0, _WHOLE - len(theta))))
 
-    def correction(self) -> str:
-        return "fitting them anew beside all else"
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinkWeightsHypothesis(Hypothesis):
@@ -179,7 +176,7 @@ class LinkWeightsHypothesis(Hypothesis):
     """
 
     EFFECT = LinkCom
-    CLAIM = "the links' weights as a whole are others than {model}'s"
+    CLAIM = "the links' weights as a whole differ from {model}'s"
 
     directions: Array
     refits_model: bool = True
@@ -193,9 +190,6 @@ class LinkWeightsHypothesis(Hypothesis):
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values | None:
         change = (self.directions @ theta).reshape(len(self.arm.bodies), -1)
         return with_weight(self.arm, values, change)
-
-    def correction(self) -> str:
-        return "fitting them anew beside all else"
 
 
 def with_link(arm: Arm, values: Values, index: int, change: Array) -> Values | None:

@@ -158,7 +158,7 @@ class InertiaHypothesis(Hypothesis):
         if self.isotropic:
             return f"the link of {joint} has {told['inertia']} inertia than {self.against}'s"
         about = ", ".join(f"{value} about {name[-1]}" for name, value in told.items())
-        return f"the link of {joint} has another inertia than {self.against}'s: {about}"
+        return f"the inertia of {joint}'s link differs from {self.against}'s: {about}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -169,7 +169,7 @@ class AllInertiaHypothesis(Hypothesis):
     """
 
     EFFECT = LinkInertia
-    CLAIM = "the links' inertias as a whole are others than {model}'s"
+    CLAIM = "the links' inertias as a whole differ from {model}'s"
 
     variable: str = "acceleration"
     refits_model: bool = True
@@ -188,9 +188,6 @@ class AllInertiaHypothesis(Hypothesis):
         ):
             values = _with_change(values, body, row)
         return values
-
-    def correction(self) -> str:
-        return "fitting them anew beside all else"
 
 
 def _with_change(values: Values, body: str, change: Array) -> Values:

@@ -22,7 +22,7 @@ from dvrk_gravity.effects.base.links import (
 )
 from dvrk_gravity.effects.base.meaning import Estimate, Meaning, meanings
 from dvrk_gravity.effects.base.motion import Motion, State
-from dvrk_gravity.effects.base.site import Site, joint_of_link, last_link
+from dvrk_gravity.effects.base.site import Site, last_link
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart, Term
 from dvrk_gravity.effects.link_com import with_link
 from dvrk_gravity.errors import ConfigError
@@ -170,7 +170,7 @@ class Payload(Term):
             return
         for link in identifiable_links(motion.arm):
             yield PayloadHypothesis(
-                arm=motion.arm, site=Site.link(link), joints=(joint_of_link(motion.arm, link),),
+                arm=motion.arm, site=Site.link(link),
                 form=motion.arm.body_names[link], setting=dict.fromkeys(AXES, 0.0),
             )  # fmt: skip
 
@@ -253,5 +253,5 @@ def _centre(parameters: Mapping[str, Estimate]) -> str:
         return ""
     placed = ", ".join(f"{axis} {parameters[axis].shown}" for axis in known)
     rest = " and ".join(axis for axis in AXES if axis not in known)
-    untold = f" ({rest} cannot be told from this motion)" if rest else ""
+    untold = f" ({rest} cannot be determined from this motion)" if rest else ""
     return f", its centre at {placed} in the link's frame{untold}"

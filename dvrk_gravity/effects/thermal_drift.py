@@ -62,4 +62,4 @@ class DriftHypothesis(Hypothesis):
 
     @property
     def separated_by(self) -> str:
-        return "a longer recording, begun with a cold arm, would tell"
+        return "a longer recording, begun with a cold arm, would separate them"

@@ -86,7 +86,7 @@ class DelayHypothesis(TwoForms, RequiresParts, AbsorbedByModel, OwnTangent, Hypo
     EFFECT = TimeDelay
     EFFORT_READING = True
     COHERENT_ERRORS = True
-    CLAIM = "efforts and positions are stamped apart, efforts {delay}"
+    CLAIM = "efforts and positions have different time stamps: efforts are {delay}"
 
     of_friction: bool | None = None
     over_a_while: bool = False

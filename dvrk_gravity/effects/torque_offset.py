@@ -87,7 +87,7 @@ class OffsetHypothesis(Hypothesis):
     """A joint's effort has a constant bias."""
 
     EFFECT = TorqueOffset
-    CLAIM = "the effort of {where} reads {offset}, always"
+    CLAIM = "the effort of {where} has a constant bias: it reads {offset}"
 
     def regressor(self, motion: Motion) -> Array:
         return spread(self.site.row(self.arm), np.ones(len(motion.q)))

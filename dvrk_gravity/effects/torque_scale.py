@@ -103,7 +103,7 @@ class ScaleHypothesis(Hypothesis):
         scale = "check the scale of all efforts"
         if self.against_reference:
             return scale
-        return f"{scale}; if it is right, the model's masses are off alike"
+        return f"{scale}; if it is right, all masses of the model are wrong by that factor"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -49,9 +49,7 @@ class UnexplainedHypothesis(Hypothesis):
     """
 
     EFFECT = Unknown
-    CLAIM = (
-        "{joint} has structure of {rms} RMS that depends on {what}, and no known effect explains it"
-    )
+    CLAIM = "{joint} has an unexplained torque of {rms} RMS that depends on {what}"
 
     basis: Basis
     what: str

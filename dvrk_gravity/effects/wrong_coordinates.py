@@ -20,7 +20,7 @@ class WrongCoordinates(Effect):
     """The readings are another linear combination of the joints than they are taken for."""
 
     NAME = "wrong_coordinates"
-    REMEDY = "mend what mixes the joints up"
+    REMEDY = "correct the mapping of the joints"
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ def _of_sign(name: str, joint: int, motion: Array, effort: Array) -> Iterator[Re
     eye, at = np.eye(len(motion)), (joint,)
     force, place = f"the effort of {name}", f"the position of {name}"
     moves = f"{place}, and of its velocity"
-    words = f"all signs of {name} are turned round"
+    words = f"all signs of {name} are reversed"
     yield Reading(words, at, motion, effort, sign=f"{moves} and effort")
     yield Reading(f"{force} has the wrong sign", at, eye, effort, sign=force)
     yield Reading(f"{place} has the wrong sign", at, motion, eye, sign=moves)

@@ -321,7 +321,7 @@ class Hypothesis(ABC):
 
     def correction(self) -> str:
         """Return the subject of `… removes 40 % of the error`."""
-        return "correcting that"
+        return "fitting them anew with all findings" if self.refits_model else "correcting that"
 
     def remedy(self, carried: bool) -> str:
         """Return what to do about it, in one line; ``carried``: the extended model has it."""
