@@ -13,7 +13,7 @@ from dvrk_gravity.arms import Arm, Tree, beta_tree, is_mtm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.linear_term import LinearTerm
-from dvrk_gravity.effects.base.links import gravity_parameters, weight_evaluator
+from dvrk_gravity.effects.base.links import gravity_of, gravity_parameters, weight_evaluator
 from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
 from dvrk_gravity.parameters import Parameter, Value
@@ -57,13 +57,7 @@ class Gravity(LinearTerm):
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> Gravity | None:
         if not values.get("beta"):
             return None
-        vector = values.get("gravity_vector")
-        return cls(
-            arm,
-            np.array(values["beta"]),
-            arm.gravity if vector is None else np.array(vector),
-            bool(values.get("gravity_enabled", True)),
-        )
+        return cls(arm, np.array(values["beta"]), *gravity_of(arm, values))
 
     def parameters(self) -> dict[str, Value]:
         return {

@@ -20,9 +20,7 @@ class JointOffset(Effect):
 
     NAME = "joint_offset"
     REMEDY = "calibrate {joint}'s zero again (its potentiometer or homing)"
-    MEANINGS = meanings(
-        offset=Meaning("rad", 0.0, READS, "reads", least=-0.6, greatest=0.6),
-    )
+    MEANINGS = meanings(offset=Meaning("rad", 0.0, READS, "reads", least=-0.6, greatest=0.6))
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

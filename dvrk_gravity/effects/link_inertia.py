@@ -84,13 +84,8 @@ class LinkInertia(LinearTerm):
         """Return (…, n) torques, N·m; zero where no motion is known."""
         if state.qd is None and state.qdd is None:
             return np.zeros(state.q.shape)
-        q, qd, qdd = (
-            None if array is None else array.reshape(-1, array.shape[-1])
-            for array in (state.q, state.qd, state.qdd)
-        )
-        assert q is not None
-        torque = rigid_body.torque(self.arm, self.theta, q, qd, qdd, _WEIGHTLESS)
-        return torque.reshape(state.q.shape)
+        motion = (state.q, state.qd, state.qdd)
+        return rigid_body.torque(self.arm, self.theta, *motion, _WEIGHTLESS)
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

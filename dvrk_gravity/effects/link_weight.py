@@ -14,7 +14,12 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.linear_term import LinearTerm
-from dvrk_gravity.effects.base.links import assumed_inertias, gravity_parameters, weight_evaluator
+from dvrk_gravity.effects.base.links import (
+    assumed_inertias,
+    gravity_of,
+    gravity_parameters,
+    weight_evaluator,
+)
 from dvrk_gravity.effects.base.motion import State
 from dvrk_gravity.effects.base.rigid_body import OF_WEIGHT, weight_regressor
 from dvrk_gravity.effects.base.term import Evaluator, PlantPart
@@ -64,13 +69,8 @@ class LinkWeight(LinearTerm):
         if not any(given):
             return None
         nothing = np.zeros(OF_WEIGHT)
-        vector = values.get("gravity_vector")
-        return cls(
-            arm,
-            np.array([np.array(row) if row else nothing for row in given]),
-            arm.gravity if vector is None else np.array(vector),
-            bool(values.get("gravity_enabled", True)),
-        )
+        links = np.array([np.array(row) if row else nothing for row in given])
+        return cls(arm, links, *gravity_of(arm, values))
 
     @classmethod
     def nominal(cls, arm: Arm) -> LinkWeight | None:
@@ -112,11 +112,8 @@ class LinkWeight(LinearTerm):
         """Return (…, n) torques that hold the links up, N·m or N."""
         if not self.enabled:
             return np.zeros(state.q.shape)
-        q = state.q.reshape(-1, state.q.shape[-1])
-        links = np.zeros((len(self.links), rigid_body.PER_LINK))
-        links[:, :OF_WEIGHT] = self.links
-        torque = rigid_body.torque(self.arm, links.ravel(), q, None, None, self.vector)
-        return torque.reshape(state.q.shape)
+        links = np.pad(self.links, ((0, 0), (0, rigid_body.PER_LINK - OF_WEIGHT)))
+        return rigid_body.torque(self.arm, links.ravel(), state.q, None, None, self.vector)
 
     def prepare(self) -> Evaluator:
         if not self.enabled:

@@ -16,6 +16,7 @@ from dvrk_gravity.effects.base.arrays import Values, as_value
 from dvrk_gravity.effects.base.effect import Hypothesis, Setting
 from dvrk_gravity.effects.base.links import (
     AXES,
+    gravity_of,
     identifiable_links,
     mass_directions,
     weight_evaluator,
@@ -109,15 +110,8 @@ class Payload(Term):
             if moment.any():
                 raise ConfigError("payload.mass", mass, "more than 0 kg beside a first moment")
             return None
-        vector = values.get("gravity_vector")
-        return cls(
-            arm,
-            str(values.get("payload.link", last_link(arm))),
-            mass,
-            moment,
-            arm.gravity if vector is None else np.array(vector),
-            bool(values.get("gravity_enabled", True)),
-        )
+        link = str(values.get("payload.link", last_link(arm)))
+        return cls(arm, link, mass, moment, *gravity_of(arm, values))
 
     def parameters(self) -> dict[str, Value]:
         return {
@@ -155,14 +149,9 @@ class Payload(Term):
 
     def torque(self, state: State) -> Array:
         """Return (…, n) torques of weight and inertia, N·m; at rest where no motion is known."""
-        q, qd, qdd = (
-            None if array is None else array.reshape(-1, array.shape[-1])
-            for array in (state.q, state.qd, state.qdd)
-        )
-        assert q is not None
         gravity = self.vector if self.weighs else _WEIGHTLESS
-        torque = rigid_body.torque(self.arm, self._links, q, qd, qdd, gravity)
-        return torque.reshape(state.q.shape)
+        motion = (state.q, state.qd, state.qdd)
+        return rigid_body.torque(self.arm, self._links, *motion, gravity)
 
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:

@@ -17,7 +17,6 @@ from dvrk_gravity.effects.base.arrays import (
     as_value,
     joint_array,
     motor_columns,
-    number_array,
 )
 from dvrk_gravity.effects.base.effect import Hypothesis, spread
 from dvrk_gravity.effects.base.linear_term import (
@@ -147,6 +146,5 @@ class RotorHypothesis(Hypothesis):
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
         """No inertia below zero."""
-        name, index = f"{self.effect}.motor", self.site.index
-        known = number_array(self.arm, values, name)[index]
-        return added(self.arm, values, name, index, max(float(theta[0]), -known))
+        name = f"{self.effect}.motor"
+        return added(self.arm, values, name, self.site.index, float(theta[0]), lower=0.0)

@@ -107,13 +107,7 @@ def unexplained_structure(motion: Motion, joints: Sequence[int]) -> Iterator[Une
 
 
 def _smooth(
-    arm: Arm,
-    joint: int,
-    form: str,
-    what: str,
-    variable: str,
-    basis: Basis,
-    of: int | None = None,
+    arm: Arm, joint: int, form: str, what: str, variable: str, basis: Basis, of: int | None = None
 ) -> UnexplainedHypothesis:
     return UnexplainedHypothesis(
         arm=arm, site=Site.joint(joint), form=form, what=what,

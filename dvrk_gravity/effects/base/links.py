@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -15,7 +15,7 @@ from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.effects.base.rigid_body import PER_LINK
 from dvrk_gravity.effects.base.site import Kind, joints_with_weight, links_of_joints, unit_travel
 from dvrk_gravity.effects.base.term import Evaluator
-from dvrk_gravity.parameters import Parameter
+from dvrk_gravity.parameters import Parameter, Value
 
 AXES = ("x", "y", "z")
 _RANK = 1e-9  # of a norm, that rounding leaves of what others make up
@@ -255,3 +255,10 @@ def gravity_parameters() -> tuple[Parameter, ...]:
             lower=-30.0, upper=30.0, lengths=(3,),
         ),
     )  # fmt: skip
+
+
+def gravity_of(arm: Arm, values: Mapping[str, Value]) -> tuple[Array, bool]:
+    """Return (3,) gravity in the base frame, m/s^2, and the gravity flag of a model."""
+    vector = values.get("gravity_vector")
+    enabled = bool(values.get("gravity_enabled", True))
+    return arm.gravity if vector is None else np.array(vector), enabled
