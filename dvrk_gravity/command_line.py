@@ -119,10 +119,10 @@ def _status_of_signal(error: BaseException) -> int | None:
 
 
 def _slip_of_an_effect(error: Exception) -> EffectError | None:
-    """Return an error in the code of an effect of another package, with the effect's name."""
-    from dvrk_gravity.effects import of_others
+    """Return an error that arose in the code of an effect of another package, by its name."""
+    from dvrk_gravity.effects import from_other_packages
 
-    named = of_others()
+    named = from_other_packages()
     for frame, line in reversed(list(traceback.walk_tb(error.__traceback__))):
         effect = named.get(frame.f_globals.get("__name__", ""))
         if effect is not None:

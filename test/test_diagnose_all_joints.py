@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.effects import AllFrictionHypothesis, CoulombFriction, PreslidingHypothesis, State
-from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects import (
+    THE_ARM,
+    AllFrictionHypothesis,
+    CoulombFriction,
+    PreslidingHypothesis,
+    Site,
+    State,
+)
 from dvrk_gravity.identification import identify
 from testing.lab_effects import payload
 from testing.lab_motion import draw_calibration, draw_other
@@ -148,7 +154,7 @@ def test_a_scale_of_two_joints_is_not_said_to_be_of_all(world, model):
 
 def test_no_factor_has_friction_drive_the_arm(model):
     hypothesis = AllFrictionHypothesis(
-        arm=model.arm, site=site.THE_ARM, joints=(0, 1), kinds=("coulomb_friction",)
+        arm=model.arm, site=THE_ARM, joints=(0, 1), kinds=("coulomb_friction",)
     )
     assert hypothesis.plausible(np.array([-1.0]))
     assert not hypothesis.plausible(np.array([-1.3]))
@@ -200,7 +206,7 @@ def test_merged_after_an_element_of_presliding_it_leaves_that_as_it_was_found(mo
 
     def with_element(model, joint: int, level: float, length: float):
         element = PreslidingHypothesis(
-            arm=arm, site=site.joint(joint), joints=(joint,), setting={"length": length},
+            arm=arm, site=Site.joint(joint), joints=(joint,), setting={"length": length},
             shortest=length,
         )  # fmt: skip
         return element.merge(model.parameters(), np.array([level]), None)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from dvrk_gravity.diagnosis import Diagnosis, beyond_range, diagnose, load
-from dvrk_gravity.effects import WallHypothesis
-from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects import Site, WallHypothesis
 from dvrk_gravity.identification import identify
 from dvrk_gravity.recording import Recording
 from testing import lab_effects
@@ -140,7 +139,7 @@ def test_a_wall_where_the_model_was_not_identified_may_be_the_model_s_own_error(
 
     def said(position: float) -> str:
         wall = WallHypothesis(
-            arm=world.arm, site=site.joint(0), side=1.0, setting={"position": position}
+            arm=world.arm, site=Site.joint(0), side=1.0, setting={"position": position}
         )
         return beyond_range(motion, wall, np.ones(1))
 

@@ -7,8 +7,7 @@ import pytest
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import Candidate, OtherDay
-from dvrk_gravity.effects import OffsetHypothesis
-from dvrk_gravity.effects.base import site
+from dvrk_gravity.effects import OffsetHypothesis, Site
 
 ARM = Arm.load("mtmr")
 SAMPLES = 400
@@ -43,7 +42,7 @@ def offset(joint: int, shape: np.ndarray) -> Candidate:
     """Return a claim that a joint has a torque of some shape, not called friction."""
     columns = np.zeros((SAMPLES, 7, 1))
     columns[:, joint, 0] = shape
-    hypothesis = OffsetHypothesis(arm=ARM, site=site.joint(joint), joints=(joint,))
+    hypothesis = OffsetHypothesis(arm=ARM, site=Site.joint(joint), joints=(joint,))
     return Candidate.of(hypothesis, columns)
 
 

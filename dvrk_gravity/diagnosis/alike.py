@@ -33,11 +33,11 @@ class Alike:
         self._known: dict[tuple[object, ...], Candidate] = {}
 
     def _pieces(self, candidate: Candidate) -> Candidate:
-        freed = candidate.hypothesis.freed
-        assert freed is not None
-        if freed.key not in self._known:
-            self._known[freed.key] = self._validation.data.candidate(freed)
-        return self._known[freed.key]
+        free = candidate.hypothesis.unrestricted
+        assert free is not None
+        if free.key not in self._known:
+            self._known[free.key] = self._validation.data.candidate(free)
+        return self._known[free.key]
 
     def _torques(
         self, candidate: Candidate, theta: Array, beside: Sequence[Candidate]

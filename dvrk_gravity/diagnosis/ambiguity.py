@@ -163,8 +163,8 @@ def _pose(
 ) -> str:
     """Return in which pose one degree of zero differs most from what mimics it in the motion."""
     arm = poses.arm
-    torque_of_zero = zero.hypothesis.build(poses, zero.hypothesis.setting) @ np.array([_DEGREE])
-    torque_of_other = other.hypothesis.build(poses, other.hypothesis.setting) @ theta
+    torque_of_zero = zero.hypothesis.regressor(poses) @ np.array([_DEGREE])
+    torque_of_other = other.hypothesis.regressor(poses) @ theta
     apart = np.abs(torque_of_zero - torque_of_other)
     where, joint = np.unravel_index(int(np.argmax(apart * validation.weight)), apart.shape)
     there = pose(poses.q[where], arm.units)

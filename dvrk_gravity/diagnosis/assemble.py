@@ -51,7 +51,7 @@ from dvrk_gravity.diagnosis.tangent import tangents
 from dvrk_gravity.diagnosis.unstated import little_said_of
 from dvrk_gravity.diagnosis.words import sentence_of
 from dvrk_gravity.diagnosis.worse_joints import worse
-from dvrk_gravity.effects import Estimate, Hypothesis, Unknown, is_friction
+from dvrk_gravity.effects import AbsorbedByModel, Estimate, Hypothesis, Unknown, is_friction
 from dvrk_gravity.estimation import NORMAL_95
 from dvrk_gravity.identification import outside_range
 
@@ -145,7 +145,8 @@ def assemble(
             spread += back
             for name, deviation in of_settings.items():
                 spreads[i][name] = np.hypot(spreads[i].get(name, 0.0), deviation)
-        spread += hypothesis.taken_in(loaded.motion) * np.eye(len(spread))
+        if isinstance(hypothesis, AbsorbedByModel):
+            spread += hypothesis.absorbed_variance(loaded.motion) * np.eye(len(spread))
         parameters = estimates(hypothesis, theta[rows], spread, spreads[i])
         finding = _finding(held_out, validation, selected, i, parameters, theta[rows], left_out[i])
         differs = differences[i]
@@ -219,7 +220,7 @@ def assemble(
         ambiguities=ambiguities(validation, named, pool),
         model=model,
         band=data.band,
-        beside_reference=motion.reference is not None,
+        against_reference=motion.reference is not None,
         with_model=motion.reference is None or bool(motion.model.terms),
         outside=outside,
         of_file=motion.model.of_file,
@@ -338,13 +339,13 @@ def _freed(
     validation: CrossValidation, named: Sequence[Candidate], i: int, parameters: dict[str, Estimate]
 ) -> dict[str, Estimate]:
     """Return parameters whose intervals hold what parsimony took to be equal, and may not be."""
-    freed = named[i].hypothesis.freed
-    if freed is None:
+    free = named[i].hypothesis.unrestricted
+    if free is None:
         return parameters
-    candidates = [*named[:i], validation.data.candidate(freed), *named[i + 1 :]]
+    candidates = [*named[:i], validation.data.candidate(free), *named[i + 1 :]]
     theta, covariance = validation.fit(candidates)
     rows = slices_of(candidates)[i]
-    alone = estimates(freed, theta[rows], covariance[rows, rows], {})
+    alone = estimates(free, theta[rows], covariance[rows, rows], {})
     return {
         name: replace(
             estimate,

@@ -140,7 +140,7 @@ class AtCalibration:
     def _felt(self, on_trial: Candidate) -> Candidate | None:
         """Return a cause in the calibration's samples; ``None`` where it comes with no state."""
         hypothesis, validation = on_trial.hypothesis, self._validation
-        if hypothesis.transient or hypothesis.of_model:
+        if hypothesis.transient or hypothesis.refits_model:
             return None
         candidate = validation.data.candidate(hypothesis)
         felt = validation.size(candidate, np.ones(candidate.size)).any()

@@ -71,7 +71,7 @@ def difference(
         if cause.values[(data.recording == number) & seen].any()
     ]
     # Of the model itself one recording may tell little; of what comes once, there is one.
-    if len(shown) < 2 or cause.hypothesis.transient or cause.hypothesis.of_model:
+    if len(shown) < 2 or cause.hypothesis.transient or cause.hypothesis.refits_model:
         return None
     divided = _divided(cause, data.recording, shown)
     candidates = [*named[:i], divided, *named[i + 1 :]]
@@ -112,9 +112,9 @@ def difference(
 def _divided(cause: Candidate, recording: NDArray[np.int64], shown: Sequence[int]) -> Candidate:
     """Return a cause with parameters of its own in each recording."""
     values = [np.where((recording == n)[:, None, None], cause.values, 0.0) for n in shown]
-    plausible = tuple(cause.hypothesis.plausible_size) * len(shown)
+    plausible = tuple(cause.hypothesis.prior_std) * len(shown)
     return replace(
         cause,
-        hypothesis=replace(cause.hypothesis, plausible_size=plausible),
+        hypothesis=replace(cause.hypothesis, prior_std=plausible),
         values=np.concatenate(values, axis=2),
     )

@@ -50,12 +50,12 @@ class Candidate:
         if np.ndim(columns) != 3 or columns.shape[1] != n:
             raise EffectError(
                 hypothesis.effect,
-                f"`build` returns shape {np.shape(columns)}, expected (samples, {n}, parameters)",
+                f"`regressor` returns shape {np.shape(columns)}, expected (N, {n}, k)",
             )
         joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
         values = columns if len(joints) == columns.shape[1] else columns[:, joints]
         if not np.isfinite(values).all():
-            raise EffectError(hypothesis.effect, f"`build` is not finite: {hypothesis}")
+            raise EffectError(hypothesis.effect, f"`regressor` is not finite: {hypothesis}")
         return cls(hypothesis, joints, values, columns.shape[1])
 
     def with_values(self, values: Array) -> Candidate:
@@ -82,13 +82,13 @@ class Candidate:
     @property
     def ridge(self) -> Array:
         """(k,) inverse variances of the parameters before any data."""
-        size = self.hypothesis.plausible_size
+        size = self.hypothesis.prior_std
         return 1.0 / np.square(size) if size else np.zeros(self.size)
 
     @property
     def cost(self) -> float:
         """Log-likelihood that it has to bring before it is worth having."""
-        return PENALTY * self.parameters + float(np.log(self.hypothesis.searched))
+        return PENALTY * self.parameters + float(np.log(self.hypothesis.n_comparisons))
 
     @property
     def acts(self) -> NDArray[np.bool_]:

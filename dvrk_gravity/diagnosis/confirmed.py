@@ -113,7 +113,7 @@ def _held_out_confirms(
 
     def failing(kept: list[Candidate]) -> list[tuple[float, Candidate]]:
         validation.weigh(validation.out_of_fold(kept))
-        on_trial = [candidate for candidate in kept if not candidate.hypothesis.of_model]
+        on_trial = [candidate for candidate in kept if not candidate.hypothesis.refits_model]
         held_out = HeldOut(validation)
         found = held_out.unconfirmed(kept, on_trial, lambda candidate: sure(kept, candidate))
         found = found or worsening(held_out, kept, noise)

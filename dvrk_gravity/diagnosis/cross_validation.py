@@ -384,7 +384,7 @@ class CrossValidation:
         coherent = CoherentError(
             self.significance.settings.coherent * self.known_error * self.weight,
             np.array(
-                [each.hypothesis.ERRORS_ADD for each in candidates for _ in range(each.size)],
+                [each.hypothesis.COHERENT_ERRORS for each in candidates for _ in range(each.size)],
                 dtype=bool,
             ),
         )

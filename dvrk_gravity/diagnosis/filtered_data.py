@@ -157,10 +157,9 @@ class FilteredData:
         """
         motion = motion or self.motion
         if motion.reference is not None:
-            hypotheses = (replace(each, beside_reference=True) for each in hypotheses)
+            hypotheses = (replace(each, against_reference=True) for each in hypotheses)
         built = (
-            Candidate.of(hypothesis, hypothesis.build(motion, hypothesis.setting))
-            for hypothesis in hypotheses
+            Candidate.of(hypothesis, hypothesis.regressor(motion)) for hypothesis in hypotheses
         )
         for batch in in_batches(
             built, lambda candidate: candidate.values[0].size, self.settings.together

@@ -14,7 +14,7 @@ from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.findings import Gain
 from dvrk_gravity.diagnosis.refinement import rebuilt
-from dvrk_gravity.effects import Estimate, Hypothesis
+from dvrk_gravity.effects import AbsorbedByModel, Estimate, Hypothesis, RequiresParts
 from dvrk_gravity.estimation import NORMAL_95, evidence
 
 
@@ -53,7 +53,7 @@ class Unconfirmed:
         hypothesis: The claim.
         joint: Name of the joint where it does best.
         gain: What it removes there; ``None``: it acts in no held-out block, where it might fail.
-        partial: Of all that it claims only a part shows, see ``Hypothesis.must_show``.
+        partial: Of all that it claims only a part shows, see ``RequiresParts.required_parts``.
         worsens: With it the error at that joint is larger than that of the given model.
     """
 
@@ -229,7 +229,10 @@ class HeldOut:
     def _shows(self, chosen: Sequence[Candidate], candidate: Candidate) -> bool:
         """Tell whether the part of a claim of one parameter shows that must."""
         validation = self._validation
-        parts = candidate.hypothesis.must_show(validation.data.motion)
+        claim = candidate.hypothesis
+        parts = (
+            claim.required_parts(validation.data.motion) if isinstance(claim, RequiresParts) else ()
+        )
         if not parts:
             return True
         first, *others = validation.data.candidates(parts)
@@ -237,7 +240,9 @@ class HeldOut:
         claimed = next(theta for other, theta in fitted if other is candidate)
         rest = [other for other in chosen if other is not candidate]
         theta, covariance = validation.fit([*rest, *others, first])
-        unseen = candidate.hypothesis.taken_in(validation.data.motion)
+        unseen = 0.0
+        if isinstance(claim, AbsorbedByModel):
+            unseen = claim.absorbed_variance(validation.data.motion)
         deviation = np.sqrt(max(float(covariance[-1, -1]), 0.0) + unseen)
         return bool(np.sign(claimed[0]) * theta[-1] > NORMAL_95 * deviation)
 
@@ -341,8 +346,8 @@ def estimates(
     """
     random = np.random.default_rng(0)
     drawn = random.multivariate_normal(theta, covariance, JudgementSettings().draws, method="eigh")
-    middle = hypothesis.describe(theta, hypothesis.setting)
-    draws = [hypothesis.describe(draw, hypothesis.setting) for draw in drawn]
+    middle = hypothesis.parameters(theta)
+    draws = [hypothesis.parameters(draw) for draw in drawn]
     result = {}
     for name, value in middle.items():
         if not hypothesis.meaning(name).reported:

@@ -131,7 +131,7 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
     theta, covariance = validation.fit([*named, candidate])
     rows = slice(len(theta) - candidate.size, len(theta))
     theta, covariance = theta[rows], covariance[rows, rows]
-    if hypothesis.composite:
+    if hypothesis.common_cause:
         differ = Alike(validation).differ(candidate, theta, named)
         covariance = covariance + differ * np.diag(theta**2)
     parameters = estimates(hypothesis, theta, covariance, {})
@@ -148,7 +148,7 @@ def _minor(validation: CrossValidation, trial: EffectTrial, named: Sequence[Cand
         if not is_friction(hypothesis.effect):
             claim = f"{_friction_of(validation, candidate, theta)}, much as if {claim}"
     sentence, of_all = f"{claim}; that is significant, {no_news}", ""
-    if trial.other_day and hypothesis.composite and is_friction(hypothesis.effect):
+    if trial.other_day and hypothesis.common_cause and is_friction(hypothesis.effect):
         of_all = claim
     return Known(
         hypothesis.effect, hypothesis.names, parameters, sentence, of_all,

@@ -64,7 +64,7 @@ def no_news(
     told: list[EffectTrial] = []
     trials = selection.best(chosen, validation.score(chosen))
     for_all = [trial for trial in trials if _no_news(trial, most)][:1]
-    if for_all and for_all[0].candidate.hypothesis.composite:
+    if for_all and for_all[0].candidate.hypothesis.common_cause:
         # One for all joints: others are told as far as they differ from it.
         beside = [*chosen, for_all[0].candidate]
         trials = selection.best(beside, validation.score(beside))

@@ -38,7 +38,7 @@ def beyond_range(motion: MeasuredMotion, hypothesis: Hypothesis, theta: Array) -
     at_joint = hypothesis.site.kind is Kind.JOINT and hypothesis.variable == "position"
     if known is None or motion.model.of_file or not at_joint or not np.size(theta):
         return ""
-    columns = hypothesis.build(motion, hypothesis.setting)[:, joint]
+    columns = hypothesis.regressor(motion)[:, joint]
     square, q = (columns @ theta) ** 2, motion.true_q[:, joint]
     low, high = float(known.lower[joint]), float(known.upper[joint])
     least = BeyondSettings().share * square.sum()

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
-from dvrk_gravity.effects import Hypothesis
+from dvrk_gravity.effects import Hypothesis, TwoForms
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def begun(
     validation: CrossValidation, candidate: Candidate, beside: Sequence[Candidate]
 ) -> Candidate:
     """Return a candidate at the setting that its own fit tells, if it fits better there."""
-    if not candidate.hypothesis.far_from_start:
+    if not candidate.hypothesis.refine_first:
         return candidate
     there = refined(validation, candidate, beside)
     better = validation.misfit([*beside, there]) < validation.misfit([*beside, candidate])
@@ -56,11 +56,11 @@ def refined(
     """Return a candidate with its non-linear settings at their best beside the others."""
     settings = RefinementSettings()
     hypothesis = candidate.hypothesis
-    if hypothesis.OF_ACTING:
+    if hypothesis.EFFORT_READING:
         return _likeliest_form(validation, candidate, others)
     for _ in range(settings.fixed_points if hypothesis.fixed_point else 0):
         theta = validation.parameters([*others, candidate])
-        before, hypothesis = hypothesis.setting, hypothesis.at_fit(theta[-candidate.size :])
+        before, hypothesis = hypothesis.setting, hypothesis.relinearised(theta[-candidate.size :])
         now = {name: hypothesis.setting[name] for name in hypothesis.fixed_point}
         moved = [abs(value - before[name]) for name, value in now.items()]
         size = max(map(abs, now.values()))
@@ -97,7 +97,8 @@ def _likeliest_form(
     Which does, shows at the settings where either is best.
     """
     found = _reading_beside(validation, candidate, others)
-    form = candidate.hypothesis.other_form
+    claim = candidate.hypothesis
+    form = claim.alternative_form if isinstance(claim, TwoForms) else None
     if form is None:
         return found
     other = _reading_beside(validation, validation.data.candidate(form), others)
@@ -141,13 +142,13 @@ def _read(
         if np.abs(theta - last).max() <= settings.tolerance * np.abs(theta).max():
             break
         last = theta
-        hypothesis = hypothesis.at_fit(theta)
+        hypothesis = hypothesis.relinearised(theta)
         # Columns of all samples are large: one cause's at a time.
         beside = np.zeros(motion.q.shape)
         for other, values in fitted if of_others else ():
             cause = other.hypothesis
-            if not (cause.OF_ACTING or cause.of_model):
-                beside += cause.build(motion, cause.setting) @ values
+            if not (cause.EFFORT_READING or cause.refits_model):
+                beside += cause.regressor(motion) @ values
         candidate = validation.data.candidate(hypothesis, replace(motion, beside=beside))
     return candidate
 

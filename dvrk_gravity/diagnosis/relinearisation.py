@@ -15,6 +15,7 @@ import numpy as np
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
+from dvrk_gravity.effects import ChangesModelTorque
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,9 @@ def relinearised(
         own_parameters, theta = validation.solution(result)
         acting, at = motion.model, {}
         for i, (candidate, values) in enumerate(split(result, theta)):
-            changed = candidate.hypothesis.acting_on(acting, values)
-            if changed is not None:
-                acting, at[i] = changed, values
+            claim = candidate.hypothesis
+            if isinstance(claim, ChangesModelTorque):
+                acting, at[i] = claim.applied_to(acting, values), values
         if not at:
             break
         now = np.concatenate(list(at.values()))
@@ -63,8 +64,8 @@ def relinearised(
         validation = CrossValidation(data.relinearised(beside, own_parameters))
         for i, hypothesis in enumerate(candidate.hypothesis for candidate in result):
             if i in at:
-                result[i] = validation.data.candidate(hypothesis.at_fit(at[i]), moved)
-            elif not hypothesis.OF_ACTING:
+                result[i] = validation.data.candidate(hypothesis.relinearised(at[i]), moved)
+            elif not hypothesis.EFFORT_READING:
                 # A payload weighs in the base as it leans, too; readings have what acts already.
                 result[i] = validation.data.candidate(hypothesis, beside)
         validation.weigh(validation.out_of_fold(result))

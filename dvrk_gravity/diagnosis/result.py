@@ -46,7 +46,7 @@ class Diagnosis:
         weighed: How the payload found compares with the mass that is said to be there; ``None`` if
             none is.
         band: Hz; errors are of what lies below this. ``None`` of static poses.
-        beside_reference: The recordings are compared with a reference, not with the model.
+        against_reference: The recordings are compared with a reference, not with the model.
         with_model: There is a model, on trial or beside a reference.
         outside: Where joints are beyond what the model was identified on, one sentence each.
         of_file: What an arm's own file states was on trial.
@@ -70,7 +70,7 @@ class Diagnosis:
     in_simulation: InSimulation | None = None
     weighed: Weighed | None = None
     band: float | None = None
-    beside_reference: bool = False
+    against_reference: bool = False
     with_model: bool = True
     outside: tuple[str, ...] = ()
     of_file: bool = False
@@ -89,7 +89,7 @@ class Diagnosis:
         """The diagnosis in one sentence."""
         if self.findings:
             return self.findings[0].sentence
-        against = compared_with(self.beside_reference)
+        against = compared_with(self.against_reference)
         friction = "; ".join(entry.of_all_friction for entry in self.known if entry.of_all_friction)
         but = f" but friction as another day has it: {friction}" if friction else ""
         nothing = f"Nothing was found that {against} lacks{but}"
@@ -146,7 +146,7 @@ class Diagnosis:
     @property
     def caveat(self) -> str:
         """What to bear in mind about the findings, in a sentence; ``""`` if nothing."""
-        if not (self.beside_reference and self.findings):
+        if not (self.against_reference and self.findings):
             return ""
         no_model = (
             ". A tilt of the base or a joint's zero is told as other causes: a --model beside the "

@@ -222,7 +222,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     read = read_rightly(loaded, say)
     loaded, validation, pool = read.loaded, read.validation, read.pool
     # One link before all of them: what every mass together explains is no cause yet.
-    sparse = [candidate for candidate in pool if not candidate.hypothesis.of_model]
+    sparse = [candidate for candidate in pool if not candidate.hypothesis.refits_model]
     at_calibration = AtCalibration.of(loaded.motion)
     selection = Selection(
         validation, sparse, say, expected=unstated(validation, pool), at_calibration=at_calibration
@@ -238,7 +238,7 @@ def investigate(loaded: Loaded, say: Callable[[str], None]) -> Outcome:
     noise = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
     chosen, unconfirmed = confirmed(selection, chosen, noise)
     # Masses that only moved along are no cause: they come last.
-    chosen.sort(key=lambda candidate: candidate.hypothesis.of_model)
+    chosen.sort(key=lambda candidate: candidate.hypothesis.refits_model)
     selected = explained(selection, chosen)
     say("looking for structure without a name")
     floor = validation.data.noise_rms(loaded.floor, validation.residual(chosen))
@@ -269,11 +269,11 @@ def _from_friction(
     explain better together, and one at a time nothing leads from the one to the others.
     """
     hypotheses = [candidate.hypothesis for candidate in chosen]
-    if not any(each.composite and not effects.is_friction(each.effect) for each in hypotheses):
+    if not any(each.common_cause and not effects.is_friction(each.effect) for each in hypotheses):
         return chosen
     best, best_likelihood = chosen, validation.score(chosen).likelihood
     for start in selection.pool:
-        if start.hypothesis.composite and effects.is_friction(start.hypothesis.effect):
+        if start.hypothesis.common_cause and effects.is_friction(start.hypothesis.effect):
             say(f"beginning with {start.hypothesis}")
             other = selection.run([*selection.always, *selection.expected, start])
             likelihood = validation.score(other).likelihood
@@ -342,7 +342,7 @@ def _with_model_moving(
     could; only when they move along does the cause get its due.
     """
     say("weighing hypotheses with the model's own parameters moving along")
-    always = [candidate for candidate in pool if candidate.hypothesis.of_model]
+    always = [candidate for candidate in pool if candidate.hypothesis.refits_model]
     # What links weigh is theirs to say now, and so is the scale of all that they take.
     pool = [
         candidate

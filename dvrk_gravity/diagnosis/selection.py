@@ -15,7 +15,7 @@ from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.other_day import OtherDay
 from dvrk_gravity.diagnosis.refinement import refined
 from dvrk_gravity.diagnosis.tried import Tried
-from dvrk_gravity.effects import MOST_LESS, Hypothesis, Residual
+from dvrk_gravity.effects import MAX_REMOVED, Hypothesis, Residual
 from dvrk_gravity.estimation import SearchSettings, Trial, eliminate_backward, select
 
 Report = Callable[[str], None]
@@ -228,7 +228,7 @@ class Selection:
         """Return a set with readings of what acts beside the others in it."""
         return [
             refined(self.validation, candidate, [o for o in chosen if o is not candidate])
-            if candidate.hypothesis.OF_ACTING
+            if candidate.hypothesis.EFFORT_READING
             else candidate
             for candidate in chosen
         ]
@@ -308,7 +308,7 @@ class Selection:
             p_value = self.validation.p_value(before, after, candidate, inflation, tried, news)
         seen_before = passes and p_value >= settings.alpha
         other_day = bool(np.any(expected & (size > 0.0))) and not np.any(matters & ~expected)
-        if passes and candidate.hypothesis.composite:
+        if passes and candidate.hypothesis.common_cause:
             passes = self._alike(candidate, beside, after, theta, inflation, other_day)
         return EffectTrial(
             candidate, gain, passes and not seen_before, after, p_value, most, possible,
@@ -428,11 +428,11 @@ def _possible(candidate: Candidate, fitted: Sequence[tuple[Candidate, Array]]) -
     """
     theta = next(values for other, values in fitted if other is candidate)
     hypothesis = candidate.hypothesis
-    if hypothesis.lessens(theta) == 0.0:
+    if hypothesis.removed_fraction(theta) == 0.0:
         return hypothesis.plausible(theta)
     less = sum(
-        other.hypothesis.lessens(values)
+        other.hypothesis.removed_fraction(values)
         for other, values in fitted
         if other.hypothesis.joints == hypothesis.joints
     )
-    return hypothesis.plausible(theta) and less <= MOST_LESS
+    return hypothesis.plausible(theta) and less <= MAX_REMOVED

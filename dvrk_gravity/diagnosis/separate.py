@@ -30,8 +30,8 @@ def separation(
     """
     data = validation.data
     pair = (selected.hypothesis, other.hypothesis)
-    told = next((hypothesis.told_apart_by for hypothesis in pair if hypothesis.told_apart_by), "")
-    if told or not all(hypothesis.of_state for hypothesis in pair):
+    told = next((hypothesis.separated_by for hypothesis in pair if hypothesis.separated_by), "")
+    if told or not all(hypothesis.extrapolates for hypothesis in pair):
         return told
     motion = data.motion
     if motion.reference is not None:
@@ -53,7 +53,7 @@ def separation(
     torques = []
     for candidate in (selected, other):
         theta, _ = validation.fit([*rest, candidate])
-        columns = candidate.hypothesis.build(anywhere, candidate.hypothesis.setting)
+        columns = candidate.hypothesis.regressor(anywhere)
         torques.append(columns @ theta[-candidate.size :])
     apart = np.abs(torques[0] - torques[1]) * validation.weight
     where, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)

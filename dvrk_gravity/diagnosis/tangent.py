@@ -18,6 +18,7 @@ from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.candidate import Candidate, split
 from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.filtered_data import FilteredData
+from dvrk_gravity.effects import OwnTangent
 
 
 @dataclass(frozen=True)
@@ -67,11 +68,12 @@ def _bend(data: FilteredData, candidate: Candidate, theta: Array) -> tuple[Array
     """
 
     def torque(parameters: Array) -> Array:
-        there = data.candidate(candidate.hypothesis.at_fit(parameters))
+        there = data.candidate(candidate.hypothesis.relinearised(parameters))
         return there.columns() @ parameters
 
     columns = data.candidate(candidate.hypothesis).columns()
-    curved, own = torque(theta) - columns @ theta, candidate.hypothesis.slope(data.motion)
+    curved, claim = torque(theta) - columns @ theta, candidate.hypothesis
+    own = claim.tangent(data.motion) if isinstance(claim, OwnTangent) else None
     if own is not None:
         return data.reduce(own) - columns, curved
     step = TangentSettings().step * float(np.abs(theta).max())

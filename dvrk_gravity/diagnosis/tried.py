@@ -28,7 +28,7 @@ class Tried:
     def of(cls, pool: Sequence[Candidate]) -> Tried:
         """Return how many hypotheses stand for, whether or not their search is over."""
         found = Counter(candidate.hypothesis.key for candidate in pool)
-        stands_for = {each.hypothesis.key: each.hypothesis.searched for each in pool}
+        stands_for = {each.hypothesis.key: each.hypothesis.n_comparisons for each in pool}
         alone = sum(count for key, count in found.items() if stands_for[key] == 1)
         searched = sum(
             max(count, stands_for[key]) for key, count in found.items() if stands_for[key] > 1
@@ -42,5 +42,5 @@ class Tried:
 
     def beside(self, candidate: Candidate) -> int:
         """Return of how many torques one is the best, of either kind."""
-        of_its_kind = self.searched if candidate.hypothesis.searched > 1 else self.alone
-        return 2 * max(of_its_kind, candidate.hypothesis.searched)
+        of_its_kind = self.searched if candidate.hypothesis.n_comparisons > 1 else self.alone
+        return 2 * max(of_its_kind, candidate.hypothesis.n_comparisons)

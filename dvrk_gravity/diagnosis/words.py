@@ -18,7 +18,7 @@ def title(effect: str) -> str:
 
 def told(effect: str, name: str, estimate: Estimate) -> str:
     """Return a parameter of an effect with its sign in words, where it has one."""
-    return effects.named(effect).meaning(name).tell(estimate)
+    return effects.named(effect).meaning(name).in_words(estimate)
 
 
 def rows(finding: Finding) -> list[tuple[str, str]]:
@@ -27,7 +27,7 @@ def rows(finding: Finding) -> list[tuple[str, str]]:
     return [
         (
             effect.meaning(name).label or name.replace("_", " "),
-            effect.meaning(name).tell(finding.parameters[name]),
+            effect.meaning(name).in_words(finding.parameters[name]),
         )
         for name in effect.listed(finding.parameters)
     ]
@@ -38,7 +38,7 @@ def size_of(finding: Finding) -> str:
 
     An effect whose sizes belong together says them in words of its own.
     """
-    if together := effects.named(finding.effect).in_short(finding.parameters):
+    if together := effects.named(finding.effect).summary(finding.parameters):
         return together
     found = [f"{label} {value}" for label, value in rows(finding)]
     found.sort(key=lambda text: "perhaps" in text)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dvrk_gravity.arms import Arm
-from dvrk_gravity.effects import LinearTerm, State, of_others, terms
+from dvrk_gravity.effects import LinearTerm, State, from_other_packages, terms
 from dvrk_gravity.errors import ArgumentError, ConfigError, EffectError, RecordingError
 from dvrk_gravity.identification.evaluation import errors_of, evaluate
 from dvrk_gravity.identification.quality.verdict import POOR, judge
@@ -167,7 +167,7 @@ def _require_one_torque(model: TorqueModel) -> None:
     """
     arm = model.arm
     state = State(*np.random.default_rng(0).uniform(-1.0, 1.0, (3, 20, arm.n)))
-    others = set(of_others().values())
+    others = set(from_other_packages().values())
     for term in model.terms:
         if term.NAME not in others or not isinstance(term, LinearTerm):
             continue

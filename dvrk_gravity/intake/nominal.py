@@ -13,7 +13,7 @@ import numpy as np
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import LEANS
+from dvrk_gravity.effects import MAX_TILT
 from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.intake.absent_joints import held_beyond
@@ -158,7 +158,7 @@ def mounting(nominal: NominalTorque) -> Mounting | None:
     shown = found[:3]
     strength = float(np.linalg.norm(shown))
     cosine = shown @ gravity / max(strength * np.linalg.norm(gravity), 1e-300)
-    if strength == 0.0 or cosine > np.cos(LEANS):  # less is a tilt, which is an effect
+    if strength == 0.0 or cosine > np.cos(MAX_TILT):  # less is a tilt, which is an effect
         return None
     # No negative strength, which would be another direction.
     left = effort - given @ nnls(given, effort)[0]

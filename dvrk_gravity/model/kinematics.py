@@ -16,8 +16,17 @@ import pinocchio as pin
 from dvrk_gravity import gravity
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import Column, ColumnTable, ModelChange, State, joints_with_weight
-from dvrk_gravity.effects.base import rigid_body, site
+from dvrk_gravity.effects import (
+    THE_BASE,
+    Column,
+    ColumnTable,
+    Kind,
+    ModelChange,
+    Site,
+    State,
+    joints_with_weight,
+)
+from dvrk_gravity.effects.base import rigid_body
 
 KINEMATIC = ("base_tilt", "joint_offset")  # effects that torque is not linear in
 # Standard deviation, before any data, of an encoder offset or the base's tilt, rad (10 mm where a
@@ -60,10 +69,10 @@ class KinematicCalibration:
         tilt, offset = KINEMATIC
         return (
             *(
-                Column(offset, site.joint(j), 0, MISPLACED * float(arm.scale[j]))
+                Column(offset, Site.joint(j), 0, MISPLACED * float(arm.scale[j]))
                 for j in offset_joints(arm)
             ),
-            *(Column(tilt, site.THE_BASE, axis, MISPLACED) for axis in range(2)),
+            *(Column(tilt, THE_BASE, axis, MISPLACED) for axis in range(2)),
         )
 
     def moved(self, arm: Arm, change: Array, links: Array, springs: Array) -> KinematicCalibration:
@@ -77,7 +86,7 @@ class KinematicCalibration:
         """
         offset, tilt = self.offset + np.zeros(arm.n), self.tilt.copy()
         for column, value in zip(self.columns(arm), change.tolist(), strict=True):
-            if column.site.kind is site.Kind.BASE:
+            if column.site.kind is Kind.BASE:
                 tilt[column.index] += value
             else:
                 offset[column.joint] += value

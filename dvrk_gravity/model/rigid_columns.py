@@ -16,7 +16,7 @@ from dvrk_gravity.arms import Arm, is_mtm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import (
     OF_WEIGHT,
-    PART,
+    PRIOR_FRACTION,
     THE_ARM,
     Column,
     ColumnTable,
@@ -57,7 +57,7 @@ class RigidColumns:
     def columns(self) -> tuple[Column, ...]:
         """The columns, in order."""
         inertia, weight, _ = RIGID
-        spring = PART * float(self.arm.actuator_effort_limit[1]) if self._springs else 0.0
+        spring = PRIOR_FRACTION * float(self.arm.actuator_effort_limit[1]) if self._springs else 0.0
         return (
             *(Column(inertia, THE_ARM, index, 1.0) for index in range(self.base.shape[1])),
             *(Column(weight, THE_ARM, index, spring) for index in range(self._springs)),

@@ -77,7 +77,7 @@ def diagnosis_page(diagnosis: Diagnosis, sources: Sequence[str]) -> str:
     if diagnosis.weighed is not None:
         parts.append(f"<p><b>Known payload:</b> {escape(diagnosis.weighed.sentence)}.</p>")
     if diagnosis.known:
-        parts.append(_known(diagnosis.known, diagnosis.beside_reference))
+        parts.append(_known(diagnosis.known, diagnosis.against_reference))
     if diagnosis.ambiguities:
         parts.append(_ambiguities(diagnosis.ambiguities))
     parts.append(_errors(diagnosis))
@@ -162,7 +162,7 @@ def _finding(number: int, finding: Finding, arm: Arm) -> str:
     return "\n".join(parts)
 
 
-def _known(known: Sequence[Known], beside_reference: bool) -> str:
+def _known(known: Sequence[Known], against_reference: bool) -> str:
     """Return what is no news: known, within the model's uncertainty, or friction of another day."""
     said = (
         f"{entry.sentence}. What to do: {entry.remedy}" if entry.remedy else entry.sentence
@@ -176,7 +176,7 @@ def _known(known: Sequence[Known], beside_reference: bool) -> str:
             "another one from day to day"
         ),
     )
-    if beside_reference:
+    if against_reference:
         title, why = BETWEEN, "friction, springs and timing are others from day to day"
     return (
         f"<h2>{title[0].upper()}{title[1:]}</h2><p class=small>No news: {why}.</p><ul>{items}</ul>"

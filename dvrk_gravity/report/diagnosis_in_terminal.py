@@ -133,7 +133,7 @@ def _details(diagnosis: Diagnosis) -> Iterator[str]:
     yield from _told(diagnosis.findings)
     known = [entry for entry in diagnosis.known if entry.effect != ERROR]
     if known:
-        yield f"{BETWEEN if diagnosis.beside_reference else KNOWN}:"
+        yield f"{BETWEEN if diagnosis.against_reference else KNOWN}:"
         for entry in known:
             yield f"   {entry.sentence}"
             if entry.remedy:

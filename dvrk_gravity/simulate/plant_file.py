@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from dvrk_gravity.arms import LARGEST, PLANTS, Arm, plausible_plant
 from dvrk_gravity.arrays import Array
-from dvrk_gravity.effects import supposed_inertias, supposed_rotors, terms
+from dvrk_gravity.effects import assumed_inertias, assumed_rotors, terms
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.files.resources import config_path, shipped
@@ -105,7 +105,7 @@ class PlantFile:
         usual = (term for term in nominal if not (stated and term.FRICTION))
         model = TorqueModel(arm, (*usual, *stated))
         source = f"{arm.name}'s file" if arm.inertial_parameters is not None else "spheres"
-        return cls(model, supposed_inertias(arm), supposed_rotors(arm), Sensors(), source)
+        return cls(model, assumed_inertias(arm), assumed_rotors(arm), Sensors(), source)
 
     def plant(self, friction_scale: float = 1.0) -> Plant:
         """Build the plant.
