@@ -120,11 +120,7 @@ def find_repetition(
 ) -> tuple[Repetition, Array] | None:
     """Return the repetition of a whole motion and its (n,) increasing times, or ``None``.
 
-    Args:
-        seen: Common time of the samples.
-        part: (n,) number of the part of each sample, in order.
-        position: (n, m).
-        rate: Hz.
+    Of (n, m) positions at ``rate`` Hz, ``part`` (n,) numbers the part of each sample, in order.
     """
     period = seen.periods[0]
     if len(seen.periods) > 1 or period is None:
