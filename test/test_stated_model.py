@@ -339,7 +339,7 @@ def test_efforts_that_its_masses_do_not_need_are_refused(recording, judge):
     [
         (
             {"urdf": str(UR5), "effort_unit": "A"},
-            "expected drive_gains in it: masses tell N·m, and not",
+            "expected drive_gains in it: masses give N·m, not",
         ),
         ({"urdf": "weightless.urdf"}, "expected an arm's file that states masses"),
     ],
