@@ -32,7 +32,6 @@ from .findings import Known as Known
 from .findings import Picture as Picture
 from .findings import Rejected as Rejected
 from .findings import ordered as ordered
-from .fit_to_judge import FitToJudgeSettings as FitToJudgeSettings
 from .fit_to_judge import require_gravity as require_gravity
 from .fit_to_judge import require_predictable as require_predictable
 from .held_out import HeldOut as HeldOut
@@ -74,7 +73,6 @@ from .relinearisation import relinearised as relinearised
 from .result import Diagnosis as Diagnosis
 from .run import RunSettings as RunSettings
 from .run import diagnose as diagnose
-from .scaled_efforts import EffortScaleSettings as EffortScaleSettings
 from .scaled_efforts import effort_scales as effort_scales
 from .selection import Selection as Selection
 from .selection import SelectionSettings as SelectionSettings
@@ -89,7 +87,6 @@ from .simulation_check import let_go as let_go
 from .tangent import TangentSettings as TangentSettings
 from .tangent import tangents as tangents
 from .tried import Tried as Tried
-from .velocity_faults import VelocityFaultSettings as VelocityFaultSettings
 from .words import rows as rows
 from .words import sentence_of as sentence_of
 from .words import size_of as size_of

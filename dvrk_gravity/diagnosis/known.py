@@ -17,7 +17,7 @@ from dvrk_gravity.diagnosis.model_error import part_of_friction
 from dvrk_gravity.diagnosis.selection import EffectTrial, SelectionSettings
 from dvrk_gravity.effects import Estimate, Kind, is_friction
 from dvrk_gravity.estimation import NORMAL_95
-from dvrk_gravity.parameters import DEFAULTS
+from dvrk_gravity.parameters import FRICTION_RATIO
 from dvrk_gravity.units import quantity
 
 
@@ -162,7 +162,7 @@ def _of_changed_friction(factors: Mapping[str, Estimate]) -> str:
     sure = [factor.low for factor in factors.values() if not factor.doubtful(1.0)]
     least = np.floor(100.0 * max(min(sure, default=1.0), 0.0)) / 100.0
     again = "identify again as warm as the arm is in use"
-    if least >= DEFAULTS.ratio:
+    if least >= FRICTION_RATIO:
         return again
     return (
         f"{again}; till then friction_compensation.ratio {least:.2f} at most: more than there is "

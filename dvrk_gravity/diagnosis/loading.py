@@ -14,7 +14,7 @@ from dvrk_gravity.diagnosis.findings import Finding
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.stretch import motions, noise_density
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification import beyond_limits, held_beyond, require_all, require_measured
+from dvrk_gravity.intake import beyond_limits, held_beyond, require_all, require_measured
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     DataWarning,
@@ -23,11 +23,11 @@ from dvrk_gravity.recording import (
     Recording,
     RecordingFile,
     about,
-    counted_once,
     excerpt,
-    held_if_short,
     labels,
+    loaded_if_short,
     prepare,
+    without_duplicates,
 )
 
 _BETWEEN = 1.0  # s, between recordings whose clocks began anew. Chosen: they were apart
@@ -116,8 +116,8 @@ def load(
     if {head.joints for head in heads} != {heads[0].joints}:
         raise RecordingError(heads[0].source, "the recordings hold different joints")
     share = settings.longest / len(recordings)
-    recordings, left_out, repeated = counted_once(
-        [held_if_short(recording, share) for recording in recordings]
+    recordings, left_out, repeated = without_duplicates(
+        [loaded_if_short(recording, share) for recording in recordings]
     )
     sources = tuple(recording.head.source for recording in recordings)
     share = settings.longest / len(recordings)

@@ -23,7 +23,7 @@ from dvrk_gravity.diagnosis.loading import Loaded, LoadSettings
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.estimation import SameMotionSettings, Track, same_motion, same_path
+from dvrk_gravity.estimation import SAME_STATE, Track, same_motion, same_path
 from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.recording import DataWarning, LowPass, Recording, RecordingFile
 
@@ -188,7 +188,7 @@ def _elsewhere(motion: MeasuredMotion, other: MeasuredMotion) -> str:
     assert motion.rate is not None
     if np.isfinite(told).sum() < LoadSettings().shortest * motion.rate:
         return ""
-    large = np.abs(off) > SameMotionSettings().near * np.std(other.q, axis=0)
+    large = np.abs(off) > SAME_STATE * np.std(other.q, axis=0)
     joints = zip(motion.arm.joints, off, large, strict=True)
     moved = [f"{joint.name} is {joint.shown(by, 1)} further" for joint, by, yes in joints if yes]
     return f"; it does where {', '.join(moved)}"

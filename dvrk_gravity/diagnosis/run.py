@@ -34,19 +34,13 @@ from dvrk_gravity.diagnosis.unstated import unstated
 from dvrk_gravity.diagnosis.weighed import weighed
 from dvrk_gravity.effects import Kind
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification import (
-    check_mass,
-    in_their_unit,
-    known_still,
-    require_newtons,
-    with_held,
-)
+from dvrk_gravity.intake import check_mass, in_their_unit, known_still, require_newtons, with_held
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     Coordinates,
     DataWarning,
+    Duplicates,
     Given,
-    ReadBefore,
     Recording,
     RecordingFile,
     about_arm,
@@ -213,7 +207,7 @@ def _beside_reference(
     for recording in (*recordings, other):
         require_moving(recording)
     heads = [recording.head for recording in (recordings[0], other)]
-    before = ReadBefore()
+    before = Duplicates()
     for recording in (*recordings, other):
         before.read(recording)
     if before.skipped:  # the last of them

@@ -10,7 +10,7 @@ import numpy as np
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
-from dvrk_gravity.identification import completed
+from dvrk_gravity.intake import completed
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import FrozenSpan, LowPass, Recording, Segment, frozen_efforts, quantum
 

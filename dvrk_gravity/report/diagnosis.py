@@ -24,7 +24,7 @@ from dvrk_gravity.diagnosis import (
 )
 from dvrk_gravity.diagnosis import rows as parameter_rows
 from dvrk_gravity.diagnosis import title as effect_title
-from dvrk_gravity.identification import contradiction
+from dvrk_gravity.intake import contradiction
 from dvrk_gravity.report import html
 from dvrk_gravity.report.in_simulation import section
 from dvrk_gravity.report.units import effort_in_picture, effort_in_table

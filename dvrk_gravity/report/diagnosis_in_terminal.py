@@ -9,7 +9,7 @@ import numpy as np
 
 from dvrk_gravity.diagnosis import BETWEEN, ERROR, FLOORS, KNOWN, Diagnosis, Finding, size_of
 from dvrk_gravity.effects import Unknown
-from dvrk_gravity.identification import contradiction
+from dvrk_gravity.intake import contradiction
 from dvrk_gravity.report import in_simulation
 from dvrk_gravity.report.terminal import laid_out, warning_lines
 from dvrk_gravity.report.units import effort_in_table
