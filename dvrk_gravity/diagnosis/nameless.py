@@ -13,7 +13,7 @@ from dvrk_gravity.diagnosis.cross_validation import CrossValidation
 from dvrk_gravity.diagnosis.held_out import HeldOut
 from dvrk_gravity.diagnosis.places import SelectedEffect
 from dvrk_gravity.diagnosis.selection import EffectTrial, Selection, SelectionSettings
-from dvrk_gravity.effects import unexplained_structure
+from dvrk_gravity.effects import unexplained_hypotheses
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def with_nameless(
     # False where the floor is not known.
     clean = validation.score(named).rms <= settings.at_floor * floor
     joints = np.flatnonzero(present & ~clean).tolist()
-    pool = list(validation.data.candidates(unexplained_structure(validation.data.motion, joints)))
+    pool = list(validation.data.candidates(unexplained_hypotheses(validation.data.motion, joints)))
     unknown: list[EffectTrial] = []
     while len(unknown) < settings.most:
         beside = [*named, *(trial.candidate for trial in unknown)]

@@ -108,7 +108,7 @@ from .torque_offset import OffsetHypothesis as OffsetHypothesis
 from .torque_offset import TorqueOffset as TorqueOffset
 from .torque_scale import TorqueScale as TorqueScale
 from .unknown import Unknown as Unknown
-from .unknown import unexplained_structure as unexplained_structure
+from .unknown import unexplained_hypotheses as unexplained_hypotheses
 from .velocity_scale import UNITS as UNITS
 from .velocity_scale import VelocityScale as VelocityScale
 from .viscous_friction import ViscousFriction as ViscousFriction

@@ -78,7 +78,9 @@ class UnexplainedHypothesis(Hypothesis):
         return self.of
 
 
-def unexplained_structure(motion: Motion, joints: Sequence[int]) -> Iterator[UnexplainedHypothesis]:
+def unexplained_hypotheses(
+    motion: Motion, joints: Sequence[int]
+) -> Iterator[UnexplainedHypothesis]:
     """Yield smooth functions of every variable on some joints, over the range of a motion."""
     arm, moving = motion.arm, np.flatnonzero(motion.moves).tolist()
     kinds = ("position",) if motion.static else tuple(_VARIABLES)
