@@ -17,7 +17,6 @@ from dvrk_gravity.effects import (
     LinearTerm,
     Motion,
     Range,
-    Setting,
     Site,
     State,
     Values,
@@ -50,56 +49,47 @@ class QuadraticDrag(LinearTerm):
     # In model files.
     @classmethod
     def schema(cls, arm: Arm) -> tuple[Parameter, ...]:
-        """See :meth:`Term.schema`."""
         return (joint_array(arm, cls.NAME, "N·m·s^2/rad^2", "drag of each joint", 0.0),)
 
     @classmethod
     def from_parameters(cls, arm: Arm, values: Mapping[str, Value]) -> QuadraticDrag | None:
-        """See :meth:`Term.from_parameters`."""
         drag = as_array(values.get(cls.NAME), arm.n, 0.0)
         return cls(drag) if drag.any() else None
 
     def parameters(self) -> dict[str, Value]:
-        """See :meth:`Term.parameters`."""
         return {self.NAME: as_value(self.drag)}
 
     # Compensated and simulated.
     def torque(self, state: State) -> Array:
-        """See :meth:`Term.torque`."""
         return self.regressor(state) @ self.drag
 
     def scaled(self, part: Array) -> Self:
-        """See :meth:`Term.scaled`: what the compensator applies of it."""
+        """What the compensator applies of it."""
         return replace(self, drag=part * self.drag)
 
     # Identified.
     @classmethod
     def plausible(cls, arm: Arm, valid: Range) -> QuadraticDrag:
-        """See :meth:`LinearTerm.plausible`: the prior of what a fit looks for."""
-        del valid
+        """The prior of what a fit looks for."""
         return cls(PRIOR_FRACTION * arm.actuator_effort_limit)
 
     @property
     def theta(self) -> Array:
-        """See :meth:`LinearTerm.theta`."""
         return self.drag
 
     def with_theta(self, theta: Array) -> QuadraticDrag:
-        """See :meth:`LinearTerm.with_theta`."""
         return QuadraticDrag(theta)
 
     def regressor(self, state: State) -> Array:
-        """See :meth:`LinearTerm.regressor`."""
         speed = np.zeros(state.q.shape) if state.qd is None else state.qd
         return diagonal_columns(np.abs(speed) * speed)
 
     # Found by the diagnosis.
     @classmethod
     def hypotheses(cls, motion: Motion) -> Iterator[Hypothesis]:
-        """See :meth:`Effect.hypotheses`."""
         if not motion.static:
             for joint in np.flatnonzero(motion.moves).tolist():
-                yield DragHypothesis(arm=motion.arm, site=Site.joint(joint), joints=(joint,))
+                yield DragHypothesis(arm=motion.arm, site=Site.joint(joint))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -112,15 +102,11 @@ class DragHypothesis(Hypothesis):
     variable: str = "velocity"
 
     def regressor(self, motion: Motion) -> Array:
-        """See :meth:`Hypothesis.regressor`."""
         speed = motion.qd[:, self.site.index]
         return spread(self.site.row(self.arm), np.abs(speed) * speed)
 
     def parameters(self, theta: Array) -> dict[str, float]:
-        """See :meth:`Hypothesis.parameters`."""
         return {"coefficient": float(theta[0])}
 
     def merge(self, values: Values, theta: Array, motion: Motion) -> Values:
-        """See :meth:`Hypothesis.merge`."""
-        del motion
         return added(self.arm, values, self.effect, self.site.index, float(theta[0]))

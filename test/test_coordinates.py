@@ -13,7 +13,8 @@ from dvrk_gravity.__main__ import main
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import FilteredData, HeldOut, load, prepared, put_right, worsening
 from dvrk_gravity.effects import Gravity, readings
-from dvrk_gravity.identification import decide_coordinates, evaluate
+from dvrk_gravity.identification import evaluate
+from dvrk_gravity.intake import decide_coordinates
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 from testing.world import COARSE, World

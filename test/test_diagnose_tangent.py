@@ -10,7 +10,7 @@ from test_arms_dynamics import UR5
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import Candidate, CrossValidation, FilteredData, load, refined, tangents
-from dvrk_gravity.effects import THE_ARM, DelayHypothesis, Site, TorqueOffset
+from dvrk_gravity.effects import THE_ARM, DelayHypothesis, TorqueOffset
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import LowPass, Recording
 

@@ -31,6 +31,7 @@ CARRIED = {
     "stribeck_friction": [0.02],
     "presliding_hysteresis": [0.02],
     "elastic_cable": [0.01, 0.03, -0.02, 0.01],
+    "joint_spring": [0.05, -0.01],
     "torque_offset": [0.02],
     "joint_offset": [0.05],
     "payload": [0.04, 0.0006, -0.0004, 0.0008],
@@ -45,6 +46,7 @@ NOT_CARRIED = {
     "torque_scale": [0.1],
     "effort_saturation": [1.0],
     "joint_coupling": [0.1],
+    "encoder_scale": [0.03],
     "time_delay": [0.01],
     "thermal_drift": [0.02, 0.0],
 }
@@ -124,6 +126,7 @@ PLACES = {
     "stribeck_friction": ("joint", "motor"),
     "presliding_hysteresis": ("joint", "motor"),
     "joint_offset": ("joint", "motor"),
+    "joint_spring": ("sum", "difference"),
     "link_com": ("link", "weight only"),
     "contact": ("above", "below"),
 }
@@ -184,6 +187,7 @@ def test_functions_of_measured_positions_stay_where_they_were_beside_an_encoder_
         (cable, np.array(CARRIED["elastic_cable"])),
         (ripple(3, 8.0), np.array([0.01, 0.02])),
         (wall(1.0, 0.3), np.array([0.1])),
+        (first_of("joint_spring", "difference"), np.array(CARRIED["joint_spring"])),
     ]
     model, carried = reloaded([(shift, offset), *others], tmp_path)
     assert all(carried)

@@ -169,7 +169,9 @@ def test_no_effect_is_told_with_an_amount_below_zero_or_an_exponent(every, sign)
         ("torque_scale", "too high", "too low"),
         ("time_delay", "late", "early"),
         ("thermal_drift", " up ", " down "),
-        ("joint_coupling", "leaks into", "with its sign turned round"),
+        ("joint_coupling", "leaks into", "with the opposite sign"),
+        ("joint_spring", "more stiffness", "less stiffness"),
+        ("encoder_scale", "too far", "too short"),
     ],
 )
 def test_a_sign_is_told_in_words(every, effect, more, less):
@@ -197,11 +199,11 @@ def test_what_a_motion_does_not_tell_of_a_payload_s_place_is_said(every):
 
     assert place(x=0.01, y=0.01, z=0.01).endswith("z 100.0 ± 10.0 mm in the link's frame")
     assert place(x=0.01, y=0.5, z=0.5).endswith(
-        "x 100.0 ± 10.0 mm in the link's frame (y and z cannot be told from this motion)"
+        "x 100.0 ± 10.0 mm in the link's frame (y and z cannot be determined from this motion)"
     )
     assert "centre" not in place(x=0.5, y=0.5, z=0.5)
     along_an_axis = place(x=0.01, y=0.01, z=0.0)
-    assert along_an_axis.endswith("(z cannot be told from this motion)")
+    assert along_an_axis.endswith("(z cannot be determined from this motion)")
 
 
 def test_what_may_be_nothing_is_told_as_perhaps(every):
@@ -272,7 +274,7 @@ def test_a_table_shows_what_a_person_can_use_and_no_counts_of_parameters(every):
 def test_every_parameter_of_every_effect_has_a_unit_or_is_a_part(every):
     for case in every:
         for name, value in case.estimates().items():
-            assert value.unit or name.endswith("factor"), (case.hypothesis.effect, name)
+            assert value.unit or name.endswith(("factor", "ratio")), (case.hypothesis.effect, name)
 
 
 def test_the_report_s_page_is_whole_and_says_it_as_a_person_would():

@@ -27,7 +27,7 @@ from dvrk_gravity.diagnosis import load
 from dvrk_gravity.effects import Column, Range, added
 from dvrk_gravity.effects.base import registry
 from dvrk_gravity.errors import ConfigError, EffectError
-from dvrk_gravity.identification import identified
+from dvrk_gravity.model import identified
 from dvrk_gravity.recording import Recording
 from dvrk_gravity.report import diagnosis_page
 from dvrk_gravity.simulate import PlantFile
@@ -304,8 +304,12 @@ def test_columns_that_no_fit_can_use_are_told_by_the_effect_s_name(method, wrong
     ("method", "wrong", "why"),
     [
         ("torque", lambda self, state: -self.regressor(state) @ self.drag, "`torque` is not `reg"),
-        ("parameters", lambda self: {}, "`from_parameters` does not give again what"),
-        ("with_theta", lambda self, theta: QuadraticDrag(-theta), "`theta` is not what"),
+        ("parameters", lambda self: {}, "`from_parameters` does not restore what"),
+        (
+            "with_theta",
+            lambda self, theta: QuadraticDrag(-theta),
+            "`theta` differs from `with_theta`",
+        ),
     ],
     ids=["torque", "parameters", "with_theta"],
 )

@@ -291,7 +291,7 @@ def test_joints_that_no_recording_holds_are_held_and_a_load_is_found_all_the_sam
     load = next(found for found in diagnosis.findings if found.effect == "payload")
     assert load.joints == arm.joint_names[-1:]
     assert load.parameters["mass"].value == pytest.approx(0.8, rel=0.05)
-    assert any(note.startswith("not recorded, and taken to be held") for note in diagnosis.notes)
+    assert any(note.startswith("not recorded, assumed held") for note in diagnosis.notes)
     assert set(diagnosis.before) == set(arm.joint_names)
 
 

@@ -37,7 +37,7 @@ from dvrk_gravity.report import (
 
 ARM = Arm.load("mtmr")
 LEFT = TorqueModel.from_parameters({"arm": "mtml", "beta": (0.1,) * 10})
-EXTRAPOLATED = "beyond what was recorded, the torque that holds the arm still is known poorly"
+EXTRAPOLATED = "gravity torque uncertain by ±31 mN·m outside the recorded poses"
 DETAIL = DataWarning("stale_samples", None, {}, "95 samples repeat the one before")
 OTHER_UNIT = DataWarning("effort_unit", None, {}, "efforts in another unit than N·m?")
 
@@ -49,7 +49,7 @@ def of_two_minds() -> Fit:
     errors["outer_yaw"] = JointError(0.01, 0.013, 0.99)
     joints = dict.fromkeys(JOINT_NAMES, JointVerdict("good", "held-out error 5 % of its torque"))
     joints["wrist_roll"] = JointVerdict("good", "held-out error 0.5 mN·m, which moves no joint")
-    joints["outer_yaw"] = JointVerdict("usable", f"{EXTRAPOLATED} (to 31 mN·m)", "elsewhere")
+    joints["outer_yaw"] = JointVerdict("usable", EXTRAPOLATED, "elsewhere")
     verdict = Verdict("usable", "outer_yaw", "elsewhere", joints)
     return replace(fit_of(None), held_out=errors, verdict=verdict)
 
@@ -64,9 +64,7 @@ def test_beside_a_verdict_that_the_error_alone_does_not_explain_stands_its_reaso
     assert row_of(lines, "wrist_roll").endswith(
         "  0.600    0.400   0.340  good: held-out error 0.5 mN·m, which moves no joint"
     )
-    assert row_of(lines, "outer_yaw").endswith(
-        f"  0.013    0.990   0.082  usable: {EXTRAPOLATED} (to 31 mN·m)"
-    )
+    assert row_of(lines, "outer_yaw").endswith(f"  0.013    0.990   0.082  usable: {EXTRAPOLATED}")
     assert row_of(lines, "elbow_pitch").endswith("  0.050    0.990   0.191  good")
     (rule,) = [line for line in lines if line.startswith("rule: ")]
     assert "good up to the joint's 'good to', and usable up to the larger of 0.3 and 1.4" in rule

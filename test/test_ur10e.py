@@ -10,7 +10,8 @@ import pytest
 
 from dvrk_gravity.arms import Arm
 from dvrk_gravity.diagnosis import diagnose
-from dvrk_gravity.identification import KnownPayload, drive_gains, identify
+from dvrk_gravity.identification import identify
+from dvrk_gravity.intake import KnownPayload, drive_gains
 from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import Recording
 

@@ -11,7 +11,6 @@ from .data.model_error import friction_by_load as friction_by_load
 from .data.model_error import friction_change as friction_change
 from .data.model_error import like_changed_friction as like_changed_friction
 from .data.motion import MeasuredMotion as MeasuredMotion
-from .fit_to_judge import FitToJudgeSettings as FitToJudgeSettings
 from .fit_to_judge import require_gravity as require_gravity
 from .fit_to_judge import require_predictable as require_predictable
 from .inference.alike import AlikeSettings as AlikeSettings
@@ -78,6 +77,4 @@ from .run import DiagnosisProblem as DiagnosisProblem
 from .run import arm_for as arm_for
 from .run import build as build
 from .run import diagnose as diagnose
-from .scaled_efforts import EffortScaleSettings as EffortScaleSettings
 from .scaled_efforts import effort_scales as effort_scales
-from .velocity_faults import VelocityFaultSettings as VelocityFaultSettings

@@ -17,7 +17,7 @@ from dvrk_gravity.diagnosis.results.diagnosis import Diagnosis
 from dvrk_gravity.diagnosis.results.findings import Finding
 from dvrk_gravity.diagnosis.results.simulation_check import in_simulation
 from dvrk_gravity.errors import ConfigError, RecordingError
-from dvrk_gravity.identification import (
+from dvrk_gravity.intake import (
     check_mass,
     in_their_unit,
     known_still,
@@ -28,8 +28,8 @@ from dvrk_gravity.model import TorqueModel
 from dvrk_gravity.recording import (
     Coordinates,
     DataWarning,
+    Duplicates,
     Given,
-    ReadBefore,
     Recording,
     RecordingFile,
     about_arm,
@@ -196,7 +196,7 @@ def _beside_reference(
     still: Mapping[str, float],
 ) -> Loaded:
     """Return what recordings and a reference both show."""
-    before, names = ReadBefore(), [each.head.source for each in (recordings[0], reference)]
+    before, names = Duplicates(), [each.head.source for each in (recordings[0], reference)]
     for recording in (*recordings, reference):
         require_moving(recording)
     for recording in (*recordings, reference):

@@ -19,7 +19,7 @@ from dvrk_gravity.diagnosis import (
     parameter_text,
 )
 from dvrk_gravity.effects import Estimate
-from dvrk_gravity.identification import contradiction
+from dvrk_gravity.intake import contradiction
 from dvrk_gravity.report import html
 from dvrk_gravity.report.findings import (
     BETWEEN,

@@ -12,7 +12,7 @@ from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.data.filtered_data import BAND
 from dvrk_gravity.diagnosis.data.motion import SMEARED, MeasuredMotion
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.identification import (
+from dvrk_gravity.intake import (
     beyond_limits,
     completed,
     held_beyond,
@@ -29,13 +29,13 @@ from dvrk_gravity.recording import (
     RecordingFile,
     Segment,
     about,
-    counted_once,
     excerpt,
     frozen_efforts,
-    held_if_short,
     labels,
+    loaded_if_short,
     prepare,
     quantum,
+    without_duplicates,
 )
 
 _BETWEEN = 1.0  # s, between recordings whose clocks started again. Chosen: they were apart
@@ -119,8 +119,8 @@ def load(
     if {head.joints for head in heads} != {heads[0].joints}:
         raise RecordingError(first, "the recordings hold different joints")
     share = settings.longest / len(recordings)
-    recordings, left_out, repeated = counted_once(
-        [held_if_short(recording, share) for recording in recordings]
+    recordings, left_out, repeated = without_duplicates(
+        [loaded_if_short(recording, share) for recording in recordings]
     )
     sources = tuple(recording.head.source for recording in recordings)
     share = settings.longest / len(recordings)

@@ -22,7 +22,7 @@ from dvrk_gravity.diagnosis.data.loading import Loaded, LoadSettings
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.data.reference_error import NearbyTorque
 from dvrk_gravity.errors import RecordingError
-from dvrk_gravity.estimation import SameMotionSettings, Track, same_motion, same_path
+from dvrk_gravity.estimation import SAME_STATE, Track, same_motion, same_path
 from dvrk_gravity.model import VERDICTS, TorqueModel
 from dvrk_gravity.recording import DataWarning, LowPass, Recording, RecordingFile
 
@@ -165,7 +165,7 @@ def _elsewhere(motion: MeasuredMotion, other: MeasuredMotion) -> str:
     assert motion.rate is not None
     if np.isfinite(_times(motion, track)).sum() < LoadSettings().shortest * motion.rate:
         return ""
-    large = np.abs(off) > SameMotionSettings().near * np.std(other.q, axis=0)
+    large = np.abs(off) > SAME_STATE * np.std(other.q, axis=0)
     joints = zip(motion.arm.joints, off, large, strict=True)
     moved = [f"{joint.name} is {joint.shown(by, 1)} further" for joint, by, yes in joints if yes]
     return f"; it does so where {', '.join(moved)}"

@@ -20,7 +20,7 @@ from dvrk_gravity.diagnosis.inference.significance import Significance
 from dvrk_gravity.diagnosis.inference.weighted import WeightedSamples
 from dvrk_gravity.effects import Effect
 from dvrk_gravity.estimation import (
-    EvidenceSettings,
+    FEWEST_BLOCKS,
     NormalEquations,
     Regression,
     design_effect,
@@ -153,7 +153,7 @@ class CrossValidation:
         if uncertainty is None or self.data.band is None:
             return 1
         span = self.settings.cluster * float(np.max(np.nan_to_num(uncertainty.together)))
-        most = self.data.count // EvidenceSettings().fewest_blocks
+        most = self.data.count // FEWEST_BLOCKS
         return max(1, min(round(span / self.data.blocks.settings.duration), most))
 
     def design(self, candidates: Sequence[Candidate]) -> Array:

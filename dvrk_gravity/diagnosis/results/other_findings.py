@@ -29,7 +29,7 @@ from dvrk_gravity.diagnosis.results.findings import (
 )
 from dvrk_gravity.effects import Estimate, Kind, Payload, Unknown, is_friction
 from dvrk_gravity.estimation import NORMAL_95
-from dvrk_gravity.parameters import DEFAULTS
+from dvrk_gravity.parameters import FRICTION_RATIO
 from dvrk_gravity.units import quantity
 
 
@@ -252,4 +252,4 @@ def _safe_ratio(factors: Mapping[str, Estimate]) -> float | None:
     # Of the kinds of friction, only those that significantly differ.
     certain = [factor.low for factor in factors.values() if not factor.doubtful(1.0)]
     least = float(np.floor(100.0 * max(min(certain, default=1.0), 0.0)) / 100.0)
-    return None if least >= DEFAULTS.ratio else least
+    return None if least >= FRICTION_RATIO else least
