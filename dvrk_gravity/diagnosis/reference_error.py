@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvrk_gravity.arrays import Array
+from dvrk_gravity.diagnosis.load_friction import FrictionByLoadSettings
 from dvrk_gravity.diagnosis.motion import MeasuredMotion
 from dvrk_gravity.diagnosis.nearby import NearbyTorque
 from dvrk_gravity.effects import mean_slope_by_delay
@@ -20,10 +21,10 @@ _EACH, _OF_SPRING, _OF_FRICTION = 6, 3, 4  # columns of a joint, the last two of
 class ReferenceErrorSettings:
     """How friction, springs and efforts may differ from the reference's.
 
+    How friction grows with load is one number, with a model as with a reference
+    (``FrictionByLoadSettings``).
+
     Attributes:
-        by_load: Standard deviation of the part of the torque by which friction grows with what a
-            joint transmits. Chosen: harmonic drives lose some per cent (Taghirad and Bélanger
-            1998); two joints of a UR10e 7 and 8 % (docs/own_arm.md).
         by_inertia: Standard deviation of the part by which the inertia of what changed reads larger
             or smaller: drives that give way swing further than their motors (of f / f0 squared, at
             f of a drive's natural frequency f0), and efforts are not read when positions are.
@@ -31,8 +32,10 @@ class ReferenceErrorSettings:
             against one of two days (docs/psm.md).
         by_clock: Standard deviation of the time, s, by which efforts are read sooner or later after
             positions than they were. Chosen: half the interval of a recording at 1 kHz.
-        by_day: Standard deviation of the part by which all friction is another, since it falls with
-            warmth. Chosen: with three times that, friction that has doubled is not told.
+        by_sitting: Standard deviation of the part by which friction differs between two recordings
+            of one sitting, since it falls with warmth; a third of what it does from one day to
+            another (``FrictionChangeSettings``). Chosen: with three times that, friction that has
+            doubled is not reported.
         beyond: Times that, from which on it is no other day's. A convention: two standard
             deviations.
         exchanged: Correlation of a spring of another day with what is told of its joint, from which
@@ -43,10 +46,9 @@ class ReferenceErrorSettings:
             interval. No constant: that is told as the zero of an effort.
     """
 
-    by_load: float = 0.1
     by_inertia: float = 0.1
     by_clock: float = 0.0005
-    by_day: float = 0.1
+    by_sitting: float = 0.1
     by_cable: float = 0.1
     beyond: float = 2.0
     exchanged: float = 0.9
@@ -76,7 +78,7 @@ def reference_columns(
     rubs = np.sqrt(np.mean(friction**2, axis=0))
     for index, joint in enumerate(joints):
         sign, speed = motion.sign(np.eye(motion.arm.n)[joint]), motion.qd[:, joint]
-        columns[:, joint, _EACH * index] = settings.by_load * grown[:, joint] * sign
+        columns[:, joint, _EACH * index] = FrictionByLoadSettings().part * grown[:, joint] * sign
         columns[:, joint, _EACH * index + 1] = settings.by_inertia * inertia[:, joint]
         columns[:, joint, _EACH * index + 2] = settings.by_clock * late[:, joint]
         along = (motion.q[:, joint] - middle[joint]) / half[joint]
@@ -87,7 +89,7 @@ def reference_columns(
         # Either may take as much of the other's part.
         for column, way in enumerate((sign, speed), start=_OF_FRICTION):
             owed = rubs[joint] / max(float(np.sqrt(np.mean(way**2))), 1e-12)
-            columns[:, joint, _EACH * index + column] = settings.by_day * owed * way
+            columns[:, joint, _EACH * index + column] = settings.by_sitting * owed * way
     return columns
 
 
