@@ -291,6 +291,7 @@ def _finding(
         (beyond_range(motion, hypothesis, theta), GO_THERE),
         (at_once(hypothesis, [other.hypothesis for other in rest_named]), RECORD_ALONE),
         (held_out.shows_nothing_of(named, effect.trial.candidate, joints), usual_remedy),
+        (effect.doubt, Unknown.REMEDY),
     )
     no_doubt = ("", usual_remedy)
     doubt, remedy = next((pair for pair in doubts if pair[0]), no_doubt)

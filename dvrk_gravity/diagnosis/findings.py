@@ -232,6 +232,7 @@ class Finding:
             "joints": list(self.joints),
             "place": self.place,
             "parameters": _parameters(self.parameters),
+            "certainty": "certain" if self.certain else "perhaps",
             "gain": {
                 "relative": self.gain.relative,
                 "ci95": [self.gain.low, self.gain.high],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -52,12 +52,14 @@ def with_nameless(
     clean = validation.score(named).rms <= settings.at_floor * floor
     joints = np.flatnonzero(present & ~clean).tolist()
     pool = list(validation.data.candidates(nameless(validation.data.motion, joints)))
-    unknown: list[EffectTrial] = []
+    unknown, beside_names = list[EffectTrial](), list[EffectTrial]()
     while len(unknown) < settings.most:
         beside = [*named, *(trial.candidate for trial in unknown)]
         validation.weigh(validation.out_of_fold(beside), final=True)
         before = validation.score(beside)
         best = selection.best(beside, before, pool)
+        if not unknown:
+            beside_names = [trial for trial in best if trial.passes and not trial.other_day]
         strong = [
             trial for trial in best
             if trial.passes and not trial.other_day and trial.removed > settings.least
@@ -79,11 +81,49 @@ def with_nameless(
             if not _mimics(validation, named, candidate, trial.candidate)
         ]
     kept = [
-        effect
+        replace(effect, doubt=_doubt(selection, named, effect.trial.candidate, pool, beside_names))
         for effect in selected
         if any(effect.trial.candidate is candidate for candidate in named)
     ]
     return kept, unknown
+
+
+def _doubt(
+    selection: Selection, named: Sequence[Candidate], candidate: Candidate,
+    pool: Sequence[Candidate], beside_names: Sequence[EffectTrial],
+) -> str:  # fmt: skip
+    """Return why a name is not certain: an omnibus alternative, any smooth function, stands up.
+
+    Beside all names it is significant still at a joint of this one; or in the place of this one it
+    does better, its many parameters paid for.
+
+    Args:
+        selection: What compares hypotheses.
+        named: All that bear their name.
+        candidate: The one in question.
+        pool: Functions without a name.
+        beside_names: Those of them that are significant beside all names.
+    """
+    joints = candidate.hypothesis.joints
+    for trial in beside_names:
+        function = trial.candidate.hypothesis
+        if function.joints[0] in joints:
+            of = function.words({})["what"]
+            return f"beside it an error of {function.names[0]} stays that depends on {of}"
+    validation = selection.validation
+    functions = [each for each in pool if each.hypothesis.joints[0] in joints]
+    if selection.fixed(candidate) or not functions:
+        return ""
+    rest = [other for other in named if other is not candidate]
+    validation.weigh(validation.out_of_fold(named), final=True)
+    without = validation.score(rest)
+    current = selection.evaluate(rest, candidate, without)
+    least = current.gain + selection.settings.equal_least * current.inflation
+    better = [trial for trial in selection.best(rest, without, functions) if trial.gain > least]
+    if not better:
+        return ""
+    of = better[0].candidate.hypothesis.words({})["what"]
+    return f"any smooth function of {of} explains unseen blocks better"
 
 
 def _mimics(
