@@ -6,11 +6,11 @@ from .data.filtered_data import FilterSettings as FilterSettings
 from .data.loading import UNREAD as UNREAD
 from .data.loading import LoadSettings as LoadSettings
 from .data.loading import load as load
-from .data.model_error import FRICTION_BY_LOAD as FRICTION_BY_LOAD
 from .data.model_error import friction_by_load as friction_by_load
 from .data.model_error import friction_change as friction_change
 from .data.model_error import like_changed_friction as like_changed_friction
 from .data.motion import MeasuredMotion as MeasuredMotion
+from .data.reference_error import FRICTION_BY_LOAD as FRICTION_BY_LOAD
 from .fit_to_judge import require_gravity as require_gravity
 from .fit_to_judge import require_predictable as require_predictable
 from .inference.alike import AlikeSettings as AlikeSettings

@@ -6,7 +6,7 @@ import numpy as np
 
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
-from dvrk_gravity.diagnosis.data.reference_error import reference_columns
+from dvrk_gravity.diagnosis.data.reference_error import FRICTION_BY_LOAD, reference_columns
 from dvrk_gravity.effects import State
 from dvrk_gravity.model import CalibrationSamples, ModelUncertainty
 
@@ -30,11 +30,6 @@ _FASTER = 10.0  # standard deviation at twice the highest identified speed. Chos
 FRICTION_PART = 0.3
 _DEVIATIONS = 2.0  # beyond which a change of friction is reported; a convention
 _SHARED = 0.5  # of a torque that scaled friction must reproduce to count as its change. Chosen
-
-# Standard deviation of the part of the transmitted torque that is friction. Chosen: harmonic drives
-# lose some per cent (Taghirad and Bélanger 1998); two joints of a UR10e 7 and 8 %
-# (docs/own_arm.md), and no more than twice the standard deviation.
-FRICTION_BY_LOAD = 0.04
 
 
 def friction_torque(motion: MeasuredMotion) -> Array:

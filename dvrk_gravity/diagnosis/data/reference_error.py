@@ -16,14 +16,16 @@ from dvrk_gravity.estimation import NORMAL_95, solve
 _EACH, _OF_SPRING, _OF_FRICTION = 6, 3, 4  # columns of a joint, the last two of its friction
 
 # Standard deviations. All are chosen.
-_BY_LOAD = 0.1  # of the transmitted torque that is friction: harmonic drives lose some per cent
-# (Taghirad and Bélanger 1998); two joints of a UR10e 7 and 8 % (docs/own_arm.md)
+# Of the part of the transmitted torque that is friction. Harmonic drives lose some per cent
+# (Taghirad and Bélanger 1998); two joints of a UR10e 7 and 8 % (docs/own_arm.md), and no more than
+# twice the standard deviation.
+FRICTION_BY_LOAD = 0.04
 _BY_INERTIA = 0.1  # by which the inertia of a change reads larger or smaller: flexible drives swing
 # further than their motors (f / f0 squared, f0 their natural frequency). A PSM's weight, of which
 # only inertia shows the mass, reads a tenth light against a recording of another day (docs/psm.md)
 _BY_CLOCK = 0.0005  # s, between the sampling of positions and efforts: half the interval at 1 kHz
-_BY_DAY = 0.1  # of all friction, which falls with warmth: at three times that, doubled friction
-# would go unreported
+_BY_SITTING = 0.1  # of all friction, which falls with warmth, between two recordings of one
+# sitting; a third of FRICTION_PART, that of two days: with it, doubled friction would go unreported
 _BY_CABLE = 0.1  # of a joint's torque, that cables and springs change by at the ends of its travel.
 # A PSM's pitch differs by 0.1 to 0.25 of it between two days (docs/psm.md), which took the true
 # weight out of its interval. A constant is reported as an effort offset instead
@@ -107,7 +109,7 @@ def reference_columns(motion: MeasuredMotion) -> Array:
     for index, joint in enumerate(joints):
         own = columns[:, joint, _EACH * index : _EACH * (index + 1)]
         sign, speed = motion.sign(np.eye(motion.arm.n)[joint]), motion.qd[:, joint]
-        own[:, 0] = _BY_LOAD * grown[:, joint] * sign
+        own[:, 0] = FRICTION_BY_LOAD * grown[:, joint] * sign
         own[:, 1] = _BY_INERTIA * inertia[:, joint]
         own[:, 2] = _BY_CLOCK * late[:, joint]
         if joint not in motion.changed_springs:
@@ -117,7 +119,7 @@ def reference_columns(motion: MeasuredMotion) -> Array:
             continue
         for column, shape in enumerate((sign, speed), start=_OF_FRICTION):
             scale = rubs[joint] / max(float(np.sqrt(np.mean(shape**2))), 1e-12)
-            own[:, column] = _BY_DAY * scale * shape
+            own[:, column] = _BY_SITTING * scale * shape
     return columns
 
 

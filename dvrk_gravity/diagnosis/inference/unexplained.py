@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,13 +39,16 @@ def unexplained_structure(
     clean = validation.score(named).rms <= _AT_FLOOR * floor
     joints = np.flatnonzero(data.motion.present & ~clean).tolist()
     pool = list(data.candidates(unexplained_hypotheses(data.motion, joints)))
-    unknown: list[EffectTrial] = []
+    unknown, beside_effects = list[EffectTrial](), list[EffectTrial]()
     while len(unknown) < _MOST:
         beside = [*named, *(trial.candidate for trial in unknown)]
         validation.weigh(validation.out_of_fold(beside), final=True)
+        best = selection.best(beside, validation.score(beside), pool)
+        if not unknown:
+            beside_effects = [trial for trial in best if trial.passes and not trial.other_day]
         strong = [
             trial
-            for trial in selection.best(beside, validation.score(beside), pool)
+            for trial in best
             if trial.passes and not trial.other_day and trial.removed > _LEAST
             and np.any(trial.size > data.day_to_day_error)
         ]  # fmt: skip
@@ -60,7 +64,52 @@ def unexplained_structure(
     for trial in unknown:
         named = [each for each in named if not _refuted(validation, named, each, trial.candidate)]
     kept = {id(candidate) for candidate in named}
-    return [effect for effect in selected if id(effect.trial.candidate) in kept], unknown
+    effects = [
+        replace(
+            effect, doubt=_doubt(selection, named, effect.trial.candidate, pool, beside_effects)
+        )
+        for effect in selected
+        if id(effect.trial.candidate) in kept
+    ]
+    return effects, unknown
+
+
+def _doubt(
+    selection: Selection, named: Sequence[Candidate], candidate: Candidate,
+    pool: Sequence[Candidate], beside_effects: Sequence[EffectTrial],
+) -> str:  # fmt: skip
+    """Return why an effect is uncertain beside an omnibus alternative; ``""``: it is not.
+
+    The alternative is any smooth function of the state at one of its joints. It is significant
+    beside all effects, or explains more in this one's place, its many parameters paid for.
+
+    Args:
+        selection: The model selection.
+        named: All effects.
+        candidate: The one in question.
+        pool: The functions.
+        beside_effects: Those that are significant beside all effects.
+    """
+    joints = candidate.hypothesis.joints
+    for trial in beside_effects:
+        function = trial.candidate.hypothesis
+        if function.joints[0] in joints:
+            of = function.words({})["what"]
+            return f"beside it an error of {function.names[0]} remains that depends on {of}"
+    validation = selection.validation
+    functions = [each for each in pool if each.hypothesis.joints[0] in joints]
+    if selection.fixed(candidate) or not functions:
+        return ""
+    rest = [other for other in named if other is not candidate]
+    validation.weigh(validation.out_of_fold(named), final=True)
+    without = validation.score(rest)
+    current = selection.evaluate(rest, candidate, without)
+    least = current.gain + selection.settings.equal_least * current.inflation
+    better = [trial for trial in selection.best(rest, without, functions) if trial.gain > least]
+    if not better:
+        return ""
+    of = better[0].candidate.hypothesis.words({})["what"]
+    return f"any smooth function of {of} explains unseen blocks better"
 
 
 def _refuted(
