@@ -17,10 +17,9 @@ from numbers import Real
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State, last_link
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import ConfigError, RecordingError
 from dvrk_gravity.estimation import Scales, Track, same_motion, solve_scales
 from dvrk_gravity.intake.design import Design, build_design

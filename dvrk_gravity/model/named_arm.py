@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import Arm, rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.effects import as_array, as_value
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.parameters import Parameter, Value, check_all
 from dvrk_gravity.validation import is_urdf, split_link

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dvrk_gravity.arms import rigid_body
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.diagnosis.data.motion import MeasuredMotion
 from dvrk_gravity.effects import mean_slope_by_delay
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.estimation import NORMAL_95, solve
 
 _EACH, _OF_SPRING, _OF_FRICTION = 6, 3, 4  # columns of a joint, the last two of its friction

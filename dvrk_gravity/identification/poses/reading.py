@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvrk_gravity import gravity
-from dvrk_gravity.arms import Arm, is_mtm
+from dvrk_gravity.arms import Arm, is_mtm, rigid_body
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import LinkWeight, as_value, weight_directions
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.errors import RecordingError
 from dvrk_gravity.identification.quality.identifiability import base_weights
 from dvrk_gravity.intake import beyond_limits, require_all, require_measured

@@ -11,10 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvrk_gravity.arms import ANY_UNIT, EFFORT_UNITS, PLANTS, SCALES, Arm, plausible_plant
+from dvrk_gravity.arms import (
+    ANY_UNIT,
+    EFFORT_UNITS,
+    PLANTS,
+    SCALES,
+    Arm,
+    plausible_plant,
+    rigid_body,
+)
 from dvrk_gravity.arrays import Array, Mask
 from dvrk_gravity.effects import State, last_link, weight_directions
-from dvrk_gravity.effects.base import rigid_body
 from dvrk_gravity.files import yaml_file
 from dvrk_gravity.files.resources import config_path
 from dvrk_gravity.gravity import BETA_NAMES

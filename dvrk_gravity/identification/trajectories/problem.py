@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from dvrk_gravity.arms import BODIES as TREE_LINKS
-from dvrk_gravity.arms import Arm
+from dvrk_gravity.arms import PER_LINK, Arm
 from dvrk_gravity.arrays import Array
 from dvrk_gravity.console import ARMS, N_GRAVITY, N_POLYNOMIALS, N_POWERS
-from dvrk_gravity.effects import PER_LINK, Column, Gravity, Term
+from dvrk_gravity.effects import Column, Gravity, Term
 from dvrk_gravity.errors import ConfigError
 from dvrk_gravity.estimation import (
     LONGEST_CORRELATION,
