@@ -208,7 +208,7 @@ def test_a_layer_of_diagnosis_imports_only_layers_below():
 
 
 def test_others_import_a_room_s_names_from_its_face():
-    """Of what is deeper they import a module as such, to patch it or to read its functions by name."""
+    """A module as such may be deeper: to patch it, or to call its functions by its name."""
     known = modules(PACKAGE)
     users = [
         path
